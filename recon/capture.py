@@ -1,0 +1,97 @@
+"""What imaging starts from: histograms, and where and when they were taken."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Speed of light in vacuum [m/s], exact by definition.
+C_M_PER_S = 299_792_458.0
+
+
+class Histograms(Protocol):
+    """Photon counts of many positions, readable in blocks, so that a file need not fit in memory."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of positions and number of bins."""
+        ...
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Yield (positions, counts) in order, each position once; counts are (positions in the block, bins)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ArrayHistograms:
+    """Histograms that are in memory already.
+
+    Attributes
+    ----------
+    counts
+        (positions, bins), any real type.
+    block_positions
+        Positions in a block.
+    """
+
+    counts: NDArray
+    block_positions: int = 1024
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of positions and number of bins."""
+        return self.counts.shape
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Yield (positions, counts), in order."""
+        for start in range(0, len(self.counts), self.block_positions):
+            block = slice(start, min(start + self.block_positions, len(self.counts)))
+            yield block, self.counts[block, bins]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A scan in rectified time: t = 0 when the pulse is on the wall, and only wall, object, wall remains.
+
+    Frame: right-handed, origin at the centre of the relay wall, y up, z out of the wall into the hidden
+    scene, x to the right for one who faces the wall; metres.
+
+    Attributes
+    ----------
+    histograms
+        Counts H[p, n] of P positions and B bins.
+    bin_width_s
+        Width of a bin.
+    first_bin_s
+        (1,) or (P,): left edge of bin 0 in rectified time. It differs between positions where the record was
+        taken in the laser's time, because the legs to and from the wall differ.
+    laser_m
+        (P, 3) laser spots x_p on the wall.
+    detector_m
+        (1, 3) one detector spot x_c, or (P, 3) one for each position.
+    """
+
+    histograms: Histograms
+    bin_width_s: float
+    first_bin_s: NDArray[np.float64]
+    laser_m: NDArray[np.float64]
+    detector_m: NDArray[np.float64]
+
+    @property
+    def positions(self) -> int:
+        """Number of positions P."""
+        return self.histograms.shape[0]
+
+    @property
+    def bins(self) -> int:
+        """Number of bins B."""
+        return self.histograms.shape[1]
+
+    @property
+    def confocal(self) -> bool:
+        """Whether each position is lit and seen at the same spot."""
+        return self.detector_m.shape == self.laser_m.shape and bool(
+            np.allclose(self.detector_m, self.laser_m, atol=1e-4)
+        )

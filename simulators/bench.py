@@ -1,0 +1,205 @@
+"""The optical bench: mirror, laser, gate, hidden scene and one clock, as physical state.
+
+The simulated devices change this state or are driven by it; photons follow from it and from nothing else.
+"""
+
+import struct
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import radians, tan
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.clock import BenchClock
+from simulators.mirror import SteeringMirror
+
+#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [mirror units],
+#: about 0.3 mm on a wall 2.5 m away.
+MOVEMENT_STEP = 1e-4
+
+#: Optical deflection of one mirror unit, as a tangent (Optotune MR-15-30: the unit circle is 50 degrees).
+TAN_PER_UNIT = tan(radians(50.0))
+
+
+@dataclass(frozen=True)
+class BenchGeometry:
+    """Where things stand, in the wall's frame [m], and how long the electronics take.
+
+    Attributes
+    ----------
+    galvo_m
+        The mirror, from which the beam leaves; it faces the wall squarely.
+    detector_head_m
+        The detector's lens.
+    detector_spot_m
+        The spot on the wall that the detector looks at.
+    electronics_delay_s
+        From the sync pulse to light leaving the mirror, plus from detection to the timing input.
+    """
+
+    galvo_m: tuple[float, float, float] = (-0.2, 0.0, 2.5)
+    detector_head_m: tuple[float, float, float] = (0.2, 0.0, 2.5)
+    detector_spot_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    electronics_delay_s: float = 12.3e-9
+
+    def laser_spot_m(self, mirror: tuple[float, float]) -> tuple[float, float, float]:
+        """Where the beam meets the wall z = 0 when the mirror points at ``mirror`` [mirror units]."""
+        x, y, z = self.galvo_m
+        return x + z * TAN_PER_UNIT * mirror[0], y + z * TAN_PER_UNIT * mirror[1], 0.0
+
+
+@dataclass(frozen=True)
+class LightState:
+    """Everything but the mirror that decides which photons are detected.
+
+    Attributes
+    ----------
+    emitting
+        Whether light leaves the laser.
+    power
+        Fraction of full power, 0 to 1.
+    repetition_hz
+        Pulses a second.
+    biased
+        Whether the detector can detect at all.
+    gated
+        True: sensitive only inside the gate. False: free running.
+    gate_delay_s, gate_width_s
+        Opening edge after the sync pulse at the detector, and the time the gate stays open.
+    hold_off_s
+        Time after a detection during which the detector stays off.
+    """
+
+    emitting: bool = False
+    power: float = 1.0
+    repetition_hz: float = 10e6
+    biased: bool = False
+    gated: bool = False
+    gate_delay_s: float = 0.0
+    gate_width_s: float = 40e-9
+    hold_off_s: float = 100e-9
+
+
+class Photons(Protocol):
+    """The physics of what is detected while nothing changes."""
+
+    def detections(
+        self,
+        laser_spot_m: tuple[float, float, float],
+        light: LightState,
+        duration_s: float,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Draw the detections of ``duration_s``: unordered times after sync at the timing input [s]."""
+        ...
+
+    def rate_hz(self, laser_spot_m: tuple[float, float, float], light: LightState) -> float:
+        """Return the expected detections a second."""
+        ...
+
+
+class Bench:
+    """The physical state behind all simulated devices.
+
+    Photon statistics are drawn from the seed, the commanded mirror position and how often that position has
+    been measured, so that a resumed scan equals an uninterrupted one.
+
+    Parameters
+    ----------
+    photons
+        The physics of detection.
+    geometry
+        Where mirror, detector and detector spot are.
+    seed
+        Seed of all photon statistics.
+    clock
+        The one clock; by default it runs as fast as the computer can.
+    """
+
+    def __init__(
+        self,
+        photons: Photons,
+        geometry: BenchGeometry | None = None,
+        *,
+        seed: int = 0,
+        clock: BenchClock | None = None,
+    ) -> None:
+        self.photons = photons
+        self.geometry = geometry or BenchGeometry()
+        self.seed = seed
+        self.clock = clock or BenchClock()
+        self.mirror = SteeringMirror()
+        self._light = [(0.0, LightState())]
+        self._visits: dict[tuple[float, float], int] = {}
+
+    @property
+    def light(self) -> LightState:
+        """The state in force now."""
+        return self._light[-1][1]
+
+    def change_light(self, **changes: bool | float) -> None:
+        """Change fields of `LightState` from now on."""
+        self._light.append((self.clock.now_s(), replace(self.light, **changes)))  # type: ignore[arg-type]
+
+    def steer(self, x: float, y: float) -> None:
+        """Command the mirror to (x, y) in mirror units, from now on."""
+        self.mirror.command(x, y, self.clock.now_s())
+
+    def sync_rate_hz(self) -> float:
+        """Sync pulses a second; the laser gives them only while it emits."""
+        return self.light.repetition_hz if self.light.emitting else 0.0
+
+    def count_rate_hz(self) -> float:
+        """Return the expected detections a second in the present state."""
+        spot = self.geometry.laser_spot_m(self.mirror.position(self.clock.now_s()))
+        return self.photons.rate_hz(spot, self.light)
+
+    def detections(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
+        """Draw what the detector saw between two bench times, the mirror and all switches followed.
+
+        Returns
+        -------
+        ndarray
+            Times after the sync pulse at the timing input [s], in no particular order.
+        """
+        target = self.mirror.target
+        visit = self._visits.get(target, 0)
+        self._visits[target] = visit + 1
+        entropy = (self.seed, *struct.unpack("<2I", struct.pack("<2f", *target)), visit)
+        rng = np.random.default_rng(np.random.SeedSequence(entropy))
+        edges = [start_s, *self._changes_between(start_s, stop_s), stop_s]
+        pieces = []
+        for begin_s, end_s in pairwise(edges):
+            light = self._light_at(begin_s)
+            for middle_s, duration_s in self._steps(begin_s, end_s):
+                spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
+                pieces.append(self.photons.detections(spot, light, duration_s, rng))
+        self._forget_before(start_s)
+        return np.concatenate(pieces) if pieces else np.empty(0)
+
+    def _changes_between(self, start_s: float, stop_s: float) -> list[float]:
+        switches = [at for at, _ in self._light if start_s < at < stop_s]
+        return sorted({*switches, *self.mirror.commands_between(start_s, stop_s)})
+
+    def _light_at(self, at_s: float) -> LightState:
+        return next(light for since, light in reversed(self._light) if since <= at_s)
+
+    def _forget_before(self, at_s: float) -> None:
+        self.mirror.forget_before(at_s)
+        while len(self._light) > 1 and self._light[1][0] <= at_s:
+            del self._light[0]
+
+    def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
+        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP` in each piece."""
+        middle_s, duration_s = (begin_s + end_s) / 2, end_s - begin_s
+        if duration_s <= 0:
+            return []
+        moved = max(
+            np.hypot(*np.subtract(self.mirror.position(begin_s), self.mirror.position(at_s)))
+            for at_s in (middle_s, end_s)
+        )
+        if moved <= MOVEMENT_STEP or duration_s < 10e-6:
+            return [(middle_s, duration_s)]
+        return self._steps(begin_s, middle_s) + self._steps(middle_s, end_s)

@@ -1,0 +1,31 @@
+"""The bench's one clock: as fast as the computer can, or in step with the wall clock."""
+
+import time
+
+
+class BenchClock:
+    """Simulated time in seconds from the moment the bench was built.
+
+    Parameters
+    ----------
+    real_time
+        False: waiting costs nothing, the clock jumps ahead. True: waiting takes as long as it says.
+    """
+
+    def __init__(self, *, real_time: bool = False) -> None:
+        self.real_time = real_time
+        self._now_s = 0.0
+        self._started_s = time.monotonic()
+
+    def now_s(self) -> float:
+        """Return the bench time in seconds."""
+        if self.real_time:
+            self._now_s = max(self._now_s, time.monotonic() - self._started_s)
+        return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Let ``duration_s`` seconds of bench time pass."""
+        until_s = self.now_s() + max(duration_s, 0.0)
+        if self.real_time:
+            time.sleep(max(until_s - self.now_s(), 0.0))
+        self._now_s = max(self._now_s, until_s)
