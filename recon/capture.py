@@ -20,7 +20,7 @@ class Histograms(Protocol):
         ...
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
-        """Yield (positions, counts) in order, each position once; counts are (positions in the block, bins)."""
+        """Yield (positions, counts) in order, each position once; counts are (block, bins)."""
         ...
 
 
