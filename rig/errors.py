@@ -1,0 +1,48 @@
+"""What can go wrong in the application, with the exit code of each.
+
+    RigError                 exit 1  (never raised itself)
+    ├── UsageError           exit 2  the command line or a quantity is wrong
+    ├── ConfigError          exit 2  the configuration file is wrong
+    ├── RefusedError         exit 4  a limit, disk space or safety forbids it; nothing was started
+    ├── DataFileError        exit 5  a file is damaged, foreign, or lacks what is needed
+    └── InterruptedScanError exit 6  the scan was stopped; what was measured is safe in the file
+
+Device failures are `drivers.errors.DeviceError` (exit 3) and `drivers.errors.LimitError` (exit 4).
+Each message names the thing, what was asked, what came back and what to do about it.
+"""
+
+
+class RigError(Exception):
+    """Any failure that a person can mend."""
+
+    exit_code = 1
+
+
+class UsageError(RigError):
+    """Raised when a command or a quantity cannot be understood."""
+
+    exit_code = 2
+
+
+class ConfigError(RigError):
+    """Raised when a configuration file is missing, unreadable or has a wrong key or value."""
+
+    exit_code = 2
+
+
+class RefusedError(RigError):
+    """Raised when a limit, the disk space or safety forbids what was asked, before anything is started."""
+
+    exit_code = 4
+
+
+class DataFileError(RigError):
+    """Raised when a data file is damaged, foreign, or lacks what is needed."""
+
+    exit_code = 5
+
+
+class InterruptedScanError(RigError):
+    """Raised when a scan was stopped before its end; the file keeps all that was measured."""
+
+    exit_code = 6

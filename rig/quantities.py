@@ -1,0 +1,133 @@
+"""Quantities with units at the border: text such as ``10ms`` in, SI numbers inside, text out again."""
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator
+
+from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+#: For each kind of quantity: the SI unit that numbers inside have, and a spelling to show when one is wrong.
+KINDS = {
+    "time": ("s", "10ms"),
+    "length": ("m", "4cm"),
+    "frequency": ("Hz", "10MHz"),
+    "angle": ("rad", "20deg"),
+    "voltage": ("V", "50mV"),
+    "memory": ("byte", "2GB"),
+}
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
+
+
+@cache
+def _registry() -> "UnitRegistry":
+    from pint import UnitRegistry  # imported on first use: it takes a noticeable part of a second
+
+    return UnitRegistry(cache_folder=None)
+
+
+def parse(text: str, kind: str) -> float:
+    """Read a quantity.
+
+    Parameters
+    ----------
+    text
+        Number and unit, e.g. ``"10ms"`` or ``"10 ms"``.
+    kind
+        A key of `KINDS`.
+
+    Returns
+    -------
+    float
+        The value in the kind's SI unit.
+
+    Raises
+    ------
+    UsageError
+        If there is no number, no unit, or a unit of another kind.
+    """
+    import pint
+
+    unit, example = KINDS[kind]
+    number = _NUMBER.match(text)
+    if number is None:
+        raise UsageError(f"'{text}' is not a {kind}; write a number and a unit, e.g. {example}")
+    symbol = text[number.end() :].strip()
+    if not symbol:
+        raise UsageError(
+            f"'{text}' has no unit; write a {kind} with its unit, e.g. {text.strip()}{example_unit(kind)}"
+        )
+    try:
+        value = float(number.group()) * _registry().Unit(symbol)
+        return float(f"{value.to(unit).magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
+    except pint.DimensionalityError:
+        raise UsageError(
+            f"'{text}' is not a {kind}; write it with a unit of {kind}, e.g. {example}"
+        ) from None
+    except (pint.UndefinedUnitError, ValueError, AttributeError, TypeError):
+        raise UsageError(
+            f"'{text}' has an unknown unit '{symbol}'; write a {kind} such as {example}"
+        ) from None
+
+
+def example_unit(kind: str) -> str:
+    """Return the unit of the kind's example spelling, e.g. ``ms`` for a time."""
+    return KINDS[kind][1].lstrip("0123456789.")
+
+
+def show(value: float, unit: str, digits: int = 3) -> str:
+    """Write an SI number with an engineering prefix, e.g. ``show(0.01, "s") == "10 ms"``."""
+    if value == 0 or value != value or abs(value) == float("inf"):
+        return f"{value:g} {unit}"
+    exponent = 0
+    magnitude = abs(value)
+    for power in sorted(_PREFIXES):
+        # rounding first, so that 999.9 ms is shown as 1 s rather than as 1000 ms
+        if float(f"{magnitude / 10.0**power:.{digits}g}") >= 1:
+            exponent = power
+    if magnitude < 1e-12:
+        exponent = -12
+    return f"{value / 10.0**exponent:.{digits}g} {_PREFIXES[exponent]}{unit}"
+
+
+def show_length(value_m: float, digits: int = 3) -> str:
+    """Write a length as a person in the lab would: metres, centimetres or millimetres."""
+    for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
+        if abs(value_m) >= size or unit == "mm":
+            return f"{value_m / size:.{digits}g} {unit}"
+    raise AssertionError("unreachable")
+
+
+def show_duration(duration_s: float) -> str:
+    """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``."""
+    if duration_s < 60:
+        return f"{duration_s:.3g} s"
+    minutes, seconds = divmod(round(duration_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s"
+
+
+def _reader(kind: str) -> BeforeValidator:
+    def read(value: Any) -> Any:
+        if isinstance(value, str):
+            try:
+                return parse(value, kind)
+            except UsageError as error:
+                raise ValueError(str(error)) from None
+        if isinstance(value, bool | int | float):
+            raise ValueError(f'a {kind} needs a unit: write it as text, e.g. "{value}{example_unit(kind)}"')
+        raise ValueError(f'a {kind} is written as text with a unit, e.g. "{KINDS[kind][1]}"')
+
+    return BeforeValidator(read)
+
+
+Seconds = Annotated[float, _reader("time")]
+Metres = Annotated[float, _reader("length")]
+Hertz = Annotated[float, _reader("frequency")]
+Radians = Annotated[float, _reader("angle")]
+Volts = Annotated[float, _reader("voltage")]
