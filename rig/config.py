@@ -1,0 +1,207 @@
+"""The rig's configuration: what is connected, where it stands, and how it is set.
+
+Files are TOML with quantities as text. Without a file the built-in simulated rig is used; it is written out
+and commented in ``configs/simulated.toml``.
+"""
+
+import tomllib
+from difflib import get_close_matches
+from math import radians
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from rig.errors import ConfigError
+from rig.quantities import Hertz, Metres, Radians, Seconds, Volts
+
+_UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
+
+Point = tuple[Metres, Metres, Metres]
+
+
+def _key(name: str) -> str:
+    """Name a field in a file: without its unit, because there the value carries it."""
+    return next((name.removesuffix(s) for s in _UNIT_SUFFIXES if name.endswith(s)), name)
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", alias_generator=_key, populate_by_name=False)
+
+
+class GalvoConfig(_Section):
+    """The steering mirror: where it is connected and where it stands."""
+
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    position_m: Point = (-0.15, 0.0, 2.5)
+    """The mirror, from which the beam leaves; it faces the wall squarely."""
+    max_angle_x_rad: Radians = Field(radians(25), gt=0)
+    """Largest optical angle to either side."""
+    max_angle_y_rad: Radians = Field(radians(20), gt=0)
+    """Largest optical angle up or down."""
+    settle_timeout_s: Seconds = Field(0.1, gt=0)
+    """Longest wait for the mirror to be stable after a move."""
+    settle_time_s: Seconds = Field(0.006, ge=0)
+    """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+
+
+class LaserConfig(_Section):
+    """The pulsed laser."""
+
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    power_setpoint: float = Field(10.0, ge=0, le=10)
+    """Power setting of the laser's own scale, 0 to 10."""
+    repetition_hz: Hertz = Field(10e6, gt=0)
+    """Pulses a second."""
+
+
+class SpadConfig(_Section):
+    """The gated single-photon detector."""
+
+    serial: str | None = None
+    """Serial number, when several detectors are connected."""
+    position_m: Point = (0.15, 0.0, 2.5)
+    """The detector's lens."""
+    spot_m: Point = (0.0, 0.0, 0.0)
+    """The spot on the relay wall that the detector looks at."""
+    gated: bool = True
+    """False: free running, the first bounce is detected too."""
+    gate_delay_s: Seconds = Field(31.5e-9, ge=0)
+    """Opening edge of the gate after the sync pulse."""
+    gate_width_s: Seconds = Field(40e-9, gt=0)
+    """Time the gate stays open."""
+    hold_off_s: Seconds = Field(100e-9, ge=0)
+    """Time after a detection during which the detector stays off."""
+    excess_bias_v: Volts = Field(5.0, gt=0)
+    """Bias above breakdown."""
+
+
+class HydraHarpConfig(_Section):
+    """The timing instrument, in histogram mode."""
+
+    library: Path | None = None
+    """The vendor's library; by default it is searched for in the usual places."""
+    serial: str | None = None
+    """Serial number, when several instruments are connected."""
+    sync_divider: Literal[1, 2, 4, 8, 16] = 1
+    sync_level_v: Volts = Field(0.05, ge=0, le=1)
+    sync_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
+    input_channel: int = Field(0, ge=0, le=7)
+    input_level_v: Volts = Field(0.05, ge=0, le=1)
+    input_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
+    bin_width_s: Seconds = Field(4e-12, gt=0)
+    bins: int = Field(15_000, ge=1, le=65_536)
+    offset_s: Seconds = Field(28e-9, ge=0)
+    """Start of the histogram after the sync pulse, whole nanoseconds."""
+    readout_time_s: Seconds = Field(0.005, ge=0)
+    """Time to clear, read and restart; used only to estimate how long a scan takes."""
+
+
+class TimingConfig(_Section):
+    """The time origin."""
+
+    electronics_delay_s: Seconds = 12.3e-9
+    """Sync pulse to light leaving the mirror, plus detection to the timing input."""
+    instrument_response_s: Seconds = Field(65e-12, gt=0)
+    """Full width at half maximum of laser pulse and timing jitter together."""
+
+
+class ScanConfig(_Section):
+    """The scan when the command line does not say otherwise."""
+
+    columns: int = Field(180, ge=2)
+    rows: int = Field(130, ge=2)
+    spacing_m: Metres = Field(0.01, gt=0)
+    exposure_s: Seconds = Field(0.01, gt=0)
+    skip_m: Metres = Field(0.04, ge=0)
+    """Side of the square around the detector's spot that is not scanned."""
+
+
+class SimulationConfig(_Section):
+    """The simulated bench, when there is no hardware."""
+
+    scene: str = "letters"
+    seed: int = Field(0, ge=0)
+    real_time: bool = False
+    """False: the bench's clock runs as fast as the computer can."""
+
+
+class RigConfig(_Section):
+    """The whole rig. All defaults together are the built-in rig, except for the simulation itself."""
+
+    name: str = "simulated rig"
+    galvo: GalvoConfig = GalvoConfig()
+    laser: LaserConfig = LaserConfig()
+    spad: SpadConfig = SpadConfig()
+    hydraharp: HydraHarpConfig = HydraHarpConfig()
+    timing: TimingConfig = TimingConfig()
+    scan: ScanConfig = ScanConfig()
+    simulation: SimulationConfig | None = None
+    """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
+
+    @model_validator(mode="after")
+    def _addresses_are_given(self) -> "RigConfig":
+        if self.simulation is None:
+            for name, device in (("galvo", self.galvo), ("laser", self.laser)):
+                if device.address is None:
+                    raise ValueError(
+                        f"{name}.address is missing: give the serial port, "
+                        f'e.g. address = "/dev/ttyACM0", or add a [simulation] section'
+                    )
+        if self.galvo.position_m[2] <= 0 or self.spad.position_m[2] <= 0:
+            raise ValueError(
+                "galvo.position and spad.position stand in front of the wall: their third number is above 0"
+            )
+        return self
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the devices are simulated."""
+        return self.simulation is not None
+
+
+def built_in() -> RigConfig:
+    """Return the built-in simulated rig."""
+    return RigConfig(simulation=SimulationConfig())
+
+
+def load(path: Path) -> RigConfig:
+    """Read a configuration file.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+    try:
+        return RigConfig.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
+
+
+def _explain(problem: ErrorDetails) -> str:
+    where = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        near = get_close_matches(str(problem["loc"][-1]), _known_keys(problem["loc"][:-1]), n=1)
+        return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _known_keys(section: tuple) -> list[str]:
+    model: type[BaseModel] = RigConfig
+    for part in section:
+        annotation = model.model_fields[part].annotation
+        model = SimulationConfig if part == "simulation" else annotation  # type: ignore[assignment]
+    return [field.alias or name for name, field in model.model_fields.items()]

@@ -1,0 +1,187 @@
+"""The scan engine: a loop over a plan that speaks to devices and tells what happens as events."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from rig.devices import Clock, Exposure, Galvo, GatedSpad, Laser, Rates, Tcspc
+from rig.errors import RefusedError
+from rig.plan import ScanPlan
+from rig.pointing import Pointing
+
+#: Wait after emission begins before count rates are read: the instrument renews them every 100 ms and they are
+#: valid 400 ms after a change (HHLib 3.0 demos).
+RATE_SETTLING_S = 0.4
+
+
+class Phase(Enum):
+    """What the engine is doing.
+
+    ::
+
+        AIMING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
+    """
+
+    AIMING = "aiming"
+    LIGHTING = "lighting"
+    CHECKING = "checking rates"
+    EXPOSING = "exposing"
+    CLOSING = "closing"
+
+
+class Outcome(Enum):
+    """How a scan ended."""
+
+    COMPLETE = "complete"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class PhaseChanged:
+    """The engine began another phase."""
+
+    phase: Phase
+
+
+@dataclass(frozen=True)
+class RatesChecked:
+    """Sync and count rates were read before the first exposure; ``warnings`` are the instrument's own."""
+
+    rates: Rates
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PositionDone:
+    """One position was measured. ``exposure.counts`` is valid only while the event is handled."""
+
+    index: int
+    exposure: Exposure
+
+
+@dataclass(frozen=True)
+class LineDone:
+    """All positions of a line were measured: a good moment to put data on disk."""
+
+    positions_done: int
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The scan is over and the laser is dark."""
+
+    outcome: Outcome
+    positions_done: int
+    reason: str
+
+
+Event = PhaseChanged | RatesChecked | PositionDone | LineDone | Ended
+Consumer = Callable[[Event], None]
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The devices of a scan and the clock that they share, opened and identified."""
+
+    galvo: Galvo
+    laser: Laser
+    spad: GatedSpad
+    tcspc: Tcspc
+    clock: Clock
+
+
+class ScanEngine:
+    """Runs a plan. Its only output is events; files and displays are consumers of these.
+
+    Parameters
+    ----------
+    devices
+        Opened devices.
+    plan
+        What to measure.
+    pointing
+        From wall spots to mirror angles.
+    settle_timeout_s
+        Longest wait for the mirror at each position.
+    """
+
+    def __init__(
+        self, devices: Devices, plan: ScanPlan, pointing: Pointing, *, settle_timeout_s: float
+    ) -> None:
+        self._devices = devices
+        self._plan = plan
+        self._angles_rad = pointing.angles_rad(plan.spots_m)
+        self._settle_timeout_s = settle_timeout_s
+
+    def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
+        """Measure all positions, or stop after the one at which ``should_stop`` becomes true.
+
+        The laser is dark and the detector unbiased when this returns or raises.
+
+        Raises
+        ------
+        drivers.errors.DeviceError
+            If a device fails; an `Ended` event with the outcome FAILED came before.
+        RefusedError
+            If no sync pulses arrive.
+        """
+        done = 0
+        outcome, reason = Outcome.FAILED, "a device failed"
+        try:
+            self._light_up(consume)
+            consume(PhaseChanged(Phase.EXPOSING))
+            done = self._expose_all(consume, should_stop)
+            if done == self._plan.positions:
+                outcome, reason = Outcome.COMPLETE, "all positions measured"
+            else:
+                outcome, reason = Outcome.INTERRUPTED, "stopped by the operator"
+        except KeyboardInterrupt:
+            outcome, reason = Outcome.INTERRUPTED, "stopped at once by the operator"
+            raise
+        except Exception as error:
+            reason = str(error)
+            raise
+        finally:
+            consume(PhaseChanged(Phase.CLOSING))
+            try:
+                self._devices.laser.stop()
+            finally:
+                self._devices.spad.disable()
+            ended = Ended(outcome, done, reason)
+            consume(ended)
+        return ended
+
+    def _light_up(self, consume: Consumer) -> None:
+        devices = self._devices
+        consume(PhaseChanged(Phase.AIMING))
+        self._aim(0)  # the beam is inside the plan before there is a beam
+        consume(PhaseChanged(Phase.LIGHTING))
+        devices.laser.arm()
+        devices.laser.emit()
+        devices.spad.enable()
+        consume(PhaseChanged(Phase.CHECKING))
+        devices.clock.sleep(RATE_SETTLING_S)
+        rates = devices.tcspc.rates()
+        if rates.sync_hz <= 0:
+            raise RefusedError(
+                "the timing instrument sees no sync pulses although the laser says that it emits. "
+                "Check the sync cable and hydraharp.sync_level, then scan again"
+            )
+        consume(RatesChecked(rates, devices.tcspc.warnings()))
+
+    def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> int:
+        lines = self._plan.line_of_position
+        last = len(lines) - 1
+        for index in range(len(lines)):
+            if should_stop():
+                return index
+            self._aim(index)
+            consume(PositionDone(index, self._devices.tcspc.measure(self._plan.exposure_s)))
+            if index == last or lines[index + 1] != lines[index]:
+                consume(LineDone(index + 1))
+        return len(lines)
+
+    def _aim(self, index: int) -> None:
+        self._devices.galvo.point(*self._angles_rad[index])
+        self._devices.galvo.wait_settled(self._settle_timeout_s)
