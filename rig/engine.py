@@ -1,6 +1,7 @@
 """The scan engine: a loop over a plan that speaks to devices and tells what happens as events."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import Enum
 
@@ -9,8 +10,8 @@ from rig.errors import RefusedError
 from rig.plan import ScanPlan
 from rig.pointing import Pointing
 
-#: Wait after emission begins before count rates are read: the instrument renews them every 100 ms and they are
-#: valid 400 ms after a change (HHLib 3.0 demos).
+#: Wait after emission begins before count rates are read: the instrument renews them every 100 ms, and the
+#: vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
 
 
@@ -113,6 +114,7 @@ class ScanEngine:
         self._plan = plan
         self._angles_rad = pointing.angles_rad(plan.spots_m)
         self._settle_timeout_s = settle_timeout_s
+        self._done = 0
 
     def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
         """Measure all positions, or stop after the one at which ``should_stop`` becomes true.
@@ -126,13 +128,12 @@ class ScanEngine:
         RefusedError
             If no sync pulses arrive.
         """
-        done = 0
         outcome, reason = Outcome.FAILED, "a device failed"
         try:
             self._light_up(consume)
             consume(PhaseChanged(Phase.EXPOSING))
-            done = self._expose_all(consume, should_stop)
-            if done == self._plan.positions:
+            self._expose_all(consume, should_stop)
+            if self._done == self._plan.positions:
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
                 outcome, reason = Outcome.INTERRUPTED, "stopped by the operator"
@@ -143,13 +144,12 @@ class ScanEngine:
             reason = str(error)
             raise
         finally:
-            consume(PhaseChanged(Phase.CLOSING))
-            try:
-                self._devices.laser.stop()
-            finally:
-                self._devices.spad.disable()
-            ended = Ended(outcome, done, reason)
-            consume(ended)
+            with ExitStack() as last:  # every step is tried, whatever fails before it
+                ended = Ended(outcome, self._done, reason)
+                last.callback(consume, ended)
+                last.callback(self._devices.spad.disable)
+                last.callback(self._devices.laser.stop)
+                last.callback(consume, PhaseChanged(Phase.CLOSING))
         return ended
 
     def _light_up(self, consume: Consumer) -> None:
@@ -170,17 +170,16 @@ class ScanEngine:
             )
         consume(RatesChecked(rates, devices.tcspc.warnings()))
 
-    def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> int:
+    def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
         lines = self._plan.line_of_position
-        last = len(lines) - 1
-        for index in range(len(lines)):
+        for index, line in enumerate(lines):
             if should_stop():
-                return index
+                return
             self._aim(index)
             consume(PositionDone(index, self._devices.tcspc.measure(self._plan.exposure_s)))
-            if index == last or lines[index + 1] != lines[index]:
-                consume(LineDone(index + 1))
-        return len(lines)
+            self._done = index + 1
+            if self._done == len(lines) or lines[self._done] != line:
+                consume(LineDone(self._done))
 
     def _aim(self, index: int) -> None:
         self._devices.galvo.point(*self._angles_rad[index])

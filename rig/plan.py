@@ -139,8 +139,9 @@ class ScanPlan:
         for axis, angle, limit in zip("xy", angles, limits, strict=True):
             if angle > limit:
                 raise RefusedError(
-                    f"the grid of {self.columns} x {self.rows} at {show_length(self.spacing_m)} needs mirror "
-                    f"angles of {np.degrees(angle):.1f} deg in {axis}, the limit is {np.degrees(limit):.1f} deg. "
+                    f"the grid of {self.columns} x {self.rows} at {show_length(self.spacing_m)} needs "
+                    f"{np.degrees(angle):.1f} deg of mirror angle in {axis}, {np.degrees(limit):.1f} deg is "
+                    "the limit. "
                     f"Use a smaller grid or spacing, or raise galvo.max_angle_{axis} if the mirror can do it"
                 )
         milliseconds = self.exposure_s * 1e3
