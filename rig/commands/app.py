@@ -1,0 +1,49 @@
+"""The command line as a whole: its help, its version, its verbs."""
+
+from typing import Annotated
+
+import typer
+
+import rig
+from rig.commands.doctor import doctor
+from rig.commands.importing import import_
+from rig.commands.recon import recon
+from rig.commands.scan import scan
+
+_HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
+and image what is hidden.
+
+Exit codes: 0 done; 1 a defect in rig; 2 usage or configuration; 3 device; 4 refused by a limit or for safety;
+5 invalid data file; 6 stopped, what was measured is safe; 130 stopped at once.
+"""
+
+app = typer.Typer(
+    name="rig",
+    help=_HELP,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"rig {rig.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+app.command("scan")(scan)
+app.command("recon")(recon)
+app.command("import")(import_)
+app.command("doctor")(doctor)

@@ -1,0 +1,122 @@
+"""What a person sees: messages and progress on stderr, results on stdout."""
+
+import json
+import sys
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.table import Table
+
+from rig.engine import Ended, Event, PhaseChanged, PositionDone, RatesChecked
+from rig.quantities import show, show_duration
+
+#: Everything but results.
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def say(message: str) -> None:
+    """Tell the person something that is not a result."""
+    err.print(message, markup=False)
+
+
+def warn(message: str) -> None:
+    """Warn the person."""
+    err.print(f"[yellow]warning:[/yellow] {message}")
+
+
+def print_facts(title: str, facts: dict[str, str]) -> None:
+    """Print names and values as two aligned columns on stdout."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column()
+    for name, value in facts.items():
+        table.add_row(name, value)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"[bold]{title}[/bold]")
+    console.print(table)
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Print one JSON document on stdout."""
+    json.dump({"schema_version": 1, **document}, sys.stdout, indent=2, default=str)
+    print()
+
+
+class ScanProgress:
+    """A consumer of scan events that shows phase, positions, photons a second and time left.
+
+    On a terminal one line is redrawn, at most four times a second; elsewhere each tenth prints a line.
+
+    Parameters
+    ----------
+    positions
+        Number of positions in the plan.
+    """
+
+    def __init__(self, positions: int) -> None:
+        self._positions = positions
+        self._photons = 0
+        self._live_time_s = 0.0
+        self._since_s = time.monotonic()
+        self._drawn_s = 0.0
+        self._tenth = 0
+        self._phase = ""
+        self._bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.fields[phase]:>14}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TextColumn("{task.fields[left]}"),
+            console=err,
+            transient=True,
+            auto_refresh=False,
+            disable=not err.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=positions, phase="", rate="", left="")
+
+    def __call__(self, event: Event) -> None:
+        """Show what happened."""
+        match event:
+            case PhaseChanged(phase=phase):
+                self._phase = phase.value
+                if err.is_terminal:
+                    self._bar.start()
+                    self._draw(0 if phase.value == "aiming" else None)
+                else:
+                    say(phase.value)
+                self._since_s = time.monotonic()
+            case RatesChecked(rates=rates, warnings=warnings):
+                say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
+                for sentence in warnings:
+                    warn(sentence)
+            case PositionDone(index=index, exposure=exposure):
+                self._photons += int(exposure.counts.sum())
+                self._live_time_s += exposure.live_time_s
+                self._advance(index + 1)
+            case Ended():
+                self._bar.stop()
+
+    def _advance(self, done: int) -> None:
+        now_s = time.monotonic()
+        if err.is_terminal:
+            if now_s - self._drawn_s > 0.25:
+                self._drawn_s = now_s
+                self._draw(done)
+        elif done * 10 // self._positions > self._tenth:
+            self._tenth = done * 10 // self._positions
+            say(f"{self._tenth * 10:3d} %  {done}/{self._positions}  {self._rate()}  {self._left(done)}")
+
+    def _draw(self, done: int | None) -> None:
+        left = self._left(done) if done else ""
+        self._bar.update(self._task, completed=done, phase=self._phase, rate=self._rate(), left=left)
+        self._bar.refresh()
+
+    def _rate(self) -> str:
+        return show(self._photons / self._live_time_s, "photons/s") if self._live_time_s else ""
+
+    def _left(self, done: int) -> str:
+        each_s = (time.monotonic() - self._since_s) / done
+        return f"~{show_duration(each_s * (self._positions - done))} left"

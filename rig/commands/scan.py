@@ -1,0 +1,203 @@
+"""``rig scan``: measure the relay wall."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rig.config import RigConfig
+    from rig.plan import ScanPlan
+
+
+def scan(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
+        ),
+    ] = None,
+    exposure: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
+    ] = None,
+    grid: Annotated[
+        str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
+    ] = None,
+    spacing: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Hidden scene of the simulated rig. [dim]\\[letters][/dim]"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+) -> None:
+    """Scan the relay wall and store the photons of each position.
+
+    [bold]Examples[/bold]
+
+      rig scan --exposure 10ms                         simulated rig, the whole wall
+
+      rig scan --exposure 10ms --grid 60x44 --spacing 3cm -o quick.h5
+
+      rig scan --config configs/lab.toml --dry-run     what would be done
+
+    Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark either way.
+    """
+    from rig.commands import console
+    from rig.plan import ScanPlan
+    from rig.quantities import parse
+
+    rig_config = _configuration(config, scene, seed)
+    columns, rows = _columns_and_rows(grid) if grid else (None, None)
+    plan = ScanPlan.from_config(
+        rig_config,
+        columns=columns,
+        rows=rows,
+        spacing_m=parse(spacing, "length") if spacing else None,
+        exposure_s=parse(exposure, "time") if exposure else None,
+    )
+    target = out or Path(_default_name())
+    plan.check(rig_config, target.parent)
+    if config is None:
+        console.say("No configuration given: using the built-in simulated rig.")
+    if dry_run:
+        _show_plan(plan, rig_config, as_json)
+        return
+    _run(plan, rig_config, target, as_json)
+
+
+def _configuration(path: Path | None, scene: str | None, seed: int | None) -> "RigConfig":
+    from rig.config import built_in, load
+    from rig.errors import UsageError
+
+    config = load(path) if path else built_in()
+    changes = {name: value for name, value in (("scene", scene), ("seed", seed)) if value is not None}
+    if not changes:
+        return config
+    if config.simulation is None:
+        raise UsageError(
+            f"--{next(iter(changes))} is for the simulated rig, and {path} names real devices; leave it out"
+        )
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update=changes)})
+
+
+def _columns_and_rows(text: str) -> tuple[int, int]:
+    from rig.errors import UsageError
+
+    columns, separator, rows = text.lower().partition("x")
+    if not (separator and columns.isdecimal() and rows.isdecimal() and int(columns) > 1 and int(rows) > 1):
+        raise UsageError(
+            f"'{text}' is not a grid; write columns and rows, each at least 2, e.g. --grid 180x130"
+        )
+    return int(columns), int(rows)
+
+
+def _default_name() -> str:
+    from datetime import datetime
+
+    return datetime.now().strftime("scan-%Y%m%d-%H%M%S.h5")
+
+
+def _show_plan(plan: "ScanPlan", config: "RigConfig", as_json: bool) -> None:
+    import numpy as np
+
+    from rig.commands import console
+    from rig.pointing import Pointing
+    from rig.quantities import show, show_duration, show_length
+
+    angles = np.degrees(np.abs(Pointing(config.galvo.position_m).angles_rad(plan.spots_m)).max(axis=0))
+    limits = np.degrees([config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad])
+    if as_json:
+        console.print_json(
+            {
+                "rig": config.name,
+                "simulated": config.simulated,
+                "plan": plan.as_dict(),
+                "positions": plan.positions,
+                "skipped": plan.skipped,
+                "exposure_total_s": plan.exposure_total_s,
+                "duration_s": plan.duration_s(config),
+                "bytes_in_memory": plan.bytes_in_memory,
+                "bytes_on_disk": plan.bytes_on_disk,
+                "mirror_angle_deg": angles.tolist(),
+                "mirror_limit_deg": limits.tolist(),
+            }
+        )
+        return
+    width_m, height_m = (plan.columns - 1) * plan.spacing_m, (plan.rows - 1) * plan.spacing_m
+    console.print_facts(
+        f"{config.name}: plan, nothing was moved",
+        {
+            "positions": f"{plan.positions:,} of {plan.columns} x {plan.rows}, "
+            f"{show_length(plan.spacing_m)} apart; {plan.skipped} skipped around the detector's spot",
+            "area": f"{show_length(width_m)} x {show_length(height_m)}",
+            "exposure": f"{show(plan.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
+            "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
+            "histogram": f"{plan.bins:,} bins of {show(plan.bin_width_s, 's')}",
+            "file": f"~{plan.bytes_on_disk / 1e6:.0f} MB compressed, "
+            f"{plan.bytes_in_memory / 1e6:.0f} MB of counts",
+            "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
+        },
+    )
+
+
+def _run(plan: "ScanPlan", config: "RigConfig", target: Path, as_json: bool) -> None:
+    import time
+
+    from rig.acquisition import acquire
+    from rig.commands import console
+    from rig.engine import Outcome
+    from rig.errors import InterruptedScanError
+    from rig.interrupt import StopRequest
+    from rig.quantities import show, show_duration
+
+    began_s = time.monotonic()
+    try:
+        with StopRequest(console.say) as stop:
+            result = acquire(plan, config, target, [console.ScanProgress(plan.positions)], stop)
+    except KeyboardInterrupt:
+        console.say(f"Stopped at once. The lines finished before are in {target}.")
+        raise typer.Exit(130) from None
+    took_s = time.monotonic() - began_s
+    if as_json:
+        console.print_json(
+            {
+                "file": str(target),
+                "status": result.ended.outcome.value,
+                "positions": result.ended.positions_done,
+                "photons": result.photons,
+                "live_time_s": result.live_time_s,
+                "took_s": round(took_s, 2),
+            }
+        )
+    else:
+        rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
+        console.print_facts(
+            str(target),
+            {
+                "positions": f"{result.ended.positions_done:,} of {plan.positions:,}",
+                "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
+                "size": f"{target.stat().st_size / 1e6:.0f} MB",
+                "took": show_duration(took_s),
+            },
+        )
+        console.say(f"Next: rig recon {target}")
+    if result.ended.outcome is not Outcome.COMPLETE:
+        raise InterruptedScanError(
+            f"{target}: the scan was stopped after {result.ended.positions_done} of {plan.positions} "
+            "positions; these are safe in the file and can be imaged"
+        )
