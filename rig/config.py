@@ -6,7 +6,6 @@ and commented in ``configs/simulated.toml``.
 
 import tomllib
 from difflib import get_close_matches
-from math import radians
 from pathlib import Path
 from typing import Literal
 
@@ -37,9 +36,9 @@ class GalvoConfig(_Section):
     """Serial port or pyserial URL."""
     position_m: Point = (-0.15, 0.0, 2.5)
     """The mirror, from which the beam leaves; it faces the wall squarely."""
-    max_angle_x_rad: Radians = Field(radians(25), gt=0)
+    max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
     """Largest optical angle to either side."""
-    max_angle_y_rad: Radians = Field(radians(20), gt=0)
+    max_angle_y_rad: Radians = Field(0.349065850398866, gt=0)  # 20 degrees
     """Largest optical angle up or down."""
     settle_timeout_s: Seconds = Field(0.1, gt=0)
     """Longest wait for the mirror to be stable after a move."""

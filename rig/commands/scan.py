@@ -55,7 +55,7 @@ def scan(
 
       rig scan --config configs/lab.toml --dry-run     what would be done
 
-    Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark either way.
+    Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
     """
     from rig.commands import console
     from rig.plan import ScanPlan

@@ -1,0 +1,60 @@
+"""The configuration: the files that come with the program, and every way to get one wrong."""
+
+from pathlib import Path
+
+import pytest
+
+from rig.config import built_in, load
+from rig.errors import ConfigError
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_written_out_simulated_rig_is_the_built_in_one():
+    assert load(CONFIGS / "simulated.toml") == built_in()
+
+
+def test_the_lab_example_names_real_devices():
+    config = load(CONFIGS / "lab.toml")
+    assert not config.simulated
+    assert config.galvo.address
+    assert config.scan.exposure_s == 1.0
+
+
+def test_all_problems_are_named_at_once(tmp_path):
+    text = '[galvo]\nadress = "x"\n[scan]\nexposure = 10\nspacing = "3kg"\n[simulation]\nseed = -1\n'
+    with pytest.raises(ConfigError) as caught:
+        load(written(tmp_path, text))
+    message = str(caught.value)
+    assert "unknown key 'galvo.adress'; did you mean 'address'?" in message
+    assert "scan.exposure: a time needs a unit" in message
+    assert "scan.spacing: '3kg' is not a length" in message
+    assert "simulation.seed" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[galvo\n", "not valid TOML"),
+        ("", "galvo.address is missing"),
+        ("[simulaton]\n", "did you mean 'simulation'"),
+        ('[simulation]\n[galvo]\nposition = ["0m", "0m", "-2m"]\n', "in front of the wall"),
+        ('[simulation]\n[galvo]\nposition = ["0m", "0m"]\n', "galvo.position"),
+        ("[simulation]\n[hydraharp]\nsync_divider = 3\n", "hydraharp.sync_divider"),
+        ("[simulation]\n[laser]\npower_setpoint = 11\n", "laser.power_setpoint"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_words(tmp_path, text, told):
+    with pytest.raises(ConfigError, match=told):
+        load(written(tmp_path, text))
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot be read"):
+        load(tmp_path / "nowhere.toml")

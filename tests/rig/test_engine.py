@@ -1,0 +1,164 @@
+"""The engine's order of steps, and that every way to end leaves the laser dark and the detector off.
+
+The devices here are scripted: they write down what is asked of them and fail where they are told to. The engine
+with the real drivers is tested in test_scan_command.py.
+"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from rig.devices import Exposure, Rates
+from rig.engine import Devices, Ended, LineDone, Outcome, Phase, PhaseChanged, PositionDone, ScanEngine
+from rig.errors import RefusedError
+from rig.plan import ScanPlan
+from rig.pointing import Pointing
+
+PLAN = ScanPlan(
+    columns=3,
+    rows=2,
+    spacing_m=0.1,
+    exposure_s=0.01,
+    detector_spot_m=(0, 0, 0),
+    skip_m=0.0,
+    bins=4,
+    bin_width_s=4e-12,
+)
+
+
+class Broken(Exception):
+    """What a scripted device raises."""
+
+
+class ScriptedRig:
+    """All five devices in one, with a log of calls and one call that fails."""
+
+    bin_width_s = 4e-12
+    first_bin_s = 0.0
+    identity = "scripted"
+
+    def __init__(self, fail_at: int | None = None, sync_hz: float = 1e7) -> None:
+        self.log: list[str] = []
+        self.fail_at = fail_at
+        self.sync_hz = sync_hz
+        self.lit = False
+        self.biased = False
+
+    def devices(self) -> Devices:
+        return Devices(galvo=self, laser=self, spad=self, tcspc=self, clock=self)
+
+    def _called(self, name: str) -> None:
+        self.log.append(name)
+        if self.fail_at == len(self.log) - 1:
+            raise Broken(name)
+
+    def settings(self):
+        return {}
+
+    def now_s(self):
+        return 0.0
+
+    def sleep(self, duration_s):
+        self._called("sleep")
+
+    def point(self, angle_x_rad, angle_y_rad):
+        self._called("point")
+
+    def wait_settled(self, timeout_s):
+        self._called("settled")
+
+    def arm(self):
+        self._called("arm")
+
+    def emit(self):
+        self.lit = True
+        self._called("emit")
+
+    def stop(self):
+        self.lit = False
+        self.log.append("stop")
+
+    def emitting(self):
+        return self.lit
+
+    def enable(self):
+        self.biased = True
+        self._called("enable")
+
+    def disable(self):
+        self.biased = False
+        self.log.append("disable")
+
+    def rates(self):
+        self._called("rates")
+        return Rates(self.sync_hz, 2e5)
+
+    def warnings(self):
+        self._called("warnings")
+        return ()
+
+    def measure(self, exposure_s):
+        self._called("measure")
+        return Exposure(np.ones(4, np.uint32), exposure_s)
+
+
+def run(rig, events, should_stop=lambda: False):
+    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1)
+    return engine.run(events.append, should_stop)
+
+
+def test_aims_before_it_lights_and_measures_in_the_plans_order():
+    rig, events = ScriptedRig(), []
+    ended = run(rig, events)
+    assert rig.log[:8] == ["point", "settled", "arm", "emit", "enable", "sleep", "rates", "warnings"]
+    assert rig.log[8:-2] == ["point", "settled", "measure"] * 6
+    assert rig.log[-2:] == ["stop", "disable"]
+    assert [e.index for e in events if isinstance(e, PositionDone)] == list(range(6))
+    assert [e.positions_done for e in events if isinstance(e, LineDone)] == [3, 6]
+    assert ended == events[-1] == Ended(Outcome.COMPLETE, 6, "all positions measured")
+
+
+def test_a_stop_finishes_the_position_and_says_so():
+    rig, events = ScriptedRig(), []
+    answers = itertools.chain([False, False], itertools.repeat(True))
+    ended = run(rig, events, lambda: next(answers))
+    assert ended.outcome is Outcome.INTERRUPTED
+    assert ended.positions_done == 2
+    assert not rig.lit
+    assert not rig.biased
+
+
+@pytest.mark.parametrize("step", range(26))
+def test_whatever_fails_the_laser_goes_dark_and_the_file_is_told(step):
+    rig, events = ScriptedRig(fail_at=step), []
+    with pytest.raises(Broken):
+        run(rig, events)
+    assert not rig.lit
+    assert not rig.biased
+    assert PhaseChanged(Phase.CLOSING) in events
+    assert isinstance(events[-1], Ended)
+    assert events[-1].outcome is Outcome.FAILED
+    assert events[-1].positions_done == sum(isinstance(e, PositionDone) for e in events)
+
+
+def test_a_consumer_that_fails_does_not_leave_the_laser_on():
+    rig = ScriptedRig()
+
+    def full_disk(event):
+        if isinstance(event, PositionDone):
+            raise OSError("no space left on device")
+
+    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1)
+    with pytest.raises(OSError, match="no space"):
+        engine.run(full_disk, lambda: False)
+    assert not rig.lit
+    assert not rig.biased
+
+
+def test_refuses_to_measure_without_sync_pulses():
+    rig, events = ScriptedRig(sync_hz=0.0), []
+    with pytest.raises(RefusedError, match="sync"):
+        run(rig, events)
+    assert "measure" not in rig.log
+    assert not rig.lit
