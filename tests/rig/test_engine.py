@@ -1,7 +1,7 @@
 """The engine's order of steps, and that every way to end leaves the laser dark and the detector off.
 
-The devices here are scripted: they write down what is asked of them and fail where they are told to. The engine
-with the real drivers is tested in test_scan_command.py.
+The devices here are scripted: they write down what is asked of them and fail where they are told to. With
+the real drivers the engine is tested in test_scan_command.py.
 """
 
 import itertools
@@ -27,7 +27,7 @@ PLAN = ScanPlan(
 )
 
 
-class Broken(Exception):
+class BrokenError(Exception):
     """What a scripted device raises."""
 
 
@@ -51,7 +51,7 @@ class ScriptedRig:
     def _called(self, name: str) -> None:
         self.log.append(name)
         if self.fail_at == len(self.log) - 1:
-            raise Broken(name)
+            raise BrokenError(name)
 
     def settings(self):
         return {}
@@ -132,7 +132,7 @@ def test_a_stop_finishes_the_position_and_says_so():
 @pytest.mark.parametrize("step", range(26))
 def test_whatever_fails_the_laser_goes_dark_and_the_file_is_told(step):
     rig, events = ScriptedRig(fail_at=step), []
-    with pytest.raises(Broken):
+    with pytest.raises(BrokenError):
         run(rig, events)
     assert not rig.lit
     assert not rig.biased
