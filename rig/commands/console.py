@@ -3,14 +3,20 @@
 import json
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
 from rig.engine import Ended, Event, PhaseChanged, PositionDone, RatesChecked
 from rig.quantities import show, show_duration
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rig.doctor import Finding
 
 #: Everything but results.
 err = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -36,6 +42,17 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"[bold]{title}[/bold]")
     console.print(table)
+
+
+def print_findings(findings: "Sequence[Finding]") -> None:
+    """Print the results of checks on stdout, each with what to do about it."""
+    colours = {"ok": "green", "warning": "yellow", "missing": "red"}
+    table = Table.grid(padding=(0, 2))
+    for finding in findings:
+        verdict = f"[{colours[finding.verdict]}]{finding.verdict}[/]"
+        remedy = f"\n[dim]{escape(finding.remedy)}[/dim]" if finding.remedy else ""
+        table.add_row(verdict, escape(finding.what), escape(finding.found) + remedy)
+    Console(highlight=False).print(table)
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -1,0 +1,32 @@
+"""``rig doctor``: what is installed and connected."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def doctor(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+) -> None:
+    """Tell what is installed and connected, what is missing, and what to do.
+
+    Looks only: nothing moves, nothing emits, no byte is sent to a port. Exit code 3 if something is missing.
+    """
+    from rig.commands import console
+    from rig.config import built_in, load
+    from rig.doctor import examine
+
+    findings = examine(load(config) if config else built_in(), Path())
+    if as_json:
+        console.print_json({"findings": [vars(finding) for finding in findings]})
+    else:
+        console.print_findings(findings)
+    if any(finding.verdict == "missing" for finding in findings):
+        raise typer.Exit(3)
