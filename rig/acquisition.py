@@ -1,15 +1,20 @@
 """One whole scan: devices opened, the plan run, the photons on disk."""
 
+import json
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from rig.config import RigConfig
-from rig.engine import Consumer, Ended, Event, PositionDone, ScanEngine
-from rig.files.scan_writer import ScanWriter
+from rig.devices import Device
+from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, RatesChecked, ScanEngine
+from rig.files.description import Legs, ScanDescription
+from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
 from rig.pointing import Pointing
-from rig.recording import Recorder
 from rig.session import open_devices
 
 
@@ -22,17 +27,73 @@ class ScanResult:
     live_time_s: float
 
 
-class _Tally:
-    """A consumer that adds up photons and time."""
+class Recorder:
+    """A consumer of scan events that streams histograms to a file and adds them up.
 
-    def __init__(self) -> None:
+    Each line of the grid is on disk before the next begins; the closing record tells how the scan ended.
+
+    Parameters
+    ----------
+    writer
+        The open scan file.
+    """
+
+    def __init__(self, writer: ScanWriter) -> None:
+        self._writer = writer
+        self._warnings: dict[str, None] = {}  # a set that keeps its order
         self.photons = 0
         self.live_time_s = 0.0
 
     def __call__(self, event: Event) -> None:
-        if isinstance(event, PositionDone):
-            self.photons += int(event.exposure.counts.sum())
-            self.live_time_s += event.exposure.live_time_s
+        """Record what belongs in the file."""
+        match event:
+            case RatesChecked(warnings=warnings):
+                self._note(warnings)
+            case PositionDone(exposure=exposure):
+                self._note(exposure.warnings)
+                self._writer.append(exposure.counts, exposure.live_time_s)
+                self.photons += int(exposure.counts.sum(dtype=np.int64))
+                self.live_time_s += exposure.live_time_s
+            case LineDone():
+                self._writer.checkpoint()
+            case Ended(outcome=outcome, reason=reason):
+                self._writer.close(outcome.value, reason, list(self._warnings))
+
+    def _note(self, warnings: tuple[str, ...]) -> None:
+        self._warnings.update(dict.fromkeys(warnings))
+
+
+def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescription:
+    """Say all that is known before the first photon; device settings are read back now."""
+    legs = Legs(
+        np.array(config.galvo.position_m),
+        np.array(config.spad.position_m),
+        config.timing.electronics_delay_s,
+    )
+    detector_m = np.array([plan.detector_spot_m])
+    gate_start_s = gate_stop_s = fade_from_s = None
+    if config.spad.gated:
+        gate_start_s = config.spad.gate_delay_s
+        gate_stop_s = gate_start_s + config.spad.gate_width_s
+        # the gate opens at one time after the sync pulse: latest, in rectified time, where the legs are shortest
+        fade_from_s = gate_start_s - float(legs.delay_s(plan.spots_m, detector_m).min())
+    return ScanDescription(
+        laser_m=plan.spots_m,
+        detector_m=detector_m,
+        bins=plan.bins,
+        bin_width_s=devices.tcspc.bin_width_s,
+        first_bin_s=devices.tcspc.first_bin_s,
+        legs=legs,
+        plan=json.dumps(plan.as_dict()),
+        configuration=config.model_dump_json(),
+        simulated=config.simulated,
+        command=" ".join(["rig", *sys.argv[1:]]),
+        devices={name: _read_back(getattr(devices, name)) for name in ("galvo", "laser", "spad", "tcspc")},
+        fade_from_s=fade_from_s,
+        gate_start_s=gate_start_s,
+        gate_stop_s=gate_stop_s,
+        instrument_response_s=config.timing.instrument_response_s,
+    )
 
 
 def acquire(
@@ -51,15 +112,14 @@ def acquire(
     rig.errors.UsageError
         If ``target`` exists already.
     """
-    tally = _Tally()
     with (
         open_devices(config) as devices,
-        ScanWriter.create(target, plan=plan, config=config, devices=devices) as writer,
+        ScanWriter.create(target, describe(plan, config, devices)) as writer,
     ):
-        everyone: list[Consumer] = [Recorder(writer), tally, *consumers]
+        recorder = Recorder(writer)
 
         def consume(event: Event) -> None:
-            for consumer in everyone:
+            for consumer in (recorder, *consumers):
                 consumer(event)
 
         engine = ScanEngine(
@@ -69,4 +129,8 @@ def acquire(
             settle_timeout_s=config.galvo.settle_timeout_s,
         )
         ended = engine.run(consume, should_stop)
-    return ScanResult(ended, tally.photons, tally.live_time_s)
+    return ScanResult(ended, recorder.photons, recorder.live_time_s)
+
+
+def _read_back(device: Device) -> dict[str, str | int | float | bool]:
+    return {"identity": device.identity, **device.settings()}
