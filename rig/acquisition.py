@@ -75,7 +75,7 @@ def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescrip
     if config.spad.gated:
         gate_start_s = config.spad.gate_delay_s
         gate_stop_s = gate_start_s + config.spad.gate_width_s
-        # the gate opens at one time after the sync pulse: latest, in rectified time, where the legs are shortest
+        # one time after the sync pulse; in rectified time the latest opening is where the legs are shortest
         fade_from_s = gate_start_s - float(legs.delay_s(plan.spots_m, detector_m).min())
     return ScanDescription(
         laser_m=plan.spots_m,
