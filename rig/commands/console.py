@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
 from rich.markup import escape
@@ -137,3 +137,36 @@ class ScanProgress:
     def _left(self, done: int) -> str:
         each_s = (time.monotonic() - self._since_s) / done
         return f"~{show_duration(each_s * (self._positions - done))} left"
+
+
+class Working:
+    """Shows how far one long step is, on a terminal only; call it with the fraction that is done.
+
+    Parameters
+    ----------
+    what
+        What is being done.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f} %"),
+            console=err,
+            transient=True,
+            disable=not err.is_terminal,
+        )
+        self._task = self._bar.add_task(what, total=1.0)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, fraction: float) -> None:
+        """Show that ``fraction`` of the work is done."""
+        self._bar.update(self._task, completed=fraction)

@@ -1,0 +1,36 @@
+"""The command line as a person meets it: arguments in, exit code and both streams out."""
+
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from rig.__main__ import main
+
+
+@dataclass(frozen=True)
+class Finished:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def rig(capsys, monkeypatch, tmp_path):
+    """Run ``rig ARGUMENTS`` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments) -> Finished:
+        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code or 0
+        streams = capsys.readouterr()
+        return Finished(code, streams.out, streams.err)
+
+    return run

@@ -1,0 +1,155 @@
+"""``rig scan`` from the command line to the file, through the real drivers and the simulated wires."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SMALL = ("--grid", "20x12", "--spacing", "5cm", "--exposure", "10ms")
+
+
+def counts_of(path):
+    with h5py.File(path) as file:
+        return file["transients/counts"][()]
+
+
+def test_a_scan_becomes_a_file_that_tells_its_whole_story(rig, tmp_path):
+    done = rig("scan", *SMALL, "--out", "a.h5")
+    assert done.code == 0, done.err
+    assert "built-in simulated rig" in done.err
+    assert "240 of 240" in done.out
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file.attrs["format"] == "rig-scan"
+        assert file["transients/counts"].shape == (240, 15_000)
+        assert file["transients/done"][()].all()
+        assert file["transients"].attrs["time_origin"] == "laser"
+        assert file["transients"].attrs["bin_width_s"] == pytest.approx(4e-12)
+        assert file["stop"].attrs["status"] == "complete"
+        assert set(file["devices"]) == {"galvo", "laser", "spad", "tcspc"}
+        assert all(file["devices"][name].attrs["identity"] for name in file["devices"])
+        assert json.loads(file["start"].attrs["plan"])["exposure_s"] == 0.01
+        assert json.loads(file["start"].attrs["configuration"])["timing"]["electronics_delay_s"] == 12.3e-9
+        # 10 ms at every position, as the instrument's own clock counts it
+        assert file["transients/live_time_s"][()] == pytest.approx(0.01, abs=1e-3)
+
+
+def test_the_same_seed_gives_the_same_photons_and_another_seed_others(rig):
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        assert rig("scan", *SMALL, "--seed", seed, "--out", f"{name}.h5").code == 0
+    a, b, c = (counts_of(f"{name}.h5") for name in "abc")
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+    # two Poisson totals of the same mean differ by less than 5 standard deviations
+    assert abs(int(a.sum()) - int(c.sum())) < 5 * np.sqrt(float(a.sum()) + float(c.sum()))
+
+
+def test_exposure_scales_the_photons(rig):
+    assert rig("scan", *SMALL, "--out", "a.h5").code == 0
+    assert rig("scan", *SMALL[:4], "--exposure", "40ms", "--out", "b.h5").code == 0
+    a, b = counts_of("a.h5").sum(), counts_of("b.h5").sum()
+    # b has mean 4 a: the variance of b - 4 a is b + 16 a
+    assert abs(float(b) - 4.0 * float(a)) < 5 * np.sqrt(float(b) + 16 * float(a))
+
+
+def test_an_empty_room_gives_only_background(rig):
+    assert rig("scan", *SMALL, "--out", "letters.h5").code == 0
+    assert rig("scan", *SMALL, "--scene", "empty", "--out", "empty.h5").code == 0
+    assert counts_of("empty.h5").sum() < 0.02 * counts_of("letters.h5").sum()
+
+
+def test_json_is_one_document(rig):
+    done = rig("scan", *SMALL, "--out", "a.h5", "--json")
+    result = json.loads(done.out)
+    assert result["status"] == "complete"
+    assert result["photons"] == counts_of("a.h5").sum()
+
+
+def test_a_dry_run_shows_the_plan_and_leaves_nothing(rig, tmp_path):
+    done = rig("scan", "--config", CONFIGS / "lab.toml", "--dry-run")
+    assert done.code == 0, done.err
+    for told in ("23,364 of 180 x 130", "6 h", "MB", "deg, limits"):
+        assert told in done.out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dry_run_as_json(rig):
+    plan = json.loads(rig("scan", "--dry-run", "--json").out)
+    assert plan["positions"] + plan["skipped"] == 23_400
+    assert plan["exposure_total_s"] == pytest.approx(233.84)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "told"),
+    [
+        (("--exposure", "10"), 2, "write a time with its unit, e.g. 10ms"),
+        (("--exposure", "10mm"), 2, "not a time"),
+        (("--grid", "180by130"), 2, "--grid 180x130"),
+        (("--spacing", "4cm"), 4, "deg of mirror angle in x"),
+        (("--exposure", "1500us"), 4, "whole milliseconds"),
+        (("--scene", "kitchen"), 2, "letters"),
+        (("--config", "missing.toml"), 2, "missing.toml: cannot be read"),
+        (("--config", CONFIGS / "lab.toml", "--seed", "1"), 2, "real devices"),
+        (("--bogus",), 2, "No such option"),
+        (("--out", "nowhere/a.h5"), 2, "nowhere"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_message(rig, tmp_path, arguments, code, told):
+    done = rig("scan", *arguments)
+    assert done.code == code, done.err
+    assert told in done.err
+    assert "Traceback" not in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_key_is_named(rig, tmp_path):
+    Path("rig.toml").write_text("[simulation]\nseeed = 1\n")
+    done = rig("scan", "--config", "rig.toml")
+    assert done.code == 2
+    assert "unknown key 'simulation.seeed'; did you mean 'seed'?" in done.err
+
+
+def test_a_missing_device_is_named_and_leaves_no_file(rig, tmp_path):
+    (tmp_path / "hhlib.so").write_bytes(b"")
+    text = '[galvo]\naddress = "/dev/rig-no-such-port"\n[laser]\naddress = "/dev/rig-no-such-port"\n'
+    Path("rig.toml").write_text(text)
+    done = rig("scan", "--config", "rig.toml", "--out", "a.h5")
+    assert done.code == 3
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_an_existing_file_is_not_overwritten(rig, tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"precious")
+    done = rig("scan", *SMALL, "--out", "a.h5")
+    assert done.code == 2
+    assert "exists" in done.err
+    assert (tmp_path / "a.h5").read_bytes() == b"precious"
+
+
+def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
+    scan = subprocess.Popen(
+        [sys.executable, "-m", "rig", "scan", "--out", "a.h5"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    for line in scan.stderr:  # wait until the first tenth is measured
+        if "10 %" in line:
+            break
+    scan.send_signal(signal.SIGINT)
+    rest = scan.stderr.read()
+    assert scan.wait(timeout=60) == 6
+    assert "Stopping after this position" in rest
+    assert "safe in the file" in rest
+    with h5py.File(tmp_path / "a.h5") as file:
+        done = file["transients/done"][()]
+        assert file["stop"].attrs["status"] == "interrupted"
+        assert 2340 <= done.sum() < 23_384
+        assert (np.diff(done.astype(int)) <= 0).all()  # measured from the first on, without gaps
+        assert file["transients/counts"][int(done.sum()) - 1].sum() > 0
