@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.config import RigConfig
-from rig.devices import Device
-from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, RatesChecked, ScanEngine
+from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, Ready, ScanEngine
 from rig.files.description import Legs, ScanDescription
 from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
@@ -47,8 +46,9 @@ class Recorder:
     def __call__(self, event: Event) -> None:
         """Record what belongs in the file."""
         match event:
-            case RatesChecked(warnings=warnings):
+            case Ready(warnings=warnings, settings=settings):
                 self._note(warnings)
+                self._writer.record_devices(settings)
             case PositionDone(exposure=exposure):
                 self._note(exposure.warnings)
                 self._writer.append(exposure.counts, exposure.live_time_s)
@@ -64,7 +64,7 @@ class Recorder:
 
 
 def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescription:
-    """Say all that is known before the first photon; device settings are read back now."""
+    """Say all that is known before the first photon."""
     legs = Legs(
         np.array(config.galvo.position_m),
         np.array(config.spad.position_m),
@@ -88,7 +88,6 @@ def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescrip
         configuration=config.model_dump_json(),
         simulated=config.simulated,
         command=" ".join(["rig", *sys.argv[1:]]),
-        devices={name: _read_back(getattr(devices, name)) for name in ("galvo", "laser", "spad", "tcspc")},
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
@@ -130,7 +129,3 @@ def acquire(
         )
         ended = engine.run(consume, should_stop)
     return ScanResult(ended, recorder.photons, recorder.live_time_s)
-
-
-def _read_back(device: Device) -> dict[str, str | int | float | bool]:
-    return {"identity": device.identity, **device.settings()}

@@ -4,6 +4,7 @@ The classes in `drivers` satisfy these protocols without knowing them. Each devi
 identifies itself on entry and is left safe on exit: the laser dark, the gate closed, the mirror at rest.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +24,10 @@ class Clock(Protocol):
         ...
 
 
+#: Names and values of a device's settings.
+Settings = Mapping[str, str | int | float | bool]
+
+
 class Device(Protocol):
     """What all devices share."""
 
@@ -31,7 +36,7 @@ class Device(Protocol):
         """Maker, model, serial number and firmware as the device reports them."""
         ...
 
-    def settings(self) -> dict[str, str | int | float | bool]:
+    def settings(self) -> Settings:
         """Return the settings as read back from the device, or as last accepted where it has no read-back."""
         ...
 

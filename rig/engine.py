@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import Enum
 
-from rig.devices import Clock, Exposure, Galvo, GatedSpad, Laser, Rates, Tcspc
+from rig.devices import Clock, Device, Exposure, Galvo, GatedSpad, Laser, Rates, Settings, Tcspc
 from rig.errors import RefusedError
 from rig.plan import ScanPlan
 from rig.pointing import Pointing
@@ -46,11 +46,22 @@ class PhaseChanged:
 
 
 @dataclass(frozen=True)
-class RatesChecked:
-    """Sync and count rates were read before the first exposure; ``warnings`` are the instrument's own."""
+class Ready:
+    """All is set for the first exposure.
+
+    Attributes
+    ----------
+    rates
+        Sync and count rates.
+    warnings
+        The timing instrument's own warnings.
+    settings
+        What each device says of itself and its settings now, by device name.
+    """
 
     rates: Rates
     warnings: tuple[str, ...]
+    settings: dict[str, Settings]
 
 
 @dataclass(frozen=True)
@@ -77,7 +88,7 @@ class Ended:
     reason: str
 
 
-Event = PhaseChanged | RatesChecked | PositionDone | LineDone | Ended
+Event = PhaseChanged | Ready | PositionDone | LineDone | Ended
 Consumer = Callable[[Event], None]
 
 
@@ -90,6 +101,16 @@ class Devices:
     spad: GatedSpad
     tcspc: Tcspc
     clock: Clock
+
+    def read_back(self) -> dict[str, Settings]:
+        """Return identity and settings of each device as they are now."""
+        named: dict[str, Device] = {
+            "galvo": self.galvo,
+            "laser": self.laser,
+            "spad": self.spad,
+            "tcspc": self.tcspc,
+        }
+        return {name: {"identity": device.identity, **device.settings()} for name, device in named.items()}
 
 
 class ScanEngine:
@@ -168,7 +189,7 @@ class ScanEngine:
                 "the timing instrument sees no sync pulses although the laser says that it emits. "
                 "Check the sync cable and hydraharp.sync_level, then scan again"
             )
-        consume(RatesChecked(rates, devices.tcspc.warnings()))
+        consume(Ready(rates, devices.tcspc.warnings(), devices.read_back()))
 
     def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
         lines = self._plan.line_of_position

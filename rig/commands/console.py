@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
-from rig.engine import Ended, Event, PhaseChanged, PositionDone, RatesChecked
+from rig.engine import Ended, Event, PhaseChanged, PositionDone, Ready
 from rig.quantities import show, show_duration
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class ScanProgress:
                 else:
                     say(phase.value)
                 self._since_s = time.monotonic()
-            case RatesChecked(rates=rates, warnings=warnings):
+            case Ready(rates=rates, warnings=warnings):
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
                     warn(sentence)

@@ -1,6 +1,6 @@
 """``rig recon``: image a scan."""
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from rig.reconstruct import Request, Result
 
 
-class Solver(str, Enum):
+class Solver(StrEnum):
     """How the image is computed."""
 
     RSD = "rsd"
     BACKPROJECTION = "backprojection"
 
 
-class Camera(str, Enum):
+class Camera(StrEnum):
     """What the virtual camera does."""
 
     CONFOCAL = "confocal"
