@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.reconstruct import Request, Result
+    from rig.reconstruct import Result
 
 
 class Solver(StrEnum):

@@ -1,0 +1,62 @@
+"""``rig import``: read what others measured."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def import_(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="A file from another lab or program.")],
+    target: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="The scan file to write.")],
+    bin_width: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Width of a bin, where the file does not say.")
+    ] = None,
+    wall_size: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Side of the scanned square, where the file does not say."),
+    ] = None,
+    time_origin: Annotated[
+        str | None,
+        typer.Option(metavar="wall|laser", help="What time zero is, where the file does not say."),
+    ] = None,
+    fade_from: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="The record holds the wall's own light before this time."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+) -> None:
+    """Turn a file from another lab into a scan file; the layout is detected by content.
+
+    [bold]Examples[/bold]
+
+      rig import data_s_u.mat su.h5 --bin-width 4ps --fade-from 2.4ns    O'Toole 2018
+
+      rig import capture.hdf5 scan.h5                                    a TAL file
+    """
+    from rig.commands import console
+    from rig.importers import import_scan
+    from rig.quantities import parse
+
+    report = import_scan(
+        source,
+        target,
+        bin_width_s=parse(bin_width, "time") if bin_width else None,
+        wall_size_m=parse(wall_size, "length") if wall_size else None,
+        time_origin=time_origin,
+        fade_from_s=parse(fade_from, "time") if fade_from else None,
+    )
+    if as_json:
+        console.print_json({"file": str(target), **vars(report)})
+        return
+    console.print_facts(
+        str(target),
+        {
+            "layout": report.layout,
+            "positions": f"{report.positions:,}",
+            "bins": f"{report.bins:,}",
+            "time zero": f"the pulse {'on the wall' if report.time_origin == 'wall' else 'leaving the laser'}",
+            "assumed": "; ".join(report.assumed) or "nothing",
+        },
+    )
+    console.say(f"Next: rig recon {target}")
