@@ -49,6 +49,11 @@ class KatanaLaser:
     dialects
         Models to look for, in this order.
 
+    Attributes
+    ----------
+    identity
+        The model, as told from its dialect: the laser has no command that identifies it.
+
     Raises
     ------
     LimitError
@@ -75,6 +80,7 @@ class KatanaLaser:
         self._emission_timeout_s = emission_timeout_s
         self._dialects = dialects
         self._found: Dialect | None = None
+        self.identity = ""
         self._armed = False
         self._lit = False
         objections = [self._objection(dialect) for dialect in dialects]
@@ -102,11 +108,6 @@ class KatanaLaser:
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
         leave([self.stop, self._give_back, self._close], problem)
-
-    @property
-    def identity(self) -> str:
-        """The model, as told from its dialect: the laser has no command that identifies it."""
-        return f"Onefive {self._dialect.model}"
 
     def arm(self) -> None:
         """Take control of the power, set power, repetition rate and trigger, and read them back; still dark.
@@ -245,6 +246,7 @@ class KatanaLaser:
                 heard.append(f"{dialect.emission}?: {problem.answered}")
                 continue
             self._found = dialect
+            self.identity = f"Onefive {dialect.model}"
             return emitting
         raise DeviceNotFoundError(
             self._line.name,
