@@ -1,0 +1,160 @@
+"""The firmware of an Optotune MR-E-2 board in Simple mode, steering the bench's mirror.
+
+Source: Optotune MR-E-2 / MR-E-3 operation manual, as quoted by two independent drivers. Unconfirmed, and so a
+choice made here: which of OL and OU answers a position outside the unit circle (the axis that is cut most
+decides), and that leaving Pro mode is itself not answered.
+"""
+
+import re
+from math import hypot
+
+from simulators.bench import Bench
+from simulators.wire.lines import LineFirmware
+
+HEAD_DISCONNECTED = 1 << 0
+HEAD_TEMPERATURE = 1 << 1
+MIRROR_TEMPERATURE = 1 << 2
+EEPROM_INVALID = 1 << 3
+NOT_STABLE = 1 << 4
+TRIMMED = 1 << 7
+
+#: Which bit of the status is remembered by which "was" bit; EEPROM and stability are not remembered.
+LATCHES = {1 << now: 1 << was for now, was in ((0, 8), (1, 9), (2, 10), (5, 11), (6, 12), (7, 13))}
+
+LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
+REBOOT_S = 1.5
+
+_NUMBER = r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*"
+_MOVE = re.compile(rf"(?:XY={_NUMBER};{_NUMBER}|X={_NUMBER}|Y={_NUMBER})", re.IGNORECASE)
+
+
+class GalvoBoard(LineFirmware):
+    """The board as bytes in and bytes out.
+
+    Parameters
+    ----------
+    bench
+        Its mirror is steered, its clock is followed.
+    identity
+        The answer to GETID.
+
+    Attributes
+    ----------
+    faults
+        Status bits that hold because something is broken; set by whoever breaks it, see `break_down`.
+    drop_answers, garble_answers
+        So many of the next answers are lost, or arrive with a flipped bit.
+    """
+
+    def __init__(self, bench: Bench, *, identity: str = "MR-E-2 simulated") -> None:
+        super().__init__(terminator=b"\r\n", longest=64)
+        self.identity = identity
+        self.faults = 0
+        self.drop_answers = 0
+        self.garble_answers = 0
+        self._bench = bench
+        self._deaf_until_s = 0.0
+        self._pro_mode = False
+        self._just_switched = False
+        self._trimmed = False
+        self._latched = 0
+
+    def break_down(self, bits: int) -> None:
+        """Let the status ``bits`` hold from now on, and be remembered by their latches."""
+        self.faults |= bits
+        self._latch(bits)
+
+    def repair(self) -> None:
+        """End all faults; the latches remember them until acknowledged."""
+        self.faults = 0
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the wire; in Pro mode only the frame that leaves it is understood."""
+        if self._bench.clock.now_s() < self._deaf_until_s:
+            return
+        if not self._pro_mode:
+            super().receive(data)
+            return
+        self._input += data
+        end = self._input.find(LEAVE_PRO_MODE)
+        if end < 0:
+            del self._input[: -len(LEAVE_PRO_MODE)]
+            return
+        after = bytes(self._input[end + len(LEAVE_PRO_MODE) :])
+        self._input.clear()
+        self._pro_mode, self._just_switched = False, True
+        super().receive(after)
+
+    def answer(self, line: bytes) -> bytes:
+        """Return the answer to one command."""
+        command = line.decode("ascii", "replace").strip()
+        answer = self._obey(command)
+        if answer is None:
+            return b""
+        if self.drop_answers:
+            self.drop_answers -= 1
+            return b""
+        sent = answer.encode("ascii") + b"\r\n"
+        if self.garble_answers:
+            self.garble_answers -= 1
+            return bytes([sent[0] ^ 0x10]) + sent[1:]
+        return sent
+
+    def junk(self) -> bytes:
+        """Answer what is too long to be a command."""
+        return b"NO\r\n"
+
+    def _reboot(self) -> None:
+        self._just_switched = self._trimmed = False
+        self._latched = 0
+        self._input.clear()
+        self._bench.steer(0.0, 0.0)
+        self._deaf_until_s = self._bench.clock.now_s() + REBOOT_S
+
+    def _obey(self, command: str) -> str | None:
+        verb = command.upper()
+        just_switched, self._just_switched = self._just_switched, False
+        if verb == "START":
+            return "NO" if just_switched else "OK"
+        if verb == "GETID":
+            return self.identity
+        if verb == "STATUS":
+            return f"{self._status():08X}"
+        if verb == "ACKNOWLEDGE":
+            self._latched = 0
+            self._latch(self._status())
+            return "OK"
+        if verb == "RESET":
+            self._reboot()
+            return None
+        if verb in ("GOPRO", "GOPROCRC"):
+            self._pro_mode = True
+            return "OK"
+        move = _MOVE.fullmatch(command)
+        return self._move(move) if move else "NO"
+
+    def _move(self, match: re.Match[str]) -> str:
+        both_x, both_y, only_x, only_y = (None if g is None else float(g) for g in match.groups())
+        x, y = self._bench.mirror.target
+        x = next((value for value in (both_x, only_x) if value is not None), x)
+        y = next((value for value in (both_y, only_y) if value is not None), y)
+        # Squares of huge numbers overflow, and an edge point far away is the edge point of a nearer one.
+        x, y = max(min(x, 1e9), -1e9), max(min(y, 1e9), -1e9)
+        radius = hypot(x, y)
+        self._trimmed = radius > 1.0
+        if not self._trimmed:
+            self._bench.steer(x, y)
+            return "OK"
+        self._latch(TRIMMED)
+        self._bench.steer(x / radius, y / radius)
+        return "OU" if (x if abs(x) >= abs(y) else y) > 0 else "OL"
+
+    def _status(self) -> int:
+        stable = self._bench.mirror.settled(self._bench.clock.now_s())
+        status = self.faults | (0 if stable else NOT_STABLE) | (TRIMMED if self._trimmed else 0)
+        return status | self._latched
+
+    def _latch(self, bits: int) -> None:
+        for bit, latch in LATCHES.items():
+            if bits & bit:
+                self._latched |= latch

@@ -1,0 +1,64 @@
+"""The three simulated devices on one bench, plugged in for the length of a test."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from drivers.galvo import OptotuneMirror
+from drivers.laser import KatanaLaser
+from drivers.spad import Id120Spad
+from simulators.bench import Bench
+from simulators.wire.galvo import GalvoBoard
+from simulators.wire.laser import KatanaHead
+from simulators.wire.serial_url import protocol_sim
+from simulators.wire.spad import SpadInstrument
+from simulators.wire.usb import UsbBackend
+
+
+class WatchedBench(Bench):
+    """A bench that remembers every change of its light."""
+
+    def __init__(self) -> None:
+        super().__init__(photons=None)
+        self.changes: list[dict] = []
+
+    def change_light(self, **changes):
+        self.changes.append(changes)
+        super().change_light(**changes)
+
+    def ever_emitted(self) -> bool:
+        return any(change.get("emitting") for change in self.changes)
+
+
+class Rig:
+    def __init__(self) -> None:
+        self.bench = WatchedBench()
+        self.board = GalvoBoard(self.bench)
+        self.head = KatanaHead(self.bench)
+        self.instrument = SpadInstrument(self.bench)
+        self.usb = UsbBackend([self.instrument])
+        self.galvo_address = protocol_sim.attach("test/galvo", self.board, self.bench.clock)
+        self.laser_address = protocol_sim.attach("test/laser", self.head, self.bench.clock)
+
+    def galvo(self, **options) -> OptotuneMirror:
+        return OptotuneMirror(self.galvo_address, clock=self.bench.clock, **options)
+
+    def laser(self, **options) -> KatanaLaser:
+        asked = {"power_setpoint": 7.5, "repetition_hz": 10e6, **options}
+        return KatanaLaser(self.laser_address, clock=self.bench.clock, **asked)
+
+    def spad(self, **options) -> Id120Spad:
+        return Id120Spad(backend=self.usb, clock=self.bench.clock, **options)
+
+    def unplug_all(self) -> None:
+        protocol_sim.detach(self.galvo_address)
+        protocol_sim.detach(self.laser_address)
+        self.usb.unplug(self.instrument)
+
+
+@contextmanager
+def simulated_rig() -> Iterator[Rig]:
+    rig = Rig()
+    try:
+        yield rig
+    finally:
+        rig.unplug_all()

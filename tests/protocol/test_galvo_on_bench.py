@@ -1,0 +1,212 @@
+"""The mirror's driver with the simulated board at the other end of the wire."""
+
+import os
+import threading
+import time
+from math import radians, tan
+
+import pytest
+from simulated_rig import simulated_rig
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError, RefusedError
+from drivers.galvo import OptotuneMirror
+from simulators.bench import Bench
+from simulators.clock import BenchClock
+from simulators.wire import galvo as board_bits
+from simulators.wire.galvo import GalvoBoard
+
+
+@pytest.fixture
+def rig():
+    with simulated_rig() as rig:
+        yield rig
+
+
+def test_the_mirror_stands_where_it_was_pointed(rig):
+    x, y = radians(19.8), radians(-14.6)
+    with rig.galvo() as mirror:
+        mirror.point(x, y)
+        mirror.wait_settled(timeout_s=0.1)
+        units = rig.bench.mirror.position(rig.bench.clock.now_s())
+    # Nine decimals on the wire: half a unit of the last place.
+    assert units == pytest.approx((tan(x) / tan(radians(50)), tan(y) / tan(radians(50))), abs=0.6e-9)
+
+
+def test_waiting_lets_bench_time_pass_and_no_other(rig):
+    with rig.galvo(poll_interval_s=1.0) as mirror:
+        before_s, wall_s = rig.bench.clock.now_s(), time.monotonic()
+        mirror.point(0.3, 0.0)
+        mirror.wait_settled(timeout_s=100.0)
+        # Moving at the first look, stable at the second and the third.
+        assert rig.bench.clock.now_s() - before_s == pytest.approx(2.0)
+    assert time.monotonic() - wall_s < 1.0
+
+
+def test_a_mirror_that_does_not_settle_is_refused(rig):
+    with rig.galvo() as mirror:
+        mirror.point(0.3, 0.0)
+        with pytest.raises(RefusedError, match=r"settle within 0\.002 s"):
+            mirror.wait_settled(timeout_s=0.002)
+
+
+@pytest.mark.parametrize(
+    ("bits", "words"),
+    [
+        (board_bits.HEAD_DISCONNECTED, "head disconnected"),
+        (board_bits.HEAD_TEMPERATURE | board_bits.MIRROR_TEMPERATURE, "head temperature, mirror temperature"),
+        (board_bits.EEPROM_INVALID, "eeprom invalid"),
+    ],
+)
+def test_a_fault_is_named_while_settling_and_on_connect(rig, bits, words):
+    with rig.galvo() as mirror:
+        mirror.point(0.1, 0.1)
+        rig.board.break_down(bits)
+        with pytest.raises(RefusedError, match=words):
+            mirror.wait_settled(timeout_s=0.1)
+    with pytest.raises(RefusedError, match=words), rig.galvo():
+        pytest.fail("connected to a broken mirror")
+
+
+def test_past_faults_are_acknowledged_on_connect(rig):
+    rig.board.break_down(board_bits.HEAD_TEMPERATURE)
+    rig.board.repair()
+    with rig.galvo() as mirror:
+        assert mirror.status() == 0
+
+
+def test_a_lost_answer_is_told_and_the_next_command_works(rig):
+    with rig.galvo(timeout_s=0.5) as mirror:
+        rig.board.drop_answers = 1
+        before_s = rig.bench.clock.now_s()
+        with pytest.raises(LinkError, match="nothing came"):
+            mirror.point(0.1, 0.0)
+        assert rig.bench.clock.now_s() - before_s == pytest.approx(0.5)
+        mirror.point(0.2, 0.0)
+        mirror.wait_settled(timeout_s=0.1)
+
+
+def test_a_garbled_answer_is_told_and_the_next_command_works(rig):
+    with rig.galvo() as mirror:
+        rig.board.garble_answers = 1
+        with pytest.raises(ProtocolError, match="'_K' came"):
+            mirror.point(0.1, 0.0)
+        mirror.point(0.2, 0.0)
+        mirror.wait_settled(timeout_s=0.1)
+
+
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(rig):
+    with rig.galvo() as mirror:
+        rig.board.drop_answers = 1
+        with pytest.raises(LinkError):
+            mirror.point(0.1, 0.0)
+        rig.board.output += b"OU\r\n"
+        mirror.point(0.2, 0.0)
+
+
+def test_the_mirror_is_at_rest_after_an_exception(rig):
+    def work():
+        with rig.galvo() as mirror:
+            mirror.point(0.3, 0.2)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert rig.bench.mirror.target == (0.0, 0.0)
+
+
+def test_unplugged_in_the_middle(rig):
+    def work():
+        with rig.galvo() as mirror:
+            rig.unplug_all()
+            mirror.point(0.1, 0.0)
+
+    with pytest.raises(LinkError, match="the connection broke") as raised:
+        work()
+    assert raised.value.asked.startswith("send b'XY=")
+    # That it could not be parked either is noted, and does not hide the first failure.
+    assert any("XY=0.000000000;0.000000000" in note for note in raised.value.__notes__)
+
+
+def test_unplugged_before_leaving(rig):
+    with pytest.raises(LinkError, match=r"XY=0\.000000000"), rig.galvo():
+        rig.unplug_all()
+
+
+def test_another_board_at_the_address(rig):
+    with pytest.raises(DeviceNotFoundError, match=r"'MR-E-2 number 2'.*it is 'MR-E-2 simulated'"):
+        rig.galvo(expected_identity="MR-E-2 number 2").__enter__()
+    with rig.galvo(expected_identity="MR-E-2"):
+        pass
+
+
+def test_two_axes_outside_the_limits_of_the_board_are_trimmed_and_told(rig):
+    """The driver's own check is passed by; the board says OU, and its status says trimmed."""
+    rig.board.receive(b"XY=0.9;0.9\r\n")
+    assert bytes(rig.board.output) == b"OU\r\n"
+    x, y = rig.bench.mirror.target
+    assert x == y == pytest.approx(0.5**0.5)
+    with rig.galvo() as mirror, pytest.raises(RefusedError, match="trimmed"):
+        mirror.wait_settled(timeout_s=1.0)
+
+
+def test_a_device_that_never_stops_talking_is_given_up():
+    class Babbler:
+        """Sends for ever."""
+
+        def receive(self, data):
+            pass
+
+        @property
+        def output(self):
+            return bytearray(b"x" * 10_000)
+
+    from simulators.wire.serial_url import protocol_sim
+
+    address = protocol_sim.attach("test/babbler", Babbler(), BenchClock())
+    try:
+        with pytest.raises(LinkError, match="keeps sending"):
+            OptotuneMirror(address, clock=BenchClock()).__enter__()
+    finally:
+        protocol_sim.detach(address)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are a Unix thing")
+def test_over_a_real_serial_port_of_the_operating_system():
+    """The same board behind a pseudo-terminal: pyserial's own port, locked, opened, read and lost."""
+    clock = BenchClock(real_time=True)
+    board = GalvoBoard(Bench(photons=None, clock=clock))
+    ours, theirs = os.openpty()
+    import tty
+
+    tty.setraw(theirs)
+
+    def pump():
+        try:
+            while data := os.read(ours, 1024):
+                board.receive(data)
+                os.write(ours, bytes(board.output))
+                board.output.clear()
+        except OSError:
+            return  # the other end is closed
+
+    thread = threading.Thread(target=pump, daemon=True)
+    thread.start()
+    address = os.ttyname(theirs)
+    try:
+        with OptotuneMirror(address, clock=SystemClock()) as mirror:
+            mirror.point(0.1, -0.1)
+            mirror.wait_settled(timeout_s=1.0)
+            with pytest.raises(LinkError, match="another program has it"):
+                OptotuneMirror(address, clock=SystemClock()).__enter__()
+        assert board._bench.mirror.target == (0.0, 0.0)
+    finally:
+        os.close(theirs)
+        thread.join(timeout=5.0)
+        os.close(ours)
+
+
+def test_nothing_at_the_address(tmp_path):
+    for address in (str(tmp_path / "ttyACM0"), "sim://nowhere/galvo", "nonsense://x"):
+        with pytest.raises(DeviceNotFoundError, match="steering mirror at"):
+            OptotuneMirror(address, clock=BenchClock()).__enter__()

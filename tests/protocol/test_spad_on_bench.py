@@ -1,0 +1,175 @@
+"""The detector's driver with the simulated instrument on the simulated bus."""
+
+import errno
+import sys
+
+import pytest
+import usb.backend.libusb0
+import usb.backend.libusb1
+import usb.backend.openusb
+from simulated_rig import simulated_rig
+from usb.core import USBError
+
+from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedError
+from drivers.spad import Id120Spad
+from simulators.clock import BenchClock
+from simulators.wire.spad import SpadInstrument
+from simulators.wire.usb import UsbBackend
+
+
+@pytest.fixture
+def rig():
+    with simulated_rig() as rig:
+        yield rig
+
+
+def test_connecting_sets_the_gate_and_leaves_no_bias(rig):
+    rig.instrument.receive(b"REG:RUN TRUE\n")
+    with rig.spad(gate_delay_s=21e-9, gate_width_s=30e-9, hold_off_s=150e-9):
+        light = rig.bench.light
+        assert not light.biased
+        assert light.gated
+        assert (light.gate_delay_s, light.gate_width_s, light.hold_off_s) == pytest.approx(
+            (21e-9, 30e-9, 150e-9), rel=1e-12
+        )
+
+
+def test_enabled_disabled_and_left(rig):
+    with rig.spad() as spad:
+        spad.enable()
+        assert rig.bench.light.biased
+        assert spad.settings()["running"] is True
+        spad.disable()
+        assert not rig.bench.light.biased
+        spad.disable()
+        spad.enable()
+    assert not rig.bench.light.biased
+    spad.disable()
+
+
+def test_free_running(rig):
+    with rig.spad(gated=False) as spad:
+        spad.enable()
+        assert (rig.bench.light.biased, rig.bench.light.gated) == (True, False)
+        assert spad.settings()["gated"] is False
+
+
+def test_no_bias_is_left_after_an_exception(rig):
+    def work():
+        with rig.spad() as spad:
+            spad.enable()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        work()
+    assert not rig.bench.light.biased
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"gate_delay_s": 1.1e-6},
+        {"gate_delay_s": -1e-9},
+        {"gate_width_s": 0.4e-9},
+        {"gate_width_s": float("nan")},
+        {"hold_off_s": 39e-9},
+        {"excess_bias_v": 7.1},
+    ],
+)
+def test_the_instruments_own_limits_are_kept_before_anything_is_set(rig, wrong):
+    asked = {"gate_delay_s": 21e-9, **wrong}
+    with pytest.raises(LimitError, match=next(iter(wrong))), rig.spad(**asked):
+        pytest.fail("accepted")
+    assert rig.bench.light.gate_delay_s == 0.0
+
+
+def test_a_bias_error_is_refused_and_the_bias_removed(rig):
+    with rig.spad() as spad:
+        rig.instrument.bias_error = True
+        with pytest.raises(RefusedError, match="bias error"):
+            spad.enable()
+        assert spad.settings()["running"] is False
+
+
+def test_the_gate_follows_the_laser(rig):
+    with rig.laser() as laser, rig.spad() as spad:
+        spad.enable()
+        assert spad.gate_rate_hz() == 0.0
+        laser.arm()
+        laser.emit()
+        assert spad.gate_rate_hz() == 10e6
+
+
+def test_a_lost_answer_is_told_and_the_next_question_works(rig):
+    with rig.spad(timeout_s=2.0) as spad:
+        rig.instrument.drop_answers = 1
+        before_s = rig.bench.clock.now_s()
+        with pytest.raises(LinkError, match=r"'GATE:RATE\?', but nothing came in 2 s"):
+            spad.gate_rate_hz()
+        assert rig.bench.clock.now_s() - before_s >= 2.0
+        assert spad.gate_rate_hz() == 0.0
+
+
+def test_unplugged_in_the_middle(rig):
+    def work():
+        with rig.spad() as spad:
+            spad.enable()
+            rig.unplug_all()
+            spad.settings()
+
+    with pytest.raises(LinkError, match="unplugged") as raised:
+        work()
+    assert any("REG:RUN FALSE" in note for note in raised.value.__notes__)
+
+
+def test_of_two_detectors_the_serial_number_says_which(rig):
+    second = SpadInstrument(rig.bench, serial_number="SIM0002")
+    bus = UsbBackend([rig.instrument, second])
+    with Id120Spad(backend=bus, clock=rig.bench.clock, serial="SIM0002") as spad:
+        assert spad.settings()["serial_number"] == "SIM0002"
+    seen = r"1ddc:0330 \(serial SIM0001\), 1ddc:0330 \(serial SIM0002\)"
+    with pytest.raises(DeviceNotFoundError, match=f"2 fit among {seen}.*serial number"):
+        Id120Spad(backend=bus, clock=rig.bench.clock).__enter__()
+    with pytest.raises(DeviceNotFoundError, match=f"SIM0003, but none fits among {seen}"):
+        Id120Spad(backend=bus, clock=rig.bench.clock, serial="SIM0003").__enter__()
+
+
+def test_nothing_on_the_bus():
+    with pytest.raises(DeviceNotFoundError, match="none fits among no devices"):
+        Id120Spad(backend=UsbBackend([]), clock=BenchClock()).__enter__()
+
+
+def test_an_oscilloscope_on_the_bus_is_asked_its_name_and_nothing_else(rig):
+    class Oscilloscope(SpadInstrument):
+        vendor_id, product_id, product = 0x0957, 0x1234, "DSO-1"
+
+        def receive(self, data):
+            self.heard = [*getattr(self, "heard", []), data]
+            super().receive(data)
+
+    scope = Oscilloscope(rig.bench)
+    with pytest.raises(DeviceNotFoundError, match="be 'ID120', but it says 'ID Quantique,DSO-1"):
+        Id120Spad(backend=UsbBackend([scope]), clock=rig.bench.clock).__enter__()
+    assert scope.heard == [b"*IDN?\n"]
+
+
+def test_without_libusb_the_extra_is_named(monkeypatch):
+    for module in (usb.backend.libusb0, usb.backend.libusb1, usb.backend.openusb):
+        monkeypatch.setattr(module, "get_backend", lambda *_, **__: None)
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    with pytest.raises(DeviceNotFoundError, match=r"libusb is missing.*nlos-rig\[usb\]"):
+        Id120Spad(clock=BenchClock()).__enter__()
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(errno.EACCES, "udev"), (errno.EBUSY, "another program"), (errno.EIO, "connection broke")],
+)
+def test_a_bus_that_refuses_is_explained(rig, monkeypatch, code, words):
+    def refuse(*_):
+        raise USBError("refused", -1, code)
+
+    where = "open_device" if code == errno.EACCES else "claim_interface"
+    monkeypatch.setattr(rig.usb, where, refuse)
+    with pytest.raises(LinkError, match=words):
+        rig.spad().__enter__()
