@@ -22,7 +22,7 @@ def whole(device: str, what: str, value_s: float, unit_s: float, unit: str, limi
     """
     low, high = limits
     exact = value_s / unit_s
-    nearest = min(max(round(exact), low), high)
+    nearest = round(min(max(low, exact), high))  # in this order not-a-number becomes low
     if not abs(exact - nearest) <= SAME * max(abs(nearest), 1):
         raise LimitError(
             device,
@@ -55,7 +55,7 @@ def binning_code(device: str, bin_width_s: float, base_ps: float, steps: int) ->
         If there is no such n; it lists the nearest two bin widths.
     """
     width_ps = bin_width_s * 1e12
-    ideal = log2(width_ps / base_ps) if width_ps > 0 else 0.0
+    ideal = min(log2(width_ps / base_ps), steps) if width_ps > 0 else 0.0
     code = min(max(round(ideal), 0), steps - 1)
     if abs(base_ps * 2**code - width_ps) <= SAME * width_ps:
         return code

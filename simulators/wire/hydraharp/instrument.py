@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.bench import Bench
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
@@ -72,7 +73,7 @@ class Instrument:
         self.inputs = inputs
         self.photon_input = photon_input
         self.memory = HistogramMemory(count_depth)
-        self.nothing = np.zeros(LONGEST_HISTOGRAM, np.uint32)
+        self.dark = HistogramMemory(count_depth)  # of all inputs without a detector
         self.initialize(Mode.HISTOGRAM, external_reference=False)
         self.initialized = False
 
@@ -211,7 +212,7 @@ class Instrument:
             bins = self._stopped_by_overflow(run, bins)
         self.memory.add(bins, settings.length)
 
-    def _stopped_by_overflow(self, run: Measurement, bins: np.ndarray) -> np.ndarray:
+    def _stopped_by_overflow(self, run: Measurement, bins: NDArray[np.int64]) -> NDArray[np.int64]:
         """Cut the measurement off where a bin reaches the stop count.
 
         The bench gives no order of arrival; a fixed shuffle stands for it, evenly spread over the run.
@@ -222,6 +223,6 @@ class Instrument:
         if photons is None:
             return bins
         assert run.stop_s is not None
-        run.stop_s = run.start_s + (run.stop_s - run.start_s) * photons / max(len(bins), 1)
+        run.stop_s = run.start_s + (run.stop_s - run.start_s) * photons / len(bins)
         self.memory.full = True
         return bins[:photons]

@@ -60,9 +60,9 @@ def get_histogram(simulator: "Simulator", devidx: int, chcount: Any, channel: in
     instrument = simulator.idle(devidx)
     require(0 <= channel < instrument.inputs and clear in (0, 1))
     require(instrument.mode is Mode.HISTOGRAM, Code.INVALID_MODE)
-    counts = instrument.memory.counts if channel == instrument.photon_input else instrument.nothing
-    memmove(chcount, counts.ctypes.data, 4 * instrument.settings.length)
-    if clear and channel == instrument.photon_input:
+    lit = channel == instrument.photon_input
+    memmove(chcount, (instrument.memory if lit else instrument.dark).address, 4 * instrument.settings.length)
+    if clear and lit:
         instrument.memory.clear()
 
 
