@@ -15,13 +15,16 @@ from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkErr
 from drivers.hydraharp import constants as hh
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib, histogram_buffer
-from drivers.hydraharp.limits import SAME, binning_code, length_code, whole, within
+from drivers.hydraharp.limits import whole, within
 from drivers.hydraharp.measured import Exposure, Rates
 from drivers.hydraharp.opening import open_by_serial
+from drivers.hydraharp.setup import Accepted, Setup
 
-#: How often the end of a measurement is asked for, and how late it may come [s].
+#: How often the end of a measurement is asked for, and how late it may come [s]; in addition, the part of
+#: the exposure by which the clocks of instrument and computer may differ.
 POLL_S = 1e-3
 LATE_S = 1.0
+CLOCK_ERROR = 1e-3
 
 
 class HydraHarp:
@@ -94,48 +97,55 @@ class HydraHarp:
                 "it divides by 1, 2, 4, 8 or 16",
                 "Choose one of these.",
             )
+        if stop_overflow is not None:
+            within(self._name, "count that stops a measurement", stop_overflow, "", hh.STOP_COUNT)
+        picoseconds = (1e-12, "ps", hh.CHANNEL_OFFSET_PS)
+        self._setup = Setup(
+            reference=hh.Reference.EXTERNAL if external_reference else hh.Reference.INTERNAL,
+            sync_divider=sync_divider,
+            sync_cfd_mv=self._cfd("sync", sync_cfd_mv),
+            sync_offset_ps=whole(self._name, "sync offset", sync_offset_s, *picoseconds),
+            input_channel=within(self._name, "input channel", input_channel, "", (0, hh.MAX_INPUTS - 1)),
+            input_cfd_mv=self._cfd("input", input_cfd_mv),
+            input_offset_ps=whole(self._name, "input offset", input_offset_s, *picoseconds),
+            bin_width_s=bin_width_s,
+            bins=within(self._name, "number of bins", bins, "", (1, hh.MAX_HISTOGRAM_BINS)),
+            span_s=max((sync_period_s or 0.0) - offset_s, 0.0),
+            offset_ns=whole(self._name, "histogram offset", offset_s, 1e-9, "ns", hh.OFFSET_NS),
+            stop_overflow=stop_overflow,
+        )
         self._library = library
         self._clock = clock
         self._serial = serial
-        self._sync_divider = sync_divider
-        self._sync_cfd_mv = self._cfd("sync", sync_cfd_mv)
-        self._input_cfd_mv = self._cfd("input", input_cfd_mv)
-        self._input_channel = within(self._name, "input channel", input_channel, "", (0, hh.MAX_INPUTS - 1))
-        picoseconds = (1e-12, "ps", hh.CHANNEL_OFFSET_PS)
-        self._sync_offset_ps = whole(self._name, "sync offset", sync_offset_s, *picoseconds)
-        self._input_offset_ps = whole(self._name, "input offset", input_offset_s, *picoseconds)
-        self._offset_ns = whole(self._name, "histogram offset", offset_s, 1e-9, "ns", hh.OFFSET_NS)
-        self._bins = within(self._name, "number of bins", bins, "", (1, hh.MAX_HISTOGRAM_BINS))
-        self._stop_overflow = stop_overflow
-        if stop_overflow is not None:
-            within(self._name, "count that stops a measurement", stop_overflow, "", hh.STOP_COUNT)
-        self._reference = hh.Reference.EXTERNAL if external_reference else hh.Reference.INTERNAL
-        self._bin_width_s = bin_width_s
-        self._span_s = max((sync_period_s or 0.0) - offset_s, 0.0)
         self._open_index: int | None = None
-        self._inputs = 0
-        self._histogram_bins = 0
         self._identity = ""
+        self._accepted = Accepted(inputs=0, bin_width_s=bin_width_s, histogram_bins=0)
         self._buffer = histogram_buffer()
-        self._counts = np.ctypeslib.as_array(self._buffer)[: self._bins]
+        self._counts = np.ctypeslib.as_array(self._buffer)[:bins]
 
     def __enter__(self) -> Self:
         """Open, identify, calibrate and set up the instrument, in the order that the manual asks for."""
-        version = self._library.get_library_version()
-        if version != hh.LIBRARY_VERSION:
+        release = self._library.get_library_version()
+        if release != hh.LIBRARY_VERSION:
             raise DeviceNotFoundError(
                 self._name,
                 f"use {self._library.name}",
-                f"its version is {version}, not {hh.LIBRARY_VERSION}",
+                f"its version is {release}, not {hh.LIBRARY_VERSION}",
                 f"Install HHLib {hh.LIBRARY_VERSION}.",
             )
         index, serial = open_by_serial(self._library, self._serial)
         self._name = f"HydraHarp {serial}"
         try:
-            self._set_up(index, serial)
+            self._library.initialize(index, hh.Mode.HISTOGRAM, self._setup.reference)
+            model, part, version = self._library.get_hardware_info(index)
+            self._accepted = self._setup.send(self._library, index, self._name)
+            self._clock.sleep(hh.RATE_WAIT_S)
         except BaseException:
             self._close(index, quietly=True)
             raise
+        self._identity = (
+            f"PicoQuant {model}, part {part}, version {version}, serial {serial}, HHLib {hh.LIBRARY_VERSION}"
+        )
         self._open_index = index
         return self
 
@@ -155,33 +165,18 @@ class HydraHarp:
     @property
     def bin_width_s(self) -> float:
         """The bin width that the instrument really uses, read back after opening."""
-        return self._bin_width_s
+        return self._accepted.bin_width_s
 
     @property
     def first_bin_s(self) -> float:
         """Left edge of the first bin after the sync pulse, both input offsets already applied."""
-        return self._offset_ns * 1e-9
+        return self._setup.offset_ns * 1e-9
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return the settings as last accepted; only the bin width can be read back."""
-        return {
-            "mode": "histogram",
-            "reference": self._reference.name.lower(),
-            "sync_divider": self._sync_divider,
-            "sync_cfd_level_mv": self._sync_cfd_mv[0],
-            "sync_cfd_zero_cross_mv": self._sync_cfd_mv[1],
-            "sync_offset_s": self._sync_offset_ps * 1e-12,
-            "input_channel": self._input_channel,
-            "input_cfd_level_mv": self._input_cfd_mv[0],
-            "input_cfd_zero_cross_mv": self._input_cfd_mv[1],
-            "input_offset_s": self._input_offset_ps * 1e-12,
-            "bin_width_s": self._bin_width_s,
-            "bins": self._bins,
-            "histogram_bins": self._histogram_bins,
-            "offset_s": self.first_bin_s,
-            "stop_overflow": self._stop_overflow is not None,
-            "stop_count": self._stop_overflow or hh.STOP_COUNT[1],
-        }
+        accepted = self._accepted
+        read_back = {"bin_width_s": accepted.bin_width_s, "histogram_bins": accepted.histogram_bins}
+        return self._setup.as_dict() | read_back
 
     def measure(self, exposure_s: float) -> Exposure:
         """Clear, expose for ``exposure_s``, and return the histogram.
@@ -212,13 +207,14 @@ class HydraHarp:
         try:
             library.start_meas(index, duration_ms)
             self._clock.sleep(duration_ms / 1000)
+            late_s = LATE_S + CLOCK_ERROR * duration_ms / 1000
             if not wait_until(
-                self._clock, lambda: library.ctc_ended(index), timeout_s=LATE_S, every_s=POLL_S
+                self._clock, lambda: library.ctc_ended(index), timeout_s=late_s, every_s=POLL_S
             ):
                 raise LinkError(
                     self._name,
                     f"measure for {duration_ms} ms",
-                    f"the measurement still runs {LATE_S:g} s after its end",
+                    f"the measurement still runs {late_s:.3g} s after its end",
                     "Check the USB link, and switch the HydraHarp off and on.",
                 )
         except BaseException:
@@ -226,7 +222,7 @@ class HydraHarp:
                 library.stop_meas(index)
             raise
         library.stop_meas(index)
-        library.get_histogram(index, self._input_channel, self._buffer)
+        library.get_histogram(index, self._setup.input_channel, self._buffer)
         flags = library.get_flags(index)
         if not flags:
             return Exposure(self._counts, duration_ms / 1000)
@@ -236,13 +232,13 @@ class HydraHarp:
         """Return the rates of sync and photon input; the instrument renews them each 100 ms."""
         index = self._index
         sync_hz = self._library.get_sync_rate(index)
-        return Rates(float(sync_hz), float(self._library.get_count_rate(index, self._input_channel)))
+        return Rates(float(sync_hz), float(self._library.get_count_rate(index, self._setup.input_channel)))
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the instrument warns about at the present rates, as plain sentences."""
         library, index = self._library, self._index
         library.get_sync_rate(index)  # warnings are computed from the rates that were read last
-        for channel in range(self._inputs):
+        for channel in range(self._accepted.inputs):
             library.get_count_rate(index, channel)
         raised = library.get_warnings(index)
         sentences = [text for bit, text in hh.WARNING_SENTENCES.items() if raised & bit]
@@ -279,48 +275,6 @@ class HydraHarp:
             raise DeviceError(self._name, "work", "it is not open", "Use it inside its `with` block.")
         return self._open_index
 
-    def _set_up(self, index: int, serial: str) -> None:
-        library = self._library
-        library.initialize(index, hh.Mode.HISTOGRAM, self._reference)
-        model, part, version = library.get_hardware_info(index)
-        self._identity = (
-            f"PicoQuant {model}, part {part}, version {version}, serial {serial}, HHLib {hh.LIBRARY_VERSION}"
-        )
-        self._inputs = library.get_num_of_input_channels(index)
-        within(self._name, "input channel", self._input_channel, "", (0, self._inputs - 1))
-        base_ps, steps = library.get_base_resolution(index)
-        binning = binning_code(self._name, self._bin_width_s, base_ps, steps)
-        library.calibrate(index)
-        library.set_sync_div(index, self._sync_divider)
-        library.set_sync_cfd(index, *self._sync_cfd_mv)
-        library.set_sync_channel_offset(index, self._sync_offset_ps)
-        for channel in range(self._inputs):
-            if channel == self._input_channel:
-                library.set_input_cfd(index, channel, *self._input_cfd_mv)
-                library.set_input_channel_offset(index, channel, self._input_offset_ps)
-            library.set_input_channel_enable(index, channel, channel == self._input_channel)
-        self._histogram_bins = library.set_histo_len(
-            index, length_code(self._bins, self._span_s, self._bin_width_s)
-        )
-        library.set_binning(index, binning)
-        library.set_offset(index, self._offset_ns)
-        self._read_back_bin_width(index)
-        stop_count = self._stop_overflow or hh.STOP_COUNT[1]
-        library.set_stop_overflow(index, self._stop_overflow is not None, stop_count)
-        library.set_meas_control(index, hh.MeasControl.SINGLESHOT_CTC, hh.Edge.RISING, hh.Edge.FALLING)
-        self._clock.sleep(hh.RATE_WAIT_S)
-
-    def _read_back_bin_width(self, index: int) -> None:
-        resolution_s = self._library.get_resolution(index) * 1e-12
-        if abs(resolution_s - self._bin_width_s) > SAME * self._bin_width_s:
-            raise ProtocolError(
-                self._name,
-                f"use bins of {self._bin_width_s:g} s",
-                f"it reports bins of {resolution_s:g} s",
-                "Switch the HydraHarp off and on.",
-            )
-        self._bin_width_s = resolution_s
-
     def _flagged(self, flags: hh.Flag, live_time_s: float) -> Exposure:
         """Turn state flags into sentences, or into an error where the counts are worthless."""
         if flags & hh.Flag.SYSERROR:
@@ -331,7 +285,7 @@ class HydraHarp:
                 f"it reports a system error: {report[:500] or 'no details'}",
                 "Switch the HydraHarp off and on; if that does not help, send PicoQuant its debug report.",
             )
-        if flags & hh.Flag.OVERFLOW and self._stop_overflow is not None:
+        if flags & hh.Flag.OVERFLOW and self._setup.stop_overflow is not None:
             live_time_s = self._library.get_elapsed_meas_time(self._index) / 1000
         sentences = tuple(text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit)
         return Exposure(self._counts, live_time_s, sentences)

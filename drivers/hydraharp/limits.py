@@ -57,7 +57,7 @@ def binning_code(device: str, bin_width_s: float, base_ps: float, steps: int) ->
     width_ps = bin_width_s * 1e12
     ideal = min(log2(width_ps / base_ps), steps) if width_ps > 0 else 0.0
     code = min(max(round(ideal), 0), steps - 1)
-    if abs(base_ps * 2**code - width_ps) <= SAME * width_ps:
+    if abs(base_ps * 2**code - width_ps) <= SAME * base_ps * 2**code:
         return code
     lower = min(max(floor(ideal), 0), steps - 2)
     raise LimitError(

@@ -175,11 +175,12 @@ class Script:
     def _function(self, name):
         def function(*arguments):
             try:
-                plain = [str(a) for a in arguments if isinstance(a, int) and name != "HH_GetContModeBlock"]
+                is_pointer = [c_type.endswith("*") for c_type in DECLARED[name]]  # void* comes as a number
+                plain = [str(a) for a, out in zip(arguments, is_pointer, strict=True) if not out]
                 outputs = self._expect(f"{name}({', '.join(plain)})")
                 if outputs and isinstance(outputs[0], Returns):
                     return int(outputs[0])
-                pointers = [a for a in arguments if not isinstance(a, int)]
+                pointers = [a for a, out in zip(arguments, is_pointer, strict=True) if out]
                 for pointer, value in zip(pointers, outputs, strict=True):
                     write(pointer, value)
             except Exception as error:
@@ -193,6 +194,8 @@ class Script:
 def write(pointer, value):
     if isinstance(value, str):
         memmove(pointer, value.encode() + b"\0", len(value) + 1)
+    elif isinstance(value, bytes):
+        memmove(pointer, value, len(value))
     elif isinstance(value, list):
         for i, number in enumerate(value):
             pointer[i] = number

@@ -108,6 +108,7 @@ def test_running_until_stopped():
         ("HH_ClearHistMem",),
         ("HH_SetBinning", 2),
         ("HH_Calibrate",),
+        ("HH_Initialize", 0, 0),
         ("HH_GetHistogram", 0, 0),
     ):
         assert hh.code(name, *arguments) == -16

@@ -123,7 +123,7 @@ def test_measure_polls_each_millisecond_until_the_end():
 
 
 def test_measure_gives_up_and_stops():
-    never = [("HH_CTCStatus(1)", 0), ("sleep(0.001)",)] * 1000
+    never = [("HH_CTCStatus(1)", 0), ("sleep(0.001)",)] * 1001  # 1 s, and 1/1000 of 10 ms
     lines = [*START, *never, ("HH_CTCStatus(1)", 0), ("HH_StopMeas(1)",)]
     with pytest.raises(LinkError, match="still runs 1 s after"):
         play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
@@ -235,10 +235,14 @@ def test_closed_where_setting_up_fails():
         play([*OPEN[:3], *INITIALIZE, ("HH_Calibrate(1)", Returns(-46)), *CLOSE])
 
 
-def test_closed_where_the_bin_width_reads_back_wrong():
-    upto = SET_UP[: SET_UP.index(("HH_GetResolution(1)", 4.0))]
-    with pytest.raises(ProtocolError, match="bins of 8e-12 s"):
-        play([*OPEN[:3], *INITIALIZE, *upto, ("HH_GetResolution(1)", 8.0), *CLOSE])
+@pytest.mark.parametrize(
+    ("call", "value", "words"),
+    [("HH_GetResolution(1)", 8.0, "1024 bins of 8e-12 s"), ("HH_SetHistoLen(1, 0)", 2, "2 bins of 4e-12 s")],
+)
+def test_closed_where_a_setting_reads_back_wrong(call, value, words):
+    lines = [(call, value) if line[0] == call else line for line in OPEN[:-1]]
+    with pytest.raises(ProtocolError, match=words):
+        play([*lines, *CLOSE])
 
 
 def test_another_release_of_the_library_is_refused():

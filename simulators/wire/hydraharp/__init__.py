@@ -17,6 +17,7 @@ Not simulated
 - Discriminators, dead time, jitter and differential non-linearity of the instrument. Whatever the bench
   detects arrives; the bench's photons already have the time resolution of the whole system.
 - The time that commands and readout take on USB: no bench time passes in them.
+- A sync that goes and returns within one measurement: only its begin and end are looked at.
 - Fluctuation of the rates: they are the expected ones.
 - A stop on overflow shows at the end of the acquisition time, not before; elapsed time and counts are those
   of the stop.

@@ -57,9 +57,10 @@ def close_device(simulator: "Simulator", devidx: int) -> None:
 
 @_declare("HH_Initialize", INT, INT, INT)
 def initialize(simulator: "Simulator", devidx: int, mode: int, refsource: int) -> None:
-    """Set the mode, take all settings to their defaults, end a running measurement."""
+    """Set the mode, reset all settings; that this is refused while measuring is unconfirmed."""
     require(mode in tuple(Mode))
     instrument = simulator.opened(devidx)
+    require(not instrument.running, Code.INSTANCE_RUNNING)
     require(refsource in (0, 1))
     instrument.initialize(Mode(mode), external_reference=refsource == 1)
 

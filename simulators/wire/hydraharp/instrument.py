@@ -193,11 +193,13 @@ class Instrument:
         sync_hz = self.bench.sync_rate_hz()
         self.sync_lost = not (run.sync_hz and sync_hz)
         run.sync_hz = run.sync_hz or sync_hz
-        times_s = self.bench.detections(run.start_s, stop_s)
         if self.mode is not Mode.HISTOGRAM or not self.settings.input_enabled[self.photon_input]:
             return
-        if not run.sync_hz or not len(times_s):
+        if not run.sync_hz:
             return  # without a start there is nothing to time a stop against
+        times_s = self.bench.detections(run.start_s, stop_s)
+        if not len(times_s):
+            return
         settings = self.settings
         bins = bins_of(
             times_s,
