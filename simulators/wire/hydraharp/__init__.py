@@ -1,0 +1,28 @@
+"""A simulated HydraHarp 400: the 44 functions of HHLib 3.0 as C callbacks, driven by the bench.
+
+    simulator = HydraHarpSimulator(bench)
+    library = HHLib(simulator.functions)        # or any other program that takes the 44 functions
+    ...
+    simulator.raise_pending()
+
+One instrument is connected, at index 0. Which codes are returned without an open instrument, and which
+arguments are checked before the instrument's state, follows the vendor's library as observed without
+hardware. Its behaviour with an open instrument could not be observed; where the documentation leaves it open,
+the stricter choice is made and called unconfirmed where it stands.
+
+Not simulated
+-------------
+- T2, T3 and continuous mode deliver no data: `HH_ReadFiFo` and `HH_GetContModeBlock` answer with nothing.
+- Control inputs and markers: no pulse ever comes at C1, and a measurement that waits for one never begins.
+- Discriminators, dead time, jitter and differential non-linearity of the instrument. Whatever the bench
+  detects arrives; the bench's photons already have the time resolution of the whole system.
+- The time that commands and readout take on USB: no bench time passes in them.
+- A sync that goes and returns within one measurement: only its begin and end are looked at.
+- Fluctuation of the rates: they are the expected ones.
+- A stop on overflow shows at the end of the acquisition time, not before; elapsed time and counts are those
+  of the stop.
+"""
+
+from simulators.wire.hydraharp.simulator import HydraHarpSimulator
+
+__all__ = ["HydraHarpSimulator"]

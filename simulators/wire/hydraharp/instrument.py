@@ -1,0 +1,230 @@
+"""The instrument behind the functions: its settings and what a measurement does. No C, no error codes."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.bench import Bench
+from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
+from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
+
+#: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
+RATE_GATE_S = 0.1
+#: Highest divided sync rate, and highest sum of input rates over USB [Hz] (source: manual).
+HIGHEST_SYNC_HZ = 12.5e6
+HIGHEST_TAGGED_HZ = 9e6
+
+
+@dataclass
+class Settings:
+    """What the Set functions set, at its value after Initialize."""
+
+    sync_divider: int = 1
+    sync_offset_ps: int = 0
+    input_offset_ps: list[int] = field(default_factory=list)
+    input_enabled: list[bool] = field(default_factory=list)
+    stop_overflow: bool = False
+    stop_count: int = 2**32 - 1
+    binning: int = 0
+    offset_ns: int = 0
+    length: int = LONGEST_HISTOGRAM
+    control: int = 0
+
+    @property
+    def resolution_ps(self) -> float:
+        """Width of a bin."""
+        return BASE_RESOLUTION_PS * 2**self.binning
+
+
+@dataclass
+class Measurement:
+    """One run from StartMeas on."""
+
+    start_s: float
+    acquisition_s: float
+    sync_hz: float
+    triggered: bool
+    stop_s: float | None = None
+
+    @property
+    def end_s(self) -> float:
+        """When the acquisition time runs out."""
+        return self.start_s + self.acquisition_s
+
+
+class Instrument:
+    """One HydraHarp on the bench.
+
+    Parameters
+    ----------
+    bench
+        Gives time, sync pulses and detections.
+    inputs
+        Number of inputs.
+    photon_input
+        The input that the detector is connected to.
+    count_depth
+        Largest count of a bin.
+    """
+
+    def __init__(self, bench: Bench, inputs: int, photon_input: int, count_depth: int) -> None:
+        self.bench = bench
+        self.inputs = inputs
+        self.photon_input = photon_input
+        self.memory = HistogramMemory(count_depth)
+        self.dark = HistogramMemory(count_depth)  # of all inputs without a detector
+        self.initialize(Mode.HISTOGRAM, external_reference=False)
+        self.initialized = False
+
+    def initialize(self, mode: Mode, *, external_reference: bool) -> None:
+        """Take all settings back to their defaults."""
+        self.initialized = True
+        self.calibrated = False
+        self.mode = mode
+        self.external_reference = external_reference
+        self.settings = Settings(input_offset_ps=[0] * self.inputs, input_enabled=[True] * self.inputs)
+        self.sync_hz_read = 0
+        self.input_hz_read = [0] * self.inputs
+        self.running = False
+        self.last: Measurement | None = None
+        self.sync_lost = False
+        self.memory.clear()
+        self.restart_rates()
+
+    # Rates
+
+    def restart_rates(self) -> None:
+        """Begin a new rate gate."""
+        self._rates_from_s = self.bench.clock.now_s() + RATE_GATE_S
+
+    def read_sync_rate(self) -> int:
+        """Return the sync rate [Hz] and remember it for the warnings."""
+        self.sync_hz_read = round(self.bench.sync_rate_hz()) if self._rates_valid() else 0
+        return self.sync_hz_read
+
+    def read_count_rate(self, channel: int) -> int:
+        """Return an input's rate [Hz] and remember it for the warnings."""
+        connected = channel == self.photon_input and self.settings.input_enabled[channel]
+        rate_hz = round(self.bench.count_rate_hz()) if connected and self._rates_valid() else 0
+        self.input_hz_read[channel] = rate_hz
+        return rate_hz
+
+    def _rates_valid(self) -> bool:
+        return self.bench.clock.now_s() >= self._rates_from_s
+
+    def warnings(self) -> Warn:
+        """Judge the rates that were read last; rates never read count as zero."""
+        sync_hz, inputs_hz, settings = self.sync_hz_read, self.input_hz_read, self.settings
+        tagging, on_sync = self.mode in (Mode.T2, Mode.T3), self.mode is not Mode.T2
+        span_bins = LONGEST_HISTOGRAM // 2 if self.mode is Mode.T3 else LONGEST_HISTOGRAM
+        period_s = 1 / sync_hz if sync_hz else 0.0
+        too_short = period_s > span_bins * settings.resolution_ps * 1e-12
+        holds = {
+            Warn.SYNC_RATE_ZERO: on_sync and not sync_hz,
+            Warn.SYNC_RATE_TOO_HIGH: sync_hz / settings.sync_divider > HIGHEST_SYNC_HZ,
+            Warn.INPT_RATE_ZERO: not any(inputs_hz),
+            Warn.INPT_RATE_TOO_HIGH: tagging and sum(inputs_hz) > HIGHEST_TAGGED_HZ,
+            Warn.INPT_RATE_RATIO: on_sync and sync_hz > 0 and max(inputs_hz) > 0.05 * sync_hz,
+            Warn.DIVIDER_GREATER_ONE: self.mode is Mode.T2 and settings.sync_divider > 1,
+            Warn.TIME_SPAN_TOO_SMALL: on_sync and too_short,
+            Warn.OFFSET_UNNECESSARY: on_sync and sync_hz > 0 and settings.offset_ns > 0 and not too_short,
+        }
+        return Warn(sum(bit for bit, true in holds.items() if true))
+
+    # Measuring
+
+    def start(self, acquisition_s: float) -> None:
+        """Begin a measurement; one that waits for a pulse at C1 waits for ever."""
+        self.running = True
+        self.sync_lost = False
+        now_s = self.bench.clock.now_s()
+        triggered = self.settings.control in (0, 6)
+        self.last = Measurement(now_s, acquisition_s, self.bench.sync_rate_hz(), triggered)
+
+    def ended(self) -> bool:
+        """Whether no acquisition time runs: never began, or is over."""
+        run = self.last
+        if run is None or not run.triggered or run.stop_s is not None:
+            return True
+        if self.bench.clock.now_s() < run.end_s:
+            return False
+        self._finish(run, run.end_s)
+        return True
+
+    def stop(self) -> None:
+        """End the measurement; what was counted until now stays."""
+        run, self.running = self.last, False
+        if run is not None and not self.ended():
+            self._finish(run, self.bench.clock.now_s())
+
+    def elapsed_s(self) -> float:
+        """How long the last measurement ran, or the running one has run."""
+        run = self.last
+        if run is None or not run.triggered:
+            return 0.0
+        if not self.ended():
+            return self.bench.clock.now_s() - run.start_s
+        return (run.stop_s or run.start_s) - run.start_s
+
+    def sync_period_s(self) -> float:
+        """Return the sync period that the last measurement saw; 0 before it saw two periods."""
+        run = self.last
+        if run is None or not run.sync_hz or self.elapsed_s() * run.sync_hz < 2:
+            return 0.0
+        return 1 / run.sync_hz
+
+    def flags(self) -> Flag:
+        """Return the state flags; no clock is connected to the external reference input."""
+        flags = Flag(0)
+        if self.running and not self.ended():
+            flags |= Flag.ACTIVE
+        if self.memory.full:
+            flags |= Flag.OVERFLOW
+        if self.sync_lost:
+            flags |= Flag.SYNC_LOST
+        if self.external_reference:
+            flags |= Flag.REF_LOST
+        return flags
+
+    def _finish(self, run: Measurement, stop_s: float) -> None:
+        """Draw what was detected since the start and count it."""
+        run.stop_s = stop_s
+        sync_hz = self.bench.sync_rate_hz()
+        self.sync_lost = not (run.sync_hz and sync_hz)
+        run.sync_hz = run.sync_hz or sync_hz
+        if self.mode is not Mode.HISTOGRAM or not self.settings.input_enabled[self.photon_input]:
+            return
+        if not run.sync_hz:
+            return  # without a start there is nothing to time a stop against
+        times_s = self.bench.detections(run.start_s, stop_s)
+        if not len(times_s):
+            return
+        settings = self.settings
+        bins = bins_of(
+            times_s,
+            period_s=1 / run.sync_hz,
+            divider=settings.sync_divider,
+            shift_s=(settings.input_offset_ps[self.photon_input] - settings.sync_offset_ps) * 1e-12,
+            offset_s=settings.offset_ns * 1e-9,
+            bin_width_s=settings.resolution_ps * 1e-12,
+            length=settings.length,
+        )
+        if settings.stop_overflow:
+            bins = self._stopped_by_overflow(run, bins)
+        self.memory.add(bins, settings.length)
+
+    def _stopped_by_overflow(self, run: Measurement, bins: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Cut the measurement off where a bin reaches the stop count.
+
+        The bench gives no order of arrival; a fixed shuffle stands for it, evenly spread over the run.
+        """
+        settings = self.settings
+        bins = np.random.default_rng(0).permutation(bins)
+        photons = self.memory.photons_until(bins, settings.length, settings.stop_count)
+        if photons is None:
+            return bins
+        assert run.stop_s is not None
+        run.stop_s = run.start_s + (run.stop_s - run.start_s) * photons / len(bins)
+        self.memory.full = True
+        return bins[:photons]

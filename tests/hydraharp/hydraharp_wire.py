@@ -1,0 +1,203 @@
+"""What the HydraHarp tests share: a steady light source, a scripted library, and calls without a driver."""
+
+from ctypes import (
+    CFUNCTYPE,
+    POINTER,
+    c_char,
+    c_double,
+    c_int,
+    c_uint,
+    c_void_p,
+    create_string_buffer,
+    memmove,
+)
+from types import SimpleNamespace
+
+import numpy as np
+
+from simulators.bench import Bench
+
+#: The functions as the vendor's header declares them.
+HEADER = """
+int HH_GetLibraryVersion(char* vers)
+int HH_GetErrorString(char* errstring, int errcode)
+int HH_OpenDevice(int devidx, char* serial)
+int HH_CloseDevice(int devidx)
+int HH_Initialize(int devidx, int mode, int refsource)
+int HH_GetHardwareInfo(int devidx, char* model, char* partno, char* version)
+int HH_GetSerialNumber(int devidx, char* serial)
+int HH_GetFeatures(int devidx, int* features)
+int HH_GetBaseResolution(int devidx, double* resolution, int* binsteps)
+int HH_GetHardwareDebugInfo(int devidx, char* debuginfo)
+int HH_GetNumOfInputChannels(int devidx, int* nchannels)
+int HH_GetNumOfModules(int devidx, int* nummod)
+int HH_GetModuleInfo(int devidx, int modidx, int* modelcode, int* versioncode)
+int HH_GetModuleIndex(int devidx, int channel, int* modidx)
+int HH_Calibrate(int devidx)
+int HH_SetSyncDiv(int devidx, int div)
+int HH_SetSyncCFD(int devidx, int level, int zc)
+int HH_SetSyncChannelOffset(int devidx, int value)
+int HH_SetInputCFD(int devidx, int channel, int level, int zc)
+int HH_SetInputChannelOffset(int devidx, int channel, int value)
+int HH_SetInputChannelEnable(int devidx, int channel, int enable)
+int HH_SetStopOverflow(int devidx, int stop_ovfl, unsigned int stopcount)
+int HH_SetBinning(int devidx, int binning)
+int HH_SetOffset(int devidx, int offset)
+int HH_SetHistoLen(int devidx, int lencode, int* actuallen)
+int HH_SetMeasControl(int devidx, int control, int startedge, int stopedge)
+int HH_ClearHistMem(int devidx)
+int HH_StartMeas(int devidx, int tacq)
+int HH_StopMeas(int devidx)
+int HH_CTCStatus(int devidx, int* ctcstatus)
+int HH_GetHistogram(int devidx, unsigned int* chcount, int channel, int clear)
+int HH_GetResolution(int devidx, double* resolution)
+int HH_GetSyncPeriod(int devidx, double* period)
+int HH_GetSyncRate(int devidx, int* syncrate)
+int HH_GetCountRate(int devidx, int channel, int* cntrate)
+int HH_GetFlags(int devidx, int* flags)
+int HH_GetElapsedMeasTime(int devidx, double* elapsed)
+int HH_GetWarnings(int devidx, int* warnings)
+int HH_GetWarningsText(int devidx, char* text, int warnings)
+int HH_SetMarkerHoldoffTime(int devidx, int holdofftime)
+int HH_SetMarkerEdges(int devidx, int me1, int me2, int me3, int me4)
+int HH_SetMarkerEnable(int devidx, int en1, int en2, int en3, int en4)
+int HH_ReadFiFo(int devidx, unsigned int* buffer, int count, int* nactual)
+int HH_GetContModeBlock(int devidx, void* buffer, int* nbytesreceived)
+"""
+
+C_TYPES = {
+    "int": c_int,
+    "unsigned int": c_uint,
+    "char*": POINTER(c_char),
+    "int*": POINTER(c_int),
+    "unsigned int*": POINTER(c_uint),
+    "double*": POINTER(c_double),
+    "void*": c_void_p,
+}
+
+
+def declared() -> dict[str, list[str]]:
+    """Name of each function in `HEADER` with the C types of its arguments."""
+    functions = {}
+    for line in HEADER.strip().splitlines():
+        name, arguments = line.removeprefix("int ").rstrip(")").split("(")
+        functions[name] = [argument.rsplit(" ", 1)[0] for argument in arguments.split(", ")]
+    return functions
+
+
+DECLARED = declared()
+
+
+def call(functions, name, *plain):
+    """Call a function with its int arguments; return its code and what it wrote, in the header's order."""
+    rest, arguments, outputs = list(plain), [], []
+    for c_type in DECLARED[name]:
+        if not c_type.endswith("*"):
+            arguments.append(rest.pop(0))
+            continue
+        buffer = {
+            "char*": lambda: create_string_buffer(65536),
+            "int*": c_int,
+            "double*": c_double,
+            "unsigned int*": lambda: (c_uint * 131072)(),
+            "void*": lambda: create_string_buffer(262272),
+        }[c_type]()
+        arguments.append(buffer)
+        outputs.append(buffer)
+    assert not rest, f"too many arguments for {name}"
+    code = getattr(functions, name)(*arguments)
+    return code, *(getattr(buffer, "value", buffer) for buffer in outputs)
+
+
+class SteadyLight:
+    """A source whose photons arrive at the given times in turn, ``rate_hz`` of them a second.
+
+    They come only while the laser emits, unless ``ambient``.
+    """
+
+    def __init__(self, times_s, rate_hz, *, ambient=False):
+        self.times_s, self.rate, self.ambient = np.asarray(times_s, float), rate_hz, ambient
+
+    def detections(self, laser_spot_m, light, duration_s, rng):
+        if not (light.emitting or self.ambient):
+            return np.empty(0)
+        return np.resize(self.times_s, round(self.rate * duration_s))
+
+    def rate_hz(self, laser_spot_m, light):
+        return self.rate if light.emitting or self.ambient else 0.0
+
+
+def bench_with(times_s, rate_hz, *, emitting=True, ambient=False, repetition_hz=10e6):
+    bench = Bench(SteadyLight(times_s, rate_hz, ambient=ambient))
+    bench.change_light(emitting=emitting, repetition_hz=repetition_hz)
+    return bench
+
+
+class Returns(int):
+    """The code that a scripted call returns instead of 0."""
+
+
+class Script:
+    """A library and a clock that expect exact calls in exact order and answer as written.
+
+    Each line is the call with its int arguments, then what it writes into its pointers; ``Returns(code)``
+    makes it fail. The clock's waits are lines too: ``("sleep(0.4)",)``.
+    """
+
+    def __init__(self, lines):
+        self.lines = list(lines)
+        self.wrong = []
+        self.time_s = 0.0
+        self.functions = SimpleNamespace(
+            **{
+                name: CFUNCTYPE(c_int, *(C_TYPES[t] for t in types))(self._function(name))
+                for name, types in DECLARED.items()
+            }
+        )
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep(self, duration_s):
+        self.time_s = round(self.time_s + duration_s, 9)  # a sum of milliseconds stays one
+        self._expect(f"sleep({duration_s:g})")
+
+    def finish(self):
+        assert not self.wrong, "\n".join(self.wrong)
+        assert not self.lines, f"never called: {self.lines}"
+
+    def _expect(self, got):
+        expected, *outputs = self.lines.pop(0) if self.lines else ("the end",)
+        if got != expected:
+            self.wrong.append(f"expected {expected}, got {got}")
+        return outputs
+
+    def _function(self, name):
+        def function(*arguments):
+            try:
+                is_pointer = [c_type.endswith("*") for c_type in DECLARED[name]]  # void* comes as a number
+                plain = [str(a) for a, out in zip(arguments, is_pointer, strict=True) if not out]
+                outputs = self._expect(f"{name}({', '.join(plain)})")
+                if outputs and isinstance(outputs[0], Returns):
+                    return int(outputs[0])
+                pointers = [a for a, out in zip(arguments, is_pointer, strict=True) if out]
+                for pointer, value in zip(pointers, outputs, strict=True):
+                    write(pointer, value)
+            except Exception as error:
+                self.wrong.append(f"{name}: {error!r}")
+                return -99
+            return 0
+
+        return function
+
+
+def write(pointer, value):
+    if isinstance(value, str):
+        memmove(pointer, value.encode() + b"\0", len(value) + 1)
+    elif isinstance(value, bytes):
+        memmove(pointer, value, len(value))
+    elif isinstance(value, list):
+        for i, number in enumerate(value):
+            pointer[i] = number
+    else:
+        pointer[0] = value

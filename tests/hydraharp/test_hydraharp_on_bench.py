@@ -1,0 +1,243 @@
+"""Driver and simulator together: photons at known times must come out in the right bins."""
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
+import numpy as np
+import pytest
+from hydraharp_wire import SteadyLight, bench_with
+
+from drivers.errors import DeviceNotFoundError, LimitError
+from drivers.hydraharp import HHLib, HydraHarp, HydraHarpError
+from simulators.bench import Bench
+from simulators.clock import BenchClock
+from simulators.wire.hydraharp import HydraHarpSimulator
+
+PAPER_BIN_S = 4e-12
+
+
+def rig(bench, *, instrument=None, **settings):
+    simulator = HydraHarpSimulator(bench, **(instrument or {}))
+    return simulator, HydraHarp(HHLib(simulator.functions), clock=bench.clock, **settings)
+
+
+def filled(exposure):
+    return {int(i): int(exposure.counts[i]) for i in np.flatnonzero(exposure.counts)}
+
+
+def test_photons_land_in_their_bins():
+    bins = [0, 1, 7, 9999, 14999]
+    bench = bench_with([(b + 0.5) * PAPER_BIN_S for b in bins] + [15000.5 * PAPER_BIN_S], 6000)
+    simulator, harp = rig(bench)
+    with harp:
+        exposure = harp.measure(10e-3)
+        assert filled(exposure) == dict.fromkeys(bins, 10)
+        assert exposure.counts.shape == (15000,)
+        assert exposure.live_time_s == 0.01
+        assert exposure.warnings == ()
+        assert filled(harp.measure(1e-3)) == dict.fromkeys(bins, 1)  # cleared in between
+    simulator.raise_pending()
+
+
+@pytest.mark.parametrize(
+    ("settings", "time_s", "bin_index"),
+    [
+        ({"offset_s": 20e-9}, 24e-9, 1000),
+        ({"offset_s": 20e-9}, 19e-9, None),
+        ({"input_offset_s": 1e-9}, 3e-9, 1000),
+        ({"sync_offset_s": 1e-9}, 5e-9, 1000),
+        ({"sync_offset_s": 5e-9}, 1e-9, None),  # 96 ns after the sync before: beyond 60 ns
+        ({}, 104e-9, 1000),  # belongs to the next pulse
+        ({}, 1004e-9, 1000),
+        ({"bin_width_s": 16e-12}, 4e-9, 250),
+        ({"input_channel": 1}, 4e-9, None),
+    ],
+)
+def test_offsets_and_periods(settings, time_s, bin_index):
+    bench = bench_with([time_s + 1e-12], 1000)
+    simulator, harp = rig(bench, **settings)
+    with harp:
+        assert filled(harp.measure(10e-3)) == ({} if bin_index is None else {bin_index: 10})
+        assert harp.first_bin_s == pytest.approx(settings.get("offset_s", 0.0))
+    simulator.raise_pending()
+
+
+def test_divider_shows_every_pulse_between_two_edges():
+    _, harp = rig(bench_with([4e-9 + 1e-12], 1000), sync_divider=2, bins=65536)
+    with harp:
+        assert filled(harp.measure(10e-3)) == {1000: 5, 26000: 5}
+        assert harp.rates().sync_hz == 10e6
+
+
+def test_histogram_covers_a_known_period():
+    for period_s, length in ((None, 16384), (100e-9, 32768), (1e-3, 65536)):
+        _, harp = rig(bench_with([], 0), sync_period_s=period_s)
+        with harp:
+            assert harp.settings()["histogram_bins"] == length
+
+
+def test_ready_for_rates_and_settings_on_entry():
+    _, harp = rig(bench_with([1e-9], 205e3), serial="1000001")
+    with harp:
+        assert harp.rates() == type(harp.rates())(10e6, 205e3)
+        assert harp.warnings() == ()
+        assert harp.bin_width_s == PAPER_BIN_S
+        assert "1000001" in harp.identity
+        harp.measure(1e-3)
+        assert harp.sync_period_s() == pytest.approx(100e-9)
+
+
+def test_sync_period_in_picoseconds():
+    _, harp = rig(bench_with([], 0), instrument={"sync_period_unit_s": 1e-12})
+    with harp:
+        harp.measure(1e-3)
+        assert harp.sync_period_s() == pytest.approx(100e-9)
+
+
+def test_pile_up_is_warned_of():
+    _, harp = rig(bench_with([1e-9], 600e3))
+    with harp:
+        (sentence,) = harp.warnings()
+    assert "5 %" in sentence
+
+
+def test_laser_off_is_a_warning():
+    bench = bench_with([1e-9], 1000, emitting=False, ambient=True)
+    _, harp = rig(bench)
+    with harp:
+        exposure = harp.measure(10e-3)
+        assert exposure.counts.sum() == 0
+        assert "sync was lost" in exposure.warnings[0]
+        assert "No sync pulses" in harp.warnings()[0]
+        bench.change_light(emitting=True)
+        assert harp.measure(10e-3).warnings == ()
+
+
+def test_saturation():
+    _, harp = rig(bench_with([2e-12], 1e6), instrument={"count_depth": 65535})
+    with harp:
+        assert harp.measure(65e-3).warnings == ()
+        exposure = harp.measure(70e-3)
+        assert exposure.counts[0] == 65535
+        assert exposure.live_time_s == 0.07
+        assert "full" in exposure.warnings[0]
+
+
+def test_stop_overflow_shortens_the_live_time():
+    _, harp = rig(bench_with([2e-12], 1e6), stop_overflow=65535)
+    with harp:
+        exposure = harp.measure(100e-3)
+        assert exposure.counts[0] == 65535
+        # all photons in one bin, evenly spread: the stop comes after 65535 of 100000
+        assert exposure.live_time_s == pytest.approx(65.535e-3)
+
+
+def test_bench_time_passes_by_the_exposure_and_no_more():
+    bench = bench_with([], 0)
+    _, harp = rig(bench)
+    with harp:
+        start_s = bench.clock.now_s()
+        for _ in range(1000):
+            harp.measure(1e-3)
+        assert bench.clock.now_s() - start_s == pytest.approx(1.0)
+
+
+def test_real_time_clock():
+    bench = Bench(SteadyLight([2e-12], 10_000), clock=BenchClock(real_time=True))
+    bench.change_light(emitting=True)
+    simulator, harp = rig(bench)
+    with harp:
+        assert harp.measure(5e-3).counts.sum() == 50
+    simulator.raise_pending()
+
+
+def test_exposure_must_be_whole_milliseconds():
+    _, harp = rig(bench_with([], 0))
+    with harp, pytest.raises(LimitError, match="nearest possible value is 2 ms"):
+        harp.measure(1.7e-3)
+
+
+def test_bin_width_must_exist():
+    simulator, harp = rig(bench_with([], 0), bin_width_s=5e-12)
+    with pytest.raises(LimitError, match="4 ps and 8 ps"), harp:
+        pass
+    with rig_again(simulator):
+        pass
+
+
+def test_input_must_exist():
+    simulator, harp = rig(bench_with([], 0), input_channel=3)
+    with pytest.raises(LimitError, match="from 0 to 1"), harp:
+        pass
+    with rig_again(simulator):
+        pass
+
+
+def rig_again(simulator):
+    """A second driver on the same library, which opens only if the first has closed."""
+    return HydraHarp(HHLib(simulator.functions), clock=simulator.instrument.bench.clock)
+
+
+def test_absent_busy_and_wrong_serial():
+    simulator, _ = rig(bench_with([], 0))
+    with pytest.raises(DeviceNotFoundError, match="only 1000001"), named(simulator, "1000002"):
+        pass
+    simulator.busy = True
+    with pytest.raises(HydraHarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
+        pass
+    simulator.connected = False
+    with pytest.raises(DeviceNotFoundError, match="no HydraHarp is there"), named(simulator, "1000001"):
+        pass
+    simulator.connected, simulator.busy = True, False
+    with named(simulator, "1000001"):
+        pass
+
+
+def named(simulator, serial):
+    return HydraHarp(HHLib(simulator.functions), clock=simulator.instrument.bench.clock, serial=serial)
+
+
+def test_closed_after_an_error():
+    simulator, harp = rig(bench_with([2e-12], 1000))
+    with pytest.raises(LimitError), harp:
+        harp.measure(1.5e-3)
+    with rig_again(simulator) as again:
+        assert again.measure(1e-3).counts.sum() == 1
+
+
+def test_exceptions_in_the_simulator_are_never_counts():
+    bench = bench_with([2e-12], 1000)
+    simulator, harp = rig(bench)
+    with harp:
+        harp.measure(1e-3)
+        light, bench.photons = bench.photons, None
+        with pytest.raises(HydraHarpError) as caught:
+            harp.measure(1e-3)
+        assert caught.value.code == -99
+        with pytest.raises(AttributeError, match="detections"):
+            simulator.raise_pending()
+        bench.photons = light
+        assert harp.measure(1e-3).counts.sum() == 1  # stopped and usable
+    simulator.raise_pending()
+
+
+def test_one_thread_at_a_time():
+    """The vendor's library is not re-entrant: no call may begin inside another's."""
+    calls, second_inside = [], Event()
+
+    class Slow(SteadyLight):
+        def rate_hz(self, *arguments):
+            calls.append(None)
+            if len(calls) > 1:
+                second_inside.set()
+            elif second_inside.wait(0.2):  # as long as a second thread gets to come in
+                raise AssertionError("two threads inside")
+            return 1.0
+
+    bench = Bench(Slow([], 0))
+    bench.change_light(emitting=True)
+    simulator, harp = rig(bench)
+    with harp, ThreadPoolExecutor(2) as pool:
+        for rates in [pool.submit(harp.rates), pool.submit(harp.rates)]:
+            assert rates.result().input_hz == 1.0
+    simulator.raise_pending()
