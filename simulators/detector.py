@@ -73,7 +73,9 @@ class Detector:
         duty = light.gate_width_s * light.repetition_hz if _gates(light) else 1.0
         return (self.dark_hz + self.ambient_hz) * duty
 
-    def background_times(self, number: int, light: LightState, rng: np.random.Generator) -> NDArray[np.float64]:
+    def background_times(
+        self, number: int, light: LightState, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
         """Draw when dark and ambient counts fall, after the sync [s]: evenly while sensitive.
 
         Without laser pulses the gate runs on at the laser's repetition rate.

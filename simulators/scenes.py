@@ -113,7 +113,9 @@ def _letters() -> Scene:
 def _letter_plane() -> Scene:
     places = zip("NLOS", (0.63, 0.21, -0.21, -0.63), strict=True)
     size = {"height_m": 0.5, "width_m": 0.34, "stroke_m": 0.08}
-    return Scene("letter-plane", tuple(letter(name, centre_m=(x_m, 0.0, 1.0), **size) for name, x_m in places))
+    return Scene(
+        "letter-plane", tuple(letter(name, centre_m=(x_m, 0.0, 1.0), **size) for name, x_m in places)
+    )
 
 
 def _point() -> Scene:

@@ -170,9 +170,15 @@ def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: 
         if b + c > 1.0:  # fold the parallelogram onto the triangle
             b, c = 1.0 - b, 1.0 - c
         point = (
-            corners[k, 0, 0] + b * (corners[k, 1, 0] - corners[k, 0, 0]) + c * (corners[k, 2, 0] - corners[k, 0, 0]),
-            corners[k, 0, 1] + b * (corners[k, 1, 1] - corners[k, 0, 1]) + c * (corners[k, 2, 1] - corners[k, 0, 1]),
-            corners[k, 0, 2] + b * (corners[k, 1, 2] - corners[k, 0, 2]) + c * (corners[k, 2, 2] - corners[k, 0, 2]),
+            corners[k, 0, 0]
+            + b * (corners[k, 1, 0] - corners[k, 0, 0])
+            + c * (corners[k, 2, 0] - corners[k, 0, 0]),
+            corners[k, 0, 1]
+            + b * (corners[k, 1, 1] - corners[k, 0, 1])
+            + c * (corners[k, 2, 1] - corners[k, 0, 1]),
+            corners[k, 0, 2]
+            + b * (corners[k, 1, 2] - corners[k, 0, 2])
+            + c * (corners[k, 2, 2] - corners[k, 0, 2]),
         )
         paths[i] = _path(first, point, last)
     return paths

@@ -41,9 +41,7 @@ def occluders(triangles_m: NDArray[np.float64]) -> Occluders:
 
 
 @njit(cache=True, error_model="numpy")
-def _hidden(
-    blockers: Occluders, ox: float, oy: float, oz: float, px: float, py: float, pz: float
-) -> bool:
+def _hidden(blockers: Occluders, ox: float, oy: float, oz: float, px: float, py: float, pz: float) -> bool:
     """Whether any triangle cuts the open segment from o to p [m].
 
     Moller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997),
