@@ -30,11 +30,11 @@ class Detector:
     jitter_fwhm_s
         Gaussian core of the detector's response [s] (30 ps, the paper).
     tail_s, tail_fraction
-        Exponential tail of the response: time constant [s] (53 ps; Renna et al., IEEE Photonics J. 2020) and the
-        fraction of detections delayed by it (0.07, unconfirmed).
+        Exponential tail of the response: time constant [s] (53 ps; Renna et al., IEEE Photonics J. 2020) and
+        the fraction of detections delayed by it (0.07, unconfirmed).
     electronics_fwhm_s
-        Gaussian response of sync, electronics and timing together [s]: what is missing from pulse and detector to
-        the paper's 65 ps for the whole system.
+        Gaussian response of sync, electronics and timing together [s]: what pulse and detector lack to the
+        paper's 65 ps for the whole system.
     gate_edge_s
         Time that sensitivity takes from 20 to 80 %, opening and closing; the edges are taken as linear
         (200 ps; 110 to 300 ps published for such detectors).

@@ -1,4 +1,4 @@
-"""A small stroke font: letters as disjoint convex quadrilaterals, for hidden scenes whose picture can be read.
+"""A small stroke font: letters as disjoint convex quadrilaterals, for hidden scenes that can be read.
 
 A letter is drawn on the reader's axes: u to the reader's right, v up, origin at the lower left corner.
 """
@@ -93,7 +93,7 @@ def _turned(quads: list[Quad], w: float, h: float) -> list[Quad]:
 
 
 def _bowl(u0: float, u1: float, v0: float, v1: float, s: float) -> list[Quad]:
-    """The right half of a D between two heights: two bars, an upright, and two bevelled corners."""
+    """Draw the right half of a D between two heights: two bars, an upright, and two bevelled corners."""
     b = min(1.5 * s, 0.45 * (v1 - v0), u1 - u0)  # size of the bevel
     return [
         _bar(u0, u1 - b, v0, v0 + s),
@@ -105,7 +105,7 @@ def _bowl(u0: float, u1: float, v0: float, v1: float, s: float) -> list[Quad]:
 
 
 def _cross(w: float, h: float, t: float) -> list[Quad]:
-    """An X: one whole diagonal of horizontal thickness t, the other cut in two by it."""
+    """Draw an X: one whole diagonal of horizontal thickness t, the other cut in two by it."""
     k = w - t
     meet = (k - t) / (2 * k)  # height, as a fraction, where the inner edges of both diagonals meet
     lower: Quad = (k, 0), (w, 0), (t + k / 2, h / 2), (k * (1 - meet), meet * h)
@@ -113,7 +113,7 @@ def _cross(w: float, h: float, t: float) -> list[Quad]:
 
 
 def _four(w: float, h: float, s: float) -> list[Quad]:
-    """A 4: an upright, a cross bar in two pieces, and a diagonal from the bar's left end to the top."""
+    """Draw a 4: an upright, a cross bar in two pieces, and a diagonal from the bar's left end to the top."""
     a, v = 0.6 * w, 0.25 * h
     run = min(1.2 * s, 0.9 * a)
     drop = run * (h - v - s) / a

@@ -1,4 +1,4 @@
-"""The laser, the wall and the lens: how many photons there are, and what part of them reaches the detector."""
+"""The laser, the wall and the lens: how many photons there are, and how many reach the detector."""
 
 from dataclasses import dataclass
 from math import hypot, pi
@@ -17,11 +17,11 @@ class Optics:
     Attributes
     ----------
     power_w
-        Mean power of the laser at full setting [W], whatever its repetition rate (Katana HP of the paper: 1 W).
+        Mean power of the laser at full setting [W], whatever its repetition rate (the paper's: 1 W).
     wavelength_m
-        Laser wavelength [m] (the same: 532 nm).
+        Laser wavelength [m] (532 nm, the paper).
     pulse_fwhm_s
-        Full width at half maximum of the Gaussian pulse [s] (the same: 35 ps).
+        Full width at half maximum of the Gaussian pulse [s] (35 ps, the paper).
     wall_albedo
         Fraction that the Lambertian relay wall reflects, used twice (white styrofoam; 0.8 unconfirmed).
     lens_diameter_m
@@ -29,11 +29,11 @@ class Optics:
     spot_area_m2
         Area of the wall that the detector sees through its lens [m^2] (1 cm^2, unconfirmed).
     transmission
-        Of lens, filter and alignment together, up to the detector's surface. Unconfirmed, and tuned: 0.35 would be
-        usual; the default makes the scene "letters" give the paper's mean of 205 000 detections a second.
+        Of lens, filter, alignment and fill of the detector together. Unconfirmed, and tuned: 0.35 would be usual
+        for the first two; the default gives the scene "letters" the paper's mean of 205 000 detections a second.
     stray_per_pulse
-        Detections for each full-power pulse of direct light from the laser spot, scattered into the detector's
-        view, when nothing gates it off (unconfirmed; a real rig may have so much that it saturates).
+        Detections for each full-power pulse of direct light from the laser spot, scattered into the
+        detector's view, when nothing gates it off (unconfirmed; on a real rig it may saturate).
     """
 
     power_w: float = 1.0
@@ -51,7 +51,7 @@ class Optics:
         return self.power_w * self.wavelength_m / (H_J_S * C_M_PER_S)
 
     def collection_m2(self, geometry: BenchGeometry) -> float:
-        """Photons on the detector for one that arrives per m^2 of its spot, and one that the laser sends [m^2].
+        """Return photons on the detector, for one a square metre due at its spot from a perfect wall [m^2].
 
         rho_w (laser spot) times A_spot rho_w cos(theta_head) A_lens / (pi D^2), the part of a Lambertian
         spot's light that a small lens at distance D receives, times the transmission.

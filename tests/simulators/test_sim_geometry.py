@@ -28,7 +28,9 @@ def test_subdivision_keeps_area_and_centroid_of_every_triangle(triangles, edge_m
     total = np.bincount(parent, areas(pieces_m), minlength=len(triangles_m))
     assert total == pytest.approx(areas(triangles_m), abs=1e-12)
     for axis in range(3):
-        moments = np.bincount(parent, areas(pieces_m) * pieces_m.mean(axis=1)[:, axis], minlength=len(triangles_m))
+        moments = np.bincount(
+            parent, areas(pieces_m) * pieces_m.mean(axis=1)[:, axis], minlength=len(triangles_m)
+        )
         assert moments == pytest.approx(areas(triangles_m) * triangles_m.mean(axis=1)[:, axis], abs=1e-12)
 
 
