@@ -29,8 +29,9 @@ class Optics:
     spot_area_m2
         Area of the wall that the detector sees through its lens [m^2] (1 cm^2, unconfirmed).
     transmission
-        Of lens, filter, alignment and fill of the detector together. Unconfirmed, and tuned: 0.35 would be usual
-        for the first two; the default gives the scene "letters" the paper's mean of 205 000 detections a second.
+        Of lens, filter, alignment and fill of the detector together. Unconfirmed, and tuned: 0.35 would be
+        usual for the first two; with the default the scene "letters" has the paper's mean of 205 000
+        detections a second.
     stray_per_pulse
         Detections for each full-power pulse of direct light from the laser spot, scattered into the
         detector's view, when nothing gates it off (unconfirmed; on a real rig it may saturate).

@@ -24,8 +24,8 @@ class ThreeBouncePhotons:
 
     after its sync pulse, folded into one sync period. Pulse and response have their Gaussian cores about
     zero, so peaks stand where the geometry puts them; the response's tail delays the mean by
-    ``tail_fraction * tail_s``. The whole electronics delay is counted before the light leaves the galvo, so that
-    the time at the detector, which the gate goes by, is the time at the timing input but for the response.
+    ``tail_fraction * tail_s``. The whole electronics delay is counted before the light leaves the galvo, so
+    that the time at the detector, which the gate goes by, is that at the timing input but for the response.
 
     Left out so far: more bounces, dead time and pile-up, afterpulses, ringing of the gate.
 

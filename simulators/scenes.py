@@ -1,8 +1,8 @@
 """Hidden scenes: named triangle meshes in front of the relay wall.
 
-Frame: right-handed, origin at the centre of the wall, y up, z out of the wall into the room, x to the right for
-one who faces the wall; metres. The virtual camera looks out of the wall, so it sees x grow to the left: what it
-is to read is drawn with x = -u, where u is the reader's right.
+Frame: right-handed, origin at the centre of the wall, y up, z out of the wall into the room, x to the right
+for one who faces the wall; metres. The virtual camera looks out of the wall, so it sees x grow to the left:
+what it is to read is drawn with x = -u, where u is the reader's right.
 """
 
 from collections.abc import Callable
@@ -82,8 +82,8 @@ class Scene:
 
 def quads_mesh(name: str, corners_m: NDArray[np.float64], albedo: float = 0.8) -> Mesh:
     """Make a mesh of (Q, 4, 3) flat convex quadrilaterals [m], two triangles each."""
-    first = 4 * np.arange(len(corners_m))[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    first = 4 * np.arange(len(corners_m))
+    faces = (first[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     return Mesh(name, corners_m.reshape(-1, 3), faces, albedo)
 
 
@@ -96,7 +96,7 @@ def letter(
     stroke_m: float = 0.09,
     albedo: float = 0.8,
 ) -> Mesh:
-    """Stand a letter parallel to the wall, so that it reads right for the camera that looks out of the wall."""
+    """Stand a letter parallel to the wall, so that the camera that looks out of the wall reads it."""
     drawn = letter_quads(character, width_m=width_m, height_m=height_m, stroke_m=stroke_m)
     x_m, y_m, z_m = centre_m
     right, up = drawn[..., 0] - width_m / 2, drawn[..., 1] - height_m / 2

@@ -1,14 +1,14 @@
 """Three bounces of light: wall, hidden surface, wall.
 
-For a laser spot x_p and a detector spot x_c on the wall (normal +z, Lambertian), a patch k of area A_k, albedo
-rho_k and centre x_k sends from one to the other, for one photon that leaves x_p, per square metre at x_c,
+For a laser spot x_p and a detector spot x_c on the wall (normal +z, Lambertian), a patch k of area A_k,
+albedo rho_k and centre x_k sends from one to the other, for one photon that leaves x_p, per m^2 at x_c,
 
     w_k = F(x_p, k) rho_k A_k F(k, x_c) ,        F(x, k) = cos(theta_x) cos(theta_k) V(x, k) / (pi r^2) ,
 
 the form factor of radiometry between two small Lambertian surfaces (e.g. Kajiya, "The rendering equation",
-SIGGRAPH 1986), with r the distance and V 1 where nothing stands between. A patch reflects on the side it is lit
-on, so both spots must be on the same side of it. The wall's own albedo, spot areas and lenses are left to
-whoever knows them. Light of patch k arrives after the path r_p + r_c.
+SIGGRAPH 1986), with r the distance and V 1 where nothing stands between. A patch reflects on the side it is
+lit on, so both spots must be on the same side of it. The wall's own albedo, spot areas and lenses are left
+to whoever knows them. Light of patch k arrives after the path r_p + r_c.
 """
 
 from math import pi
@@ -88,7 +88,7 @@ class ThreeBounces:
     def transient(
         self, laser_spot_m: tuple[float, float, float], edges_s: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the (B,) expected photons per m^2 between B + 1 ascending edges; see `expected_transient`."""
+        """Return (B,) expected photons per m^2 between B + 1 edges; see `expected_transient`."""
         weight, _ = self.from_spot(laser_spot_m)
         spot = np.array(laser_spot_m, dtype=np.float64)
         bins = np.zeros(len(edges_s) - 1)
@@ -157,8 +157,8 @@ def _path(first, point, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: ignore[no-untyped-def]
-    """Choose patches by merging sorted uniforms with the cumulative weight, and a point on each; paths [m]."""
-    paths = np.empty(len(inside))
+    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each."""
+    paths, point = np.empty(len(inside)), np.empty(3)
     total = spacings.sum()  # sums of n + 1 exponentials, divided by the last sum, are n sorted uniforms
     k, reached = 0, 0.0
     for i in range(len(inside)):
@@ -169,17 +169,9 @@ def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: 
         b, c = inside[i, 0], inside[i, 1]
         if b + c > 1.0:  # fold the parallelogram onto the triangle
             b, c = 1.0 - b, 1.0 - c
-        point = (
-            corners[k, 0, 0]
-            + b * (corners[k, 1, 0] - corners[k, 0, 0])
-            + c * (corners[k, 2, 0] - corners[k, 0, 0]),
-            corners[k, 0, 1]
-            + b * (corners[k, 1, 1] - corners[k, 0, 1])
-            + c * (corners[k, 2, 1] - corners[k, 0, 1]),
-            corners[k, 0, 2]
-            + b * (corners[k, 1, 2] - corners[k, 0, 2])
-            + c * (corners[k, 2, 2] - corners[k, 0, 2]),
-        )
+        a = 1.0 - b - c
+        for axis in range(3):
+            point[axis] = a * corners[k, 0, axis] + b * corners[k, 1, axis] + c * corners[k, 2, axis]
         paths[i] = _path(first, point, last)
     return paths
 

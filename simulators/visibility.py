@@ -1,4 +1,4 @@
-"""What hides what: does any triangle stand between two points?
+"""What hides what: whether any triangle stands between two points.
 
 `shade` is the only question asked of `Occluders`, so a tree of boxes can replace the list behind it.
 """

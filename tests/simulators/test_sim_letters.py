@@ -106,5 +106,5 @@ def test_the_arms_of_f_point_to_minus_x():
 def test_unknown_letters_and_fat_strokes_are_refused():
     with pytest.raises(ValueError, match="no letter 'Q'"):
         letter_quads("Q", width_m=0.4, height_m=0.6, stroke_m=0.08)
-    with pytest.raises(ValueError, match="at most 0.1"):
+    with pytest.raises(ValueError, match=r"at most 0\.1 m"):
         letter_quads("F", width_m=0.3, height_m=0.6, stroke_m=0.11)
