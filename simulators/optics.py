@@ -43,7 +43,7 @@ class Optics:
     wall_albedo: float = 0.8
     lens_diameter_m: float = 25e-3
     spot_area_m2: float = 1e-4
-    transmission: float = 0.031
+    transmission: float = 0.030
     stray_per_pulse: float = 0.05
 
     @property
