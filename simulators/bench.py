@@ -67,7 +67,7 @@ class LightState:
     gated
         True: sensitive only inside the gate. False: free running.
     gate_delay_s, gate_width_s
-        Opening edge after the sync pulse at the detector, and the time the gate stays open.
+        When the gate is half open after the sync pulse, at the detector; the time until it is half closed.
     hold_off_s
         Time after a detection during which the detector stays off.
     """

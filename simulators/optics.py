@@ -4,10 +4,7 @@ from dataclasses import dataclass
 from math import hypot, pi
 
 from simulators.bench import BenchGeometry
-
-#: Planck constant [J s] and speed of light in vacuum [m/s], both exact by definition of the SI.
-H_J_S = 6.62607015e-34
-C_M_PER_S = 299_792_458.0
+from simulators.constants import C_M_PER_S, H_J_S
 
 
 @dataclass(frozen=True)

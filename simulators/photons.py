@@ -6,13 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.bench import BenchGeometry, LightState
+from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.geometry import cut
-from simulators.optics import C_M_PER_S, Optics
+from simulators.optics import Optics
 from simulators.scenes import Scene
 from simulators.transport import ThreeBounces
 
 Spot = tuple[float, float, float]
+
+#: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
+PULSE_SPAN = np.linspace(-3, 3, 13)
 
 
 class ThreeBouncePhotons:
@@ -59,7 +63,7 @@ class ThreeBouncePhotons:
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Draw the detections of ``duration_s``: times after sync at the timing input [s], in no order."""
+        """Draw the detections of ``duration_s``: times after sync at the timing input [s], shuffled."""
         if not light.biased:
             return np.empty(0)
         background = rng.poisson(self.detector.background_hz(light) * duration_s)
@@ -73,7 +77,9 @@ class ThreeBouncePhotons:
             )
             seen_s = arrivals_s[rng.random(len(arrivals_s)) < self.detector.sensitivity(arrivals_s, light)]
             times_s.append(seen_s + self.detector.delays(len(seen_s), rng))
-        return np.concatenate(times_s) % (1 / light.repetition_hz)
+        shuffled_s = np.concatenate(times_s)
+        rng.shuffle(shuffled_s)
+        return shuffled_s % (1 / light.repetition_hz)
 
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second; the gate's edges are met at the patches' centres."""
@@ -101,8 +107,8 @@ class ThreeBouncePhotons:
     ) -> NDArray[np.float64]:
         """Direct light of the laser spot, along the wall to the detector spot, where it scatters."""
         arrival_s = self._stray_arrival_s(spot_m)
-        pulse_s = np.linspace(-3, 3, 13) * self.optics.pulse_fwhm_s
-        if not self.detector.sensitivity(arrival_s + pulse_s, light).any():
+        span_s = arrival_s + PULSE_SPAN * self.optics.pulse_fwhm_s
+        if not self.detector.sensitivity(span_s, light).any():
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.power
         number = rng.poisson(per_s * duration_s)

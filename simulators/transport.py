@@ -17,11 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simulators.constants import C_M_PER_S
 from simulators.geometry import Patches
 from simulators.visibility import occluders, shade
-
-#: Speed of light in vacuum [m/s], exact by definition.
-C_M_PER_S = 299_792_458.0
 
 
 class ThreeBounces:
@@ -74,16 +72,14 @@ class ThreeBounces:
     ) -> NDArray[np.float64]:
         """Draw (number,) paths [m] of photons that arrive, each through its own point of a patch.
 
-        ``weight_per_m2`` is what `from_spot` returned for ``laser_spot_m``. The paths come in random order.
+        ``weight_per_m2`` is what `from_spot` returned for ``laser_spot_m``. The paths come patch by patch.
         """
         if number == 0:
             return np.empty(0)
         spot = np.array(laser_spot_m, dtype=np.float64)
         spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
         cumulative, corners = weight_per_m2.cumsum(), self.patches.corners_m
-        paths_m = _random_paths(cumulative, spacings, inside, corners, spot, self.detector_spot_m)
-        rng.shuffle(paths_m)
-        return paths_m
+        return _random_paths(cumulative, spacings, inside, corners, spot, self.detector_spot_m)
 
     def transient(
         self, laser_spot_m: tuple[float, float, float], edges_s: NDArray[np.float64]
@@ -106,7 +102,7 @@ def expected_transient(
     """Return the noise-free transients of a capture, without any instrument.
 
     Each patch's light is spread over the times that its surface really takes, with the path linear across
-    the patch; what is left out is of the order of edge^2 / (8 r), some 20 um.
+    the patch; what is left out is of the order of edge^2 / (8 r), some 50 um or 0.2 ps.
 
     Parameters
     ----------
@@ -123,14 +119,22 @@ def expected_transient(
     -------
     ndarray
         (P, B) photons in each bin, for one photon that leaves the laser spot, per m^2 at the detector spot.
+
+    Raises
+    ------
+    ValueError
+        If there are neither one nor P detector spots.
     """
-    bounces = [ThreeBounces(patches, triangles_m, tuple(spot)) for spot in detector_m[:1]]
-    rows = []
+    if len(detector_m) not in (1, len(laser_m)):
+        raise ValueError(
+            f"{len(detector_m)} detector spots for {len(laser_m)} laser spots: give one, or as many"
+        )
+    transients = np.empty((len(laser_m), len(edges_s) - 1))
     for index, spot in enumerate(laser_m):
-        if len(detector_m) > 1:
-            bounces = [ThreeBounces(patches, triangles_m, tuple(detector_m[index]))]
-        rows.append(bounces[0].transient(tuple(spot), edges_s))
-    return np.array(rows).reshape(len(laser_m), len(edges_s) - 1)
+        if index < len(detector_m):
+            bounces = ThreeBounces(patches, triangles_m, tuple(detector_m[index]))
+        transients[index] = bounces.transient(tuple(spot), edges_s)
+    return transients
 
 
 @njit(cache=True, error_model="numpy")

@@ -66,15 +66,16 @@ def _hidden(blockers: Occluders, ox: float, oy: float, oz: float, px: float, py:
         determinant = ux * nx + uy * ny + uz * nz
         if determinant == 0.0:
             continue
+        scale = 1.0 / determinant
         sx, sy, sz = ox - blockers.corner_m[i, 0], oy - blockers.corner_m[i, 1], oz - blockers.corner_m[i, 2]
-        b = (sx * nx + sy * ny + sz * nz) / determinant
+        b = (sx * nx + sy * ny + sz * nz) * scale
         if b < 0.0 or b > 1.0:
             continue
         qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
-        c = (dx * qx + dy * qy + dz * qz) / determinant
+        c = (dx * qx + dy * qy + dz * qz) * scale
         if c < 0.0 or b + c > 1.0:
             continue
-        if END < (vx * qx + vy * qy + vz * qz) / determinant < 1.0 - END:
+        if END < (vx * qx + vy * qy + vz * qz) * scale < 1.0 - END:
             return True
     return False
 

@@ -6,9 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
+from simulators.constants import C_M_PER_S
 from simulators.geometry import cut
 from simulators.scenes import Mesh, Scene
-from simulators.transport import C_M_PER_S, ThreeBounces, expected_transient
+from simulators.transport import ThreeBounces, expected_transient
 
 RENDERED = Path(__file__).resolve().parents[3] / "shared" / "data" / "rendered_letters_g32.h5"
 
