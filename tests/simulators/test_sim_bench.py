@@ -1,0 +1,129 @@
+"""The bench follows its mirror and its switches, and repeats itself from its seed."""
+
+import numpy as np
+import pytest
+
+from simulators.bench import Bench, BenchGeometry
+from simulators.detector import Detector
+from simulators.optics import Optics
+from simulators.photons import ThreeBouncePhotons
+from simulators.scenes import scene
+
+QUIET = Detector(dark_hz=0, ambient_hz=0)
+
+
+def lit_bench(seed=0, **optics):
+    photons = ThreeBouncePhotons(scene("letters"), BenchGeometry(), Optics(**optics), QUIET)
+    bench = Bench(photons, seed=seed)
+    bench.change_light(emitting=True, biased=True)
+    return bench
+
+
+def expose(bench, duration_s):
+    start_s = bench.clock.now_s()
+    bench.clock.sleep(duration_s)
+    return bench.detections(start_s, start_s + duration_s)
+
+
+def point_and_settle(bench, x, y):
+    bench.steer(x, y)
+    bench.clock.sleep(20e-3)
+
+
+def test_a_laser_switched_off_half_way_gives_half_the_photons():
+    bench = lit_bench()
+    expected = bench.count_rate_hz() * 25e-3
+    start_s = bench.clock.now_s()
+    bench.clock.sleep(25e-3)
+    bench.change_light(emitting=False)
+    bench.clock.sleep(25e-3)
+    times_s = bench.detections(start_s, start_s + 50e-3)
+    assert len(times_s) == pytest.approx(expected, abs=5 * np.sqrt(expected))
+    assert bench.sync_rate_hz() == 0
+    assert bench.count_rate_hz() == 0
+    assert len(expose(bench, 50e-3)) == 0
+
+
+def test_a_detector_biased_late_sees_the_rest():
+    bench = lit_bench()
+    bench.change_light(biased=False)
+    start_s = bench.clock.now_s()
+    bench.clock.sleep(30e-3)
+    bench.change_light(biased=True)
+    bench.clock.sleep(10e-3)
+    expected = bench.count_rate_hz() * 10e-3
+    assert len(bench.detections(start_s, start_s + 40e-3)) == pytest.approx(
+        expected, abs=5 * np.sqrt(expected)
+    )
+
+
+def test_a_moving_mirror_is_followed():
+    """Counts equal the integral of the rate along the way, within 5 sigma, which neither end would give."""
+    bench = lit_bench(stray_per_pulse=0, power_w=20.0)
+    point_and_settle(bench, -0.25, 0.0)
+    start_s = bench.clock.now_s()
+    bench.steer(0.3, 0.2)
+    times_s = expose(bench, 2e-3)
+    middles_s = start_s + (np.arange(400) + 0.5) / 400 * 2e-3
+    spots = [bench.geometry.laser_spot_m(bench.mirror.position(t)) for t in middles_s]
+    rates_hz = np.array([bench.photons.rate_hz(spot, bench.light) for spot in spots])
+    expected = rates_hz.mean() * 2e-3
+    tolerance = 5 * np.sqrt(expected)
+    assert len(times_s) == pytest.approx(expected, abs=tolerance)
+    assert abs(rates_hz[0] * 2e-3 - expected) > 2 * tolerance
+    assert abs(rates_hz[-1] * 2e-3 - expected) > 2 * tolerance
+
+
+def test_the_beam_moves_less_than_the_stated_step_in_each_piece():
+    asked = []
+
+    class Listening:
+        def detections(self, spot, light, duration_s, rng):
+            asked.append((spot, duration_s))
+            return np.empty(0)
+
+        def rate_hz(self, spot, light):
+            return 0.0
+
+    bench = Bench(Listening())
+    start_s = bench.clock.now_s()
+    bench.steer(0.05, 0.0)
+    bench.clock.sleep(10e-3)
+    bench.detections(start_s, start_s + 10e-3)
+    spots = np.array([spot for spot, _ in asked])
+    assert sum(duration_s for _, duration_s in asked) == pytest.approx(10e-3)
+    assert (
+        np.abs(np.diff(spots[:, 0])).max() < 2e-3
+    )  # 5e-4 units of 2.98 m, between the middles of two pieces
+    assert len(asked) > 50
+
+
+def test_the_bench_repeats_itself_in_any_order_of_positions():
+    places = [(0.05, -0.02), (-0.1, 0.07), (0.0, 0.1)]
+
+    def scan(order, seed):
+        bench = lit_bench(seed)
+        seen = {}
+        for index in order:
+            point_and_settle(bench, *places[index])
+            seen[index] = expose(bench, 1e-3)
+        return seen
+
+    forward, backward, other = scan([0, 1, 2], 7), scan([2, 0, 1], 7), scan([0, 1, 2], 8)
+    for index in range(3):
+        assert np.array_equal(forward[index], backward[index])
+        assert not np.array_equal(forward[index], other[index])
+
+
+def test_a_second_look_at_a_position_gives_new_photons():
+    bench = lit_bench()
+    point_and_settle(bench, 0.05, 0.05)
+    assert not np.array_equal(expose(bench, 1e-3), expose(bench, 1e-3))
+
+
+def test_the_beam_meets_the_wall_where_the_mirror_points():
+    """One mirror unit is tan(50 degrees), at 2.5 m."""
+    geometry = BenchGeometry()
+    x_m, y_m, z_m = geometry.laser_spot_m((0.1, -0.2))
+    reach_m = 2.5 * np.tan(np.radians(50))
+    assert (x_m, y_m, z_m) == pytest.approx((-0.2 + 0.1 * reach_m, -0.2 * reach_m, 0.0))

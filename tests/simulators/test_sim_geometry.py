@@ -1,0 +1,90 @@
+"""Cutting surfaces small loses and adds nothing; what hides what agrees with a slow solver."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simulators.geometry import cut, subdivide
+from simulators.scenes import scene
+from simulators.visibility import occluders, shade
+
+coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
+triangle = st.tuples(*[st.tuples(coordinate, coordinate, coordinate)] * 3).map(np.array)
+
+
+def areas(triangles_m):
+    edge = triangles_m[:, 1:] - triangles_m[:, :1]
+    return 0.5 * np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(triangle, min_size=1, max_size=3), st.sampled_from([0.1, 0.3, 1.0, 5.0]))
+def test_subdivision_keeps_area_and_centroid_of_every_triangle(triangles, edge_m):
+    triangles_m = np.array(triangles, dtype=float)
+    pieces_m, parent = subdivide(triangles_m, edge_m)
+    assert (np.linalg.norm(np.roll(pieces_m, -1, axis=1) - pieces_m, axis=2) <= edge_m).all()
+    # halving is exact but for rounding, which for coordinates of order 1 stays below 1e-15 a cut
+    total = np.bincount(parent, areas(pieces_m), minlength=len(triangles_m))
+    assert total == pytest.approx(areas(triangles_m), abs=1e-12)
+    for axis in range(3):
+        moments = np.bincount(
+            parent, areas(pieces_m) * pieces_m.mean(axis=1)[:, axis], minlength=len(triangles_m)
+        )
+        assert moments == pytest.approx(areas(triangles_m) * triangles_m.mean(axis=1)[:, axis], abs=1e-12)
+
+
+def test_patches_of_a_scene_carry_its_area_and_albedo():
+    letters = scene("letters")
+    patches = cut(letters)
+    assert patches.area_m2.sum() == pytest.approx(areas(letters.triangles_m).sum(), rel=1e-12)
+    assert np.linalg.norm(patches.normal, axis=1) == pytest.approx(1.0)
+    assert (patches.albedo == 0.8).all()
+    assert set(patches.triangle) == set(range(len(letters.triangles_m)))
+
+
+def reference_hidden(triangles_m, a, b):
+    """Solve a + t (b - a) = p + u (q - p) + v (r - p) for each triangle."""
+    for p, q, r in triangles_m:
+        matrix = np.stack([a - b, q - p, r - p], axis=1)
+        if abs(np.linalg.det(matrix)) < 1e-12:
+            continue
+        t, u, v = np.linalg.solve(matrix, a - p)
+        if 1e-6 < t < 1 - 1e-6 and u >= 0 and v >= 0 and u + v <= 1:
+            return True
+    return False
+
+
+def test_shade_agrees_with_a_linear_solver():
+    rng = np.random.default_rng(5)
+    triangles_m = rng.uniform(-1, 1, (12, 3, 3)) * 0.6 + [0, 0, 1.0]
+    blockers = occluders(triangles_m)
+    checked = 0
+    for spot in rng.uniform(-1, 1, (12, 3)) * [1, 1, 0]:
+        points = rng.uniform((-1, -1, 0.3), (1, 1, 2.3), (60, 3))
+        light = np.ones(60)
+        shade(blockers, spot, points, light)
+        expected = [not reference_hidden(triangles_m, spot, point) for point in points]
+        assert light.astype(bool).tolist() == expected
+        checked += 60 - int(light.sum())
+    assert checked > 100  # a fair part was really hidden
+
+
+def test_a_surface_does_not_hide_itself():
+    letters = scene("letter-plane")
+    patches = cut(letters)
+    light = np.ones(len(patches.area_m2))
+    shade(occluders(letters.triangles_m), np.array([0.8, -0.6, 0.0]), patches.centre_m, light)
+    assert light.all()
+
+
+def test_a_plate_casts_exactly_its_shadow():
+    """Rays from the origin through a square at z = 0.5 shade twice that square at z = 1."""
+    square = np.array([[-0.2, -0.1, 0.5], [0.1, -0.1, 0.5], [0.1, 0.3, 0.5], [-0.2, 0.3, 0.5]])
+    blockers = occluders(square[np.array([[0, 1, 2], [0, 2, 3]])])
+    x, y = np.meshgrid(np.linspace(-1, 1, 81) + 1e-3, np.linspace(-1, 1, 81) + 1e-3)
+    points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    light = np.ones(len(points))
+    shade(blockers, np.zeros(3), points, light)
+    shadow = (np.abs(points[:, 0] + 0.1) < 0.3) & (np.abs(points[:, 1] - 0.2) < 0.4)
+    assert np.array_equal(light == 0, shadow)
