@@ -1,4 +1,4 @@
-"""Recognise a regular grid of laser positions on the plane z = 0: the virtual aperture that an FFT can take."""
+"""Recognise a regular grid of laser positions on the plane z = 0: a virtual aperture that an FFT can take."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,8 @@ class LatticeAxis:
     Attributes
     ----------
     start_m, pitch_m, count
-        First coordinate, spacing, and number of lattice points. A single point has the pitch of the other axis.
+        First coordinate, spacing, and number of lattice points. A single point has the pitch of the other
+        axis.
     """
 
     start_m: float
@@ -30,7 +31,7 @@ class LatticeAxis:
     @property
     def coordinates_m(self) -> NDArray[np.float64]:
         """(count,) coordinates, ascending."""
-        return self.start_m + self.pitch_m * np.arange(self.count)
+        return self.start_m + self.pitch_m * np.arange(self.count, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ def recognise(laser_m: NDArray[np.float64]) -> Aperture:
     Raises
     ------
     GeometryError
-        If the spots are not on z = 0, or not evenly spaced along x or y; it names the position that is farthest
-        off.
+        If the spots are not on z = 0, or not evenly spaced along x or y; it names the position that is
+        farthest off.
     """
     off_plane = np.abs(laser_m[:, 2])
     if off_plane.max() > TOLERANCE_M:
@@ -98,8 +99,8 @@ def _axis(values_m: NDArray[np.float64], name: str) -> tuple[LatticeAxis, NDArra
     if error_m.max() > TOLERANCE_M:
         worst = int(error_m.argmax())
         raise _irregular(
-            f"position {worst} at {name} = {values_m[worst]:.4f} m is {error_m[worst] * 1e3:.2f} mm off the best "
-            f"even spacing, {axis.pitch_m * 1e3:.3f} mm"
+            f"position {worst} at {name} = {values_m[worst]:.4f} m is {error_m[worst] * 1e3:.2f} mm off the "
+            f"best even spacing, {axis.pitch_m * 1e3:.3f} mm"
         )
     return axis, index
 

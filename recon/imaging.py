@@ -36,8 +36,8 @@ class Image:
     solver, pulse, fades
         What was asked.
     slabs
-        Which bins and frequencies imaged which planes (RSD solver); empty for the back-projection solver, which
-        uses the pulse itself.
+        Which bins and frequencies imaged which planes (RSD solver); empty for the back-projection solver,
+        which uses the pulse itself.
     """
 
     grid: VoxelGrid
@@ -65,9 +65,9 @@ def image(
     """Focus the virtual camera on every voxel.
 
     U(v) = sum_omega g(omega) exp(i omega r_c(v)/c) sum_p H^(p, omega) exp(i omega r_p(v)/c) / r_p(v) for one
-    detector spot, and sum_omega g(omega) sum_p H^(p, omega) exp(2 i omega r_p(v)/c) / r_p(v) for confocal data
-    (paper, equations 4 and S.19 to S.22, in one sign convention: H^ = sum H exp(-i omega t)). Sums over omega
-    are normalised as in `VirtualPulse.band`, so that both solvers give the same numbers.
+    detector spot, and sum_omega g(omega) sum_p H^(p, omega) exp(2 i omega r_p(v)/c) / r_p(v) for confocal
+    data (paper, equations 4 and S.19 to S.22, in one sign convention: H^ = sum H exp(-i omega t)). Sums over
+    omega are normalised as in `VirtualPulse.band`, so that both solvers give the same numbers.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def _unreached(capture: Capture, grid: VoxelGrid) -> ReachError:
     end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
     return ReachError(
         "volume",
-        f"voxels whose light takes {shortest_m / C_M_PER_S * 1e9:.2f} to {longest_m / C_M_PER_S * 1e9:.2f} ns",
+        f"light that takes {shortest_m / C_M_PER_S * 1e9:.2f} to {longest_m / C_M_PER_S * 1e9:.2f} ns",
         f"the record holds {begin_s * 1e9:.2f} to {end_s * 1e9:.2f} ns",
         "Choose other depths, or check the record's time origin.",
     )

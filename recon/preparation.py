@@ -44,7 +44,7 @@ class Fades:
 
     def end_weights(self, bins: int, bin_width_s: float) -> NDArray[np.float64]:
         """(bins,) weights that fall to zero at the right edge of the last bin."""
-        before_end_s = (bins - 0.5 - np.arange(bins)) * bin_width_s
+        before_end_s = (bins - 0.5 - np.arange(bins, dtype=np.float64)) * bin_width_s
         return _raised_cosine(before_end_s, self.fall_s)
 
     def start_weights(

@@ -1,6 +1,7 @@
 """Which part of a record a volume can be seen in, and which frequencies image it without aliasing."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil, floor
 
 import numpy as np
@@ -71,9 +72,7 @@ def slabs(capture: Capture, pulse: VirtualPulse, grid: VoxelGrid) -> list[Slab]:
     thickness_m = pulse.half_length_s * C_M_PER_S
     count = max(1, ceil((z_m[-1] - z_m[0]) / thickness_m))
     edges = np.linspace(0, len(z_m), min(count, len(z_m)) + 1).round().astype(int)
-    return [
-        _slab(capture, pulse, grid, slice(int(a), int(b))) for a, b in zip(edges, edges[1:], strict=False)
-    ]
+    return [_slab(capture, pulse, grid, slice(int(a), int(b))) for a, b in pairwise(edges)]
 
 
 def _slab(capture: Capture, pulse: VirtualPulse, grid: VoxelGrid, planes: slice) -> Slab:

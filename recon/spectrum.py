@@ -1,8 +1,8 @@
 """Fourier sums of the histograms at the few frequencies that the pulse needs.
 
 H^(p, omega) = sum_n H[p, n] exp(-i omega t_n), with t_n the rectified time of the centre of bin n. For some
-tens of frequencies this is a real matrix product, counts times [cos, -sin], at the speed of sgemm; the time of
-the first bin, which may differ between positions, is a phase on its result.
+tens of frequencies this is a real matrix product, counts times [cos, -sin], at the speed of sgemm; the time
+of the first bin, which may differ between positions, is a phase on its result.
 """
 
 from collections.abc import Callable, Sequence

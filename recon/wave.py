@@ -38,7 +38,7 @@ class Band:
     @property
     def frequencies_rad_per_s(self) -> NDArray[np.float64]:
         """(F,) angular frequencies, ascending."""
-        return self.first_rad_per_s + self.step_rad_per_s * np.arange(len(self.weights))
+        return self.first_rad_per_s + self.step_rad_per_s * np.arange(len(self.weights), dtype=np.float64)
 
     @property
     def last_rad_per_s(self) -> float:
@@ -59,8 +59,8 @@ class Band:
 class VirtualPulse:
     """A Gaussian pulse on a carrier, exp(i omega_0 t) exp(-t^2 / (2 sigma_t^2)).
 
-    Its spectrum is g(omega) = exp(-(omega - omega_0)^2 sigma_t^2 / 2), with sigma_t = cycles lambda / (2.36 c):
-    the envelope's full width at half maximum is `cycles` wavelengths (paper, supplement C; it prints
+    Its spectrum is g(omega) = exp(-(omega - omega_0)^2 sigma_t^2 / 2), with sigma_t = cycles lambda / (2.36
+    c): the envelope's full width at half maximum is `cycles` wavelengths (paper, supplement C; it prints
     sigma = 6 lambda / 2.36, a length).
 
     Attributes

@@ -2,14 +2,16 @@
 
 Each histogram is convolved with the virtual pulse and read at the delay (r_p + r_c)/c of each voxel:
 
-    U(v) = sum_p 1/r_p sum_n H[p, n] pulse((r_p + r_c)/c - t_n),   pulse(t) = exp(i omega_0 t - t^2/(2 sigma_t^2))
+    U(v) = sum_p 1/r_p sum_n H[p, n] pulse((r_p + r_c)/c - t_n),   pulse(t) = exp(i omega_0 t - t^2/(2
+    sigma_t^2))
 
 The carrier is kept apart. What is stored is the baseband B_p(tau) = sum_n H[p, n] exp(-i omega_0 t_n)
-exp(-(tau - t_n)^2/(2 sigma_t^2)), as smooth as the envelope: at 8 nodes for each sigma_t the cubic through four
-nodes is right to 9/384 (1/8)^4 max|B''''| sigma_t^4 = 2e-5 of the peak, and the carrier's phase is applied exactly.
+exp(-(tau - t_n)^2/(2 sigma_t^2)), as smooth as the envelope: at 8 nodes for each sigma_t the cubic through
+four nodes is right to 9/384 (1/8)^4 max|B''''| sigma_t^4 = 2e-5 of the peak, and the carrier's phase is
+applied exactly.
 
-Work is positions x voxels. This is the slow, independent check of the other solver, and shares nothing with it but the
-pulse and the fades; it uses the pulse whole, where the other cuts its spectrum at three sigmas.
+Work is positions x voxels. This is the slow, independent check of the other solver, and shares nothing with
+it but the pulse and the fades; it uses the pulse whole, where the other cuts its spectrum at three sigmas.
 """
 
 from collections.abc import Callable
@@ -62,7 +64,7 @@ def focus(
     spacing_s = pulse.sigma_s / NODES_PER_SIGMA
     begin_s = shortest_m / C_M_PER_S - 2 * spacing_s
     nodes = ceil((longest_m - shortest_m) / C_M_PER_S / spacing_s) + 5
-    nodes_s = begin_s + spacing_s * np.arange(nodes)
+    nodes_s = begin_s + spacing_s * np.arange(nodes, dtype=np.float64)
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     bins = slice(0, capture.bins)
@@ -102,8 +104,8 @@ def _baseband(
 ) -> NDArray[np.complex64]:
     """Convolve a block of histograms with the envelope: (block, nodes).
 
-    The Gaussian's matrix is banded, so nodes are taken in groups with the bins that reach them. Positions whose
-    record begins at the same time share the matrix.
+    The Gaussian's matrix is banded, so nodes are taken in groups with the bins that reach them. Positions
+    whose record begins at the same time share the matrix.
     """
     result = np.zeros((len(counts), len(nodes_s)), np.complex64)
     bins = counts.shape[1]

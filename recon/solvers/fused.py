@@ -15,7 +15,7 @@ INT = NDArray[np.intp]
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _half_turn(turns: float) -> tuple[float, float]:
+def _unit(turns: float) -> tuple[np.float32, np.float32]:
     """Cosine and sine of 2 pi `turns`, to 3e-7; vectorises, unlike the library's.
 
     The fraction of a turn is taken in double precision, Taylor series of its half follow in single precision,
@@ -47,10 +47,10 @@ def spherical_wave(
         across = y_m[j] * y_m[j] + z_m * z_m
         for i in range(len(x_m)):
             r = np.sqrt(across + x_m[i] * x_m[i])
-            c, s = _half_turn(turns_per_m * r)
+            c, s = _unit(turns_per_m * r)
             wave[0, j, i] = c / r
             wave[1, j, i] = s / r
-            c, s = _half_turn(step_turns_per_m * r)
+            c, s = _unit(step_turns_per_m * r)
             step[0, j, i] = c
             step[1, j, i] = -s
 
@@ -64,9 +64,9 @@ def phase(
         across = y_m[j] * y_m[j] + z_m * z_m
         for i in range(len(x_m)):
             r = np.sqrt(across + x_m[i] * x_m[i])
-            c, s = _half_turn(turns_per_m * r)
+            c, s = _unit(turns_per_m * r)
             base[j, i] = complex(c, s)
-            c, s = _half_turn(step_turns_per_m * r)
+            c, s = _unit(step_turns_per_m * r)
             step[j, i] = complex(c, s)
 
 
@@ -115,7 +115,7 @@ def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
 
 @njit(nogil=True, cache=True, fastmath=True)
 def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
-    """Horner's step, total <- total * step + field, the field interpolated along the second axis of `rows`."""
+    """Take Horner's step, total <- total * step + field, the field interpolated along the rows."""
     for j in range(total.shape[0]):
         if weights.shape[1] == 1:
             for i in range(total.shape[1]):

@@ -41,8 +41,8 @@ class AxisPlan:
     wall
         (wall points,) lattice index of each point of the wall's axis.
     first, weights
-        (voxels,) index of the first lattice point that a voxel reads, and (voxels, taps) float32 weights of it
-        and its successors. Reading begins at lattice index 0.
+        (voxels,) index of the first lattice point that a voxel reads, and (voxels, taps) float32 weights of
+        it and its successors. Reading begins at lattice index 0.
     """
 
     step_m: float
@@ -96,7 +96,7 @@ def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_p
 def _kaiser_sinc(
     at: NDArray[np.float64], half_width: int, rho: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-    """Return the first lattice point and the 2 W weights with which to read a field at `at` [lattice steps]."""
+    """Return first lattice point and 2 W weights with which to read a field at `at` [lattice steps]."""
     first = np.floor(at).astype(np.intp) - half_width + 1
     distance = at[:, None] - (first[:, None] + np.arange(2 * half_width))
     beta = pi * half_width * (1 - rho)

@@ -1,9 +1,10 @@
 """The Rayleigh-Sommerfeld diffraction solver: the exact sum over the wall, by FFT.
 
-For one frequency and one plane of voxels, sum_p H^(p, omega) exp(i k r_p)/r_p is a convolution over the wall's
-plane with the spherical wave exp(i k r)/r, k = omega/c (2 omega/c for confocal data, whose light goes both
-legs). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that nothing wraps
-around: the result is the discrete sum itself, to single precision, with no approximation of the wave.
+For one frequency and one plane of voxels, sum_p H^(p, omega) exp(i k r_p)/r_p is a convolution over the
+wall's plane with the spherical wave exp(i k r)/r, k = omega/c (2 omega/c for confocal data, whose light goes
+both legs). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
+nothing wraps around: the result is the discrete sum itself, to single precision, with no approximation of
+the wave.
 
 How it is made quick, per plane and frequency, for an FFT of N points and V voxels:
 
@@ -16,9 +17,9 @@ How it is made quick, per plane and frequency, for an FFT of N points and V voxe
 - the detector's phase and the sum over frequencies are one pass of Horner's rule,
   total <- total * exp(i d_omega r_c/c) + field (V multiplications).
 
-That is 1.25 FFTs of N points for each plane and frequency, against the 2 of kernel and inverse. For confocal data no
-phase depends on both voxel and frequency, the sum is taken before the inverse FFT, and 0.5 FFTs remain.
-Planes are shared out to threads; each thread's working set stays within its cache.
+That is 1.25 FFTs of N points for each plane and frequency, against the 2 of kernel and inverse. For confocal
+data no phase depends on both voxel and frequency, the sum is taken before the inverse FFT, and 0.5 FFTs
+remain. Planes are shared out to threads; each thread's working set stays within its cache.
 """
 
 from collections.abc import Callable, Iterator
@@ -122,10 +123,10 @@ class PlanePropagator:
         return total
 
     def _walk(self, z_m: float, work: _Workspace) -> Iterator[NDArray[np.complex64]]:
-        """From the highest frequency down, put the kernel's transform into `work` and yield the wall's spectrum."""
+        """From the highest frequency down, leave the kernel's transform in `work` and yield the wall's."""
         fused.spherical_wave(
-            np.arange(self._y.half + 1) * self._y.step_m,
-            np.arange(self._x.half + 1) * self._x.step_m,
+            np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
+            np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
             z_m,
             self._legs * self._band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
             self._legs * self._band.step_rad_per_s / (2 * np.pi * C_M_PER_S),

@@ -1,4 +1,4 @@
-"""Histograms of hidden points and the image's defining sum, each in a few lines that share nothing with `recon`."""
+"""Histograms of hidden points and the image's defining sum, in few lines that share nothing with `recon`."""
 
 import numpy as np
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import C, direct_sum, histograms, wall
+from hidden_points import direct_sum, histograms, wall
 
 import recon.solvers.rsd
 from recon.capture import ArrayHistograms, Capture
@@ -153,7 +153,9 @@ def test_is_linear_in_the_counts(confocal):
 def test_moving_wall_and_scene_moves_the_image():
     shift = np.array([0.37, -0.21, 0.0])
     moved = capture(
-        laser_m=wall(24, 20, PITCH) + shift, detector_m=shift + (0.03, -0.05, 0), points_m=POINTS + shift
+        laser_m=wall(24, 20, PITCH) + shift,
+        detector_m=shift + np.array([0.03, -0.05, 0]),
+        points_m=POINTS + shift,
     )
     grid = voxels()
     there = VoxelGrid(grid.x_m + shift[0], grid.y_m + shift[1], grid.z_m)
@@ -186,5 +188,3 @@ def test_refuses_what_it_cannot_image():
         image(capture(), PULSE, voxels(z_m=(0.0, 0.1)))
     with pytest.raises(ParameterError, match="no such solver"):
         image(capture(), PULSE, voxels(), solver="magic")
-    assert 11.2e-9 == pytest.approx(BINS * BIN)
-    assert C * 11.2e-9 < 2 * 5.0 - PULSE.half_length_s * C
