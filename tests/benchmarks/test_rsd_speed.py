@@ -1,8 +1,8 @@
 """How long the RSD solver takes, beside the time that its FFTs alone would take.
 
 The floor is what an FFT solver with a kernel for each plane and frequency pays if it does nothing else: a
-transform of the kernel and an inverse one of the field, complex64, padded to twice the wall, by the same library
-on the same threads.
+transform of the kernel and an inverse one of the field, complex64, padded to twice the wall, by the same
+library on the same threads.
 Run with ``pytest tests/benchmarks --benchmark-only -s``.
 """
 
