@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.errors import ParameterError
+
 
 @dataclass(frozen=True)
 class VoxelGrid:
@@ -21,6 +23,48 @@ class VoxelGrid:
     y_m: NDArray[np.float64]
     z_m: NDArray[np.float64]
 
+    @classmethod
+    def from_spec(
+        cls,
+        width_m: float,
+        height_m: float,
+        voxel_m: float,
+        depth_m: tuple[float, float, float],
+        centre_m: tuple[float, float] = (0.0, 0.0),
+    ) -> "VoxelGrid":
+        """Fill a box with voxels.
+
+        Parameters
+        ----------
+        width_m, height_m
+            Extent along x and y, from edge to edge of the outermost voxels.
+        voxel_m
+            Pitch along x and y.
+        depth_m
+            First plane, last plane (the one at or before it), and step.
+        centre_m
+            Centre of the box along x and y.
+
+        Raises
+        ------
+        ParameterError
+            If a size or a step is not positive, or depths run backwards.
+        """
+        near, far, step = depth_m
+        if min(width_m, height_m, voxel_m, step) <= 0 or far < near:
+            raise ParameterError(
+                "volume",
+                f"{width_m} m x {height_m} m of {voxel_m} m voxels, depths {near} m to {far} m by {step} m",
+                "sizes and steps must be positive, and depths ascend",
+                "Write depths as near:far:step.",
+            )
+        planes = int(np.floor((far - near) / step + 1e-6)) + 1
+        return cls(
+            _centred(width_m, voxel_m) + centre_m[0],
+            _centred(height_m, voxel_m) + centre_m[1],
+            near + step * np.arange(planes, dtype=np.float64),
+        )
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape (nz, ny, nx) of a volume on this grid."""
@@ -30,3 +74,9 @@ class VoxelGrid:
     def size(self) -> int:
         """Number of voxels."""
         return int(np.prod(self.shape))
+
+
+def _centred(extent_m: float, pitch_m: float) -> NDArray[np.float64]:
+    """Return centres of the cells that fill an extent, symmetric about zero."""
+    count = max(1, round(extent_m / pitch_m))
+    return (np.arange(count, dtype=np.float64) - (count - 1) / 2) * pitch_m

@@ -1,0 +1,42 @@
+"""What can go wrong in imaging.
+
+ReconError
+├── GeometryError     positions that a solver cannot image
+├── ParameterError    a wavelength, fade, grid or solver that makes no sense
+└── ReachError        a volume that no bin of the record can come from
+"""
+
+
+class ReconError(Exception):
+    """Any failure of imaging that its user can mend.
+
+    Parameters
+    ----------
+    thing : str
+        What failed, e.g. ``"solver rsd"``.
+    asked : str
+        What was asked of it.
+    found : str
+        What was found instead.
+    remedy : str
+        What a person can do about it.
+    """
+
+    def __init__(self, thing: str, asked: str, found: str, remedy: str) -> None:
+        super().__init__(f"{thing}: asked for {asked}, but {found}. {remedy}")
+        self.thing = thing
+        self.asked = asked
+        self.found = found
+        self.remedy = remedy
+
+
+class GeometryError(ReconError):
+    """Raised when a solver cannot image the positions of a capture."""
+
+
+class ParameterError(ReconError):
+    """Raised when a parameter is outside the range in which it means something."""
+
+
+class ReachError(ReconError):
+    """Raised when no path to the volume falls inside the record."""

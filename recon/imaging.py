@@ -1,0 +1,156 @@
+"""From a capture to an image: the confocal time-gated camera with a choice of solver."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.aperture import recognise
+from recon.capture import C_M_PER_S, Capture
+from recon.errors import GeometryError, ParameterError, ReachError
+from recon.grid import VoxelGrid
+from recon.preparation import Fades
+from recon.reach import Slab, path_limits_m, slabs
+from recon.solvers import backprojection, rsd
+from recon.spectrum import spectra
+from recon.wave import VirtualPulse
+
+Progress = Callable[[float], None]
+Solver = Literal["rsd", "backprojection"]
+#: Part of the progress that reading the record makes up.
+READING = 0.3
+
+
+@dataclass(frozen=True)
+class Image:
+    """A focused volume and what it was made from.
+
+    Attributes
+    ----------
+    grid
+        Its voxels.
+    field
+        (z, y, x) complex64 field U.
+    solver, pulse, fades
+        What was asked.
+    slabs
+        Which bins and frequencies imaged which planes (RSD solver); empty for the back-projection solver,
+        which uses the pulse itself.
+    """
+
+    grid: VoxelGrid
+    field: NDArray[np.complex64]
+    solver: Solver
+    pulse: VirtualPulse
+    fades: Fades
+    slabs: tuple[Slab, ...]
+
+    @property
+    def intensity(self) -> NDArray[np.float32]:
+        """(z, y, x) float32 intensity I = |U|^2."""
+        return self.field.real**2 + self.field.imag**2
+
+
+def image(
+    capture: Capture,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    *,
+    solver: Solver = "rsd",
+    fades: Fades | None = None,
+    progress: Progress | None = None,
+) -> Image:
+    """Focus the virtual camera on every voxel.
+
+    U(v) = sum_omega g(omega) exp(i omega r_c(v)/c) sum_p H^(p, omega) exp(i omega r_p(v)/c) / r_p(v) for one
+    detector spot, and sum_omega g(omega) sum_p H^(p, omega) exp(2 i omega r_p(v)/c) / r_p(v) for confocal
+    data (paper, equations 4 and S.19 to S.22, in one sign convention: H^ = sum H exp(-i omega t)). Sums over
+    omega are normalised as in `VirtualPulse.band`, so that both solvers give the same numbers.
+
+    Parameters
+    ----------
+    capture
+        Histograms and geometry.
+    pulse
+        The virtual illumination.
+    grid
+        Voxels, any pitch, offset and extent in front of the wall.
+    solver
+        "rsd": by FFT, for a regular grid of positions on the plane z = 0; "backprojection": in time, for any
+        positions, slow.
+    fades
+        Soft edges of the record; by default only its end is softened.
+    progress
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    GeometryError
+        If the solver cannot take these positions.
+    ReachError
+        If no path to the volume falls inside the record.
+    ParameterError
+        If the volume is not in front of the wall, or the solver is unknown.
+    """
+    fades = fades or Fades()
+    if grid.size == 0 or grid.z_m[0] <= 0:
+        raise ParameterError(
+            "volume",
+            f"depths from {grid.z_m[:1]} m",
+            "voxels must be in front of the wall",
+            "Begin at z > 0.",
+        )
+    parts = slabs(capture, pulse, grid)
+    if not any(part.reached for part in parts):
+        raise _unreached(capture, grid)
+    if solver == "rsd":
+        field = _by_rsd(capture, grid, parts, fades, progress)
+        return Image(grid, field, solver, pulse, fades, tuple(parts))
+    if solver == "backprojection":
+        field = backprojection.focus(capture, pulse, grid, fades, progress)
+        return Image(grid, field, solver, pulse, fades, ())
+    raise ParameterError("solver", repr(solver), "there is no such solver", "Choose rsd or backprojection.")
+
+
+def _by_rsd(
+    capture: Capture, grid: VoxelGrid, parts: list[Slab], fades: Fades, progress: Progress | None
+) -> NDArray[np.complex64]:
+    confocal = capture.confocal
+    if not confocal and len(capture.detector_m) != 1:
+        raise GeometryError(
+            "solver rsd",
+            "one detector spot, or each position lit and seen at the same spot",
+            f"there are {len(capture.detector_m)} detector spots apart from the laser's",
+            "Use the back-projection solver, which takes any pairs.",
+        )
+    aperture = recognise(capture.laser_m)
+    reading = (lambda part: progress(READING * part)) if progress else None
+    spectra_of_slabs = spectra(capture, parts, fades, reading)
+    field = np.zeros(grid.shape, np.complex64)
+    for part, spectrum in zip(parts, spectra_of_slabs, strict=True):
+        if not part.reached:
+            continue
+        planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[part.planes])
+
+        def focusing(fraction: float, part: Slab = part) -> None:
+            through = part.planes.start + fraction * (part.planes.stop - part.planes.start)
+            if progress:
+                progress(READING + (1 - READING) * through / len(grid.z_m))
+
+        detector_m = None if confocal else capture.detector_m[0]
+        field[part.planes] = rsd.focus_slab(aperture, spectrum, part.band, planes, detector_m, focusing)
+    return field
+
+
+def _unreached(capture: Capture, grid: VoxelGrid) -> ReachError:
+    shortest_m, longest_m = path_limits_m(capture, grid)
+    begin_s = float(capture.first_bin_s.min())
+    end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
+    return ReachError(
+        "volume",
+        f"light that takes {shortest_m / C_M_PER_S * 1e9:.2f} to {longest_m / C_M_PER_S * 1e9:.2f} ns",
+        f"the record holds {begin_s * 1e9:.2f} to {end_s * 1e9:.2f} ns",
+        "Choose other depths, or check the record's time origin.",
+    )

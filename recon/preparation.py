@@ -1,0 +1,82 @@
+"""Soft edges for a record, so that its ends and the wall's own peak do not image as bright shells."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Fades:
+    """Raised-cosine edges of the record.
+
+    The start is in **rectified** time (t = 0 with the pulse on the wall), position by position: what is
+    hidden there, the wall's own peak and light from nearer than the scene, is tied to the wall and not to
+    the record. The end is the **record's** own last bin.
+
+    Attributes
+    ----------
+    start_s
+        Rectified time before which counts are dropped; None keeps all.
+    rise_s
+        Duration of the rise that begins at `start_s`.
+    fall_s
+        Duration of the fall that ends with the record.
+
+    Raises
+    ------
+    ParameterError
+        If a duration is negative.
+    """
+
+    start_s: float | None = None
+    rise_s: float = 0.5e-9
+    fall_s: float = 0.5e-9
+
+    def __post_init__(self) -> None:
+        for name in ("rise_s", "fall_s"):
+            if getattr(self, name) < 0:
+                raise ParameterError(
+                    "fades", f"{name} = {getattr(self, name)}", "it is negative", "Use 0.5 ns."
+                )
+
+    def end_weights(self, bins: int, bin_width_s: float) -> NDArray[np.float64]:
+        """(bins,) weights that fall to zero at the right edge of the last bin."""
+        before_end_s = (bins - 0.5 - np.arange(bins, dtype=np.float64)) * bin_width_s
+        return _raised_cosine(before_end_s, self.fall_s)
+
+    def start_weights(
+        self, first_bin_s: NDArray[np.float64], bins: slice, bin_width_s: float
+    ) -> NDArray[np.float64] | None:
+        """Return weights that rise after `start_s`, or None where they are one throughout.
+
+        Parameters
+        ----------
+        first_bin_s
+            (positions,) left edge of bin 0 in rectified time.
+        bins
+            Bins asked for, with both ends given.
+        bin_width_s
+            Width of a bin.
+
+        Returns
+        -------
+        ndarray or None
+            (positions, bins) float64, each position with its own start.
+        """
+        if self.start_s is None:
+            return None
+        after_start_s = first_bin_s[:, None] - self.start_s
+        if after_start_s.min() + (bins.start + 0.5) * bin_width_s >= self.rise_s:
+            return None
+        centres_s = (np.arange(bins.start, bins.stop) + 0.5) * bin_width_s
+        return _raised_cosine(after_start_s + centres_s, self.rise_s)
+
+
+def _raised_cosine(distance_s: NDArray[np.float64], length_s: float) -> NDArray[np.float64]:
+    """Zero up to the edge, one from `length_s` beyond it, half a cosine between."""
+    if length_s == 0:
+        return (distance_s >= 0).astype(np.float64)
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip(distance_s / length_s, 0, 1))

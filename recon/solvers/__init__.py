@@ -1,0 +1,1 @@
+"""How the image is computed: each solver does the same sum in its own way."""

@@ -1,0 +1,128 @@
+"""Elementwise passes of the RSD solver, each over memory once.
+
+Complex numbers that are transformed by DCT are kept as two planes (real, imaginary), those that are
+transformed by FFT interleaved, as each library wants them.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+C64 = NDArray[np.complex64]
+INT = NDArray[np.intp]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _unit(turns: float) -> tuple[np.float32, np.float32]:
+    """Cosine and sine of 2 pi `turns`, to 3e-7; vectorises, unlike the library's.
+
+    The fraction of a turn is taken in double precision, Taylor series of its half follow in single precision,
+    and the double-angle formulae.
+    """
+    x = np.float32((turns - np.floor(turns + 0.5)) * np.pi)
+    q = x * x
+    s = x * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040 - q * (1 / 362880 - q / 39916800)))))
+    c = 1 - q * (0.5 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (1 / 3628800 - q / 479001600)))))
+    return 1 - 2 * s * s, 2 * s * c
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def spherical_wave(
+    y_m: F64, x_m: F64, z_m: float, turns_per_m: float, step_turns_per_m: float, wave: F32, step: F32
+) -> None:
+    """Evaluate exp(2 pi i a r)/r, and the factor exp(-2 pi i b r) that takes it one frequency down.
+
+    Parameters
+    ----------
+    y_m, x_m, z_m
+        Offsets along the axes, and depth; r is their norm.
+    turns_per_m, step_turns_per_m
+        a and b: highest frequency and spacing, in turns of phase for each metre of r.
+    wave, step
+        (2, y, x) float32 results.
+    """
+    for j in range(len(y_m)):
+        across = y_m[j] * y_m[j] + z_m * z_m
+        for i in range(len(x_m)):
+            r = np.sqrt(across + x_m[i] * x_m[i])
+            c, s = _unit(turns_per_m * r)
+            wave[0, j, i] = c / r
+            wave[1, j, i] = s / r
+            c, s = _unit(step_turns_per_m * r)
+            step[0, j, i] = c
+            step[1, j, i] = -s
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def phase(
+    y_m: F64, x_m: F64, z_m: float, turns_per_m: float, step_turns_per_m: float, base: C64, step: C64
+) -> None:
+    """Evaluate exp(2 pi i a r) into `base` and exp(2 pi i b r) into `step`, both (y, x)."""
+    for j in range(len(y_m)):
+        across = y_m[j] * y_m[j] + z_m * z_m
+        for i in range(len(x_m)):
+            r = np.sqrt(across + x_m[i] * x_m[i])
+            c, s = _unit(turns_per_m * r)
+            base[j, i] = complex(c, s)
+            c, s = _unit(step_turns_per_m * r)
+            step[j, i] = complex(c, s)
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def next_frequency(wave: F32, step: F32) -> None:
+    """Multiply `wave` by `step`, both (2, y, x)."""
+    for j in range(wave.shape[1]):
+        for i in range(wave.shape[2]):
+            re, im = wave[0, j, i], wave[1, j, i]
+            a, b = step[0, j, i], step[1, j, i]
+            wave[0, j, i] = re * a - im * b
+            wave[1, j, i] = re * b + im * a
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
+    """Multiply a spectrum (2 h, 2 w) by an even kernel's quarter (2, h + 1, w + 1), into or onto `out`."""
+    height, width = wall.shape
+    half = width // 2
+    for j in range(height):
+        row = min(j, height - j)
+        re, im = kernel[0, row], kernel[1, row]
+        source, target = wall[j], out[j]
+        if add:
+            for i in range(half + 1):
+                target[i] += source[i] * complex(re[i], im[i])
+            for i in range(half + 1, width):
+                target[i] += source[i] * complex(re[width - i], im[width - i])
+        else:
+            for i in range(half + 1):
+                target[i] = source[i] * complex(re[i], im[i])
+            for i in range(half + 1, width):
+                target[i] = source[i] * complex(re[width - i], im[width - i])
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
+    """Interpolate (lattice rows, width) along its first axis into (rows, width)."""
+    for j in range(len(first)):
+        for i in range(out.shape[1]):
+            out[j, i] = weights[j, 0] * lattice[first[j], i]
+        for t in range(1, weights.shape[1]):
+            for i in range(out.shape[1]):
+                out[j, i] += weights[j, t] * lattice[first[j] + t, i]
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
+    """Take Horner's step, total <- total * step + field, the field interpolated along the rows."""
+    for j in range(total.shape[0]):
+        if weights.shape[1] == 1:
+            for i in range(total.shape[1]):
+                total[j, i] = total[j, i] * step[j, i] + rows[j, first[i]]
+        else:
+            for i in range(total.shape[1]):
+                field = weights[i, 0] * rows[j, first[i]]
+                for t in range(1, weights.shape[1]):
+                    field += weights[i, t] * rows[j, first[i] + t]
+                total[j, i] = total[j, i] * step[j, i] + field

@@ -1,0 +1,67 @@
+"""Fourier sums of the histograms at the few frequencies that the pulse needs.
+
+H^(p, omega) = sum_n H[p, n] exp(-i omega t_n), with t_n the rectified time of the centre of bin n. For some
+tens of frequencies this is a real matrix product, counts times [cos, -sin], at the speed of sgemm; the time
+of the first bin, which may differ between positions, is a phase on its result.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture import Capture
+from recon.preparation import Fades
+from recon.reach import Slab
+
+
+def spectra(
+    capture: Capture, slabs: Sequence[Slab], fades: Fades, progress: Callable[[float], None] | None = None
+) -> list[NDArray[np.complex64]]:
+    """Take the spectra of all positions, for every slab, in one pass over the record.
+
+    Parameters
+    ----------
+    capture
+        Histograms, read in blocks; only the bins that some slab needs are asked for.
+    slabs
+        Bins and frequencies.
+    fades
+        Soft edges.
+    progress
+        Called with the fraction that is done.
+
+    Returns
+    -------
+    list of ndarray
+        (F, P) complex64 for each slab.
+    """
+    results = [np.zeros((len(slab.band.weights), capture.positions), np.complex64) for slab in slabs]
+    wanted = [slab.bins for slab in slabs if slab.reached]
+    if not wanted:
+        return results
+    bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
+    end = fades.end_weights(capture.bins, capture.bin_width_s)
+    matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins]) for slab in slabs]
+    first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
+    for block, counts in capture.histograms.blocks(bins):
+        counts = np.asarray(counts, dtype=np.float32)
+        start = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
+        if start is not None:
+            counts = counts * start.astype(np.float32)
+        for slab, matrix, result in zip(slabs, matrices, results, strict=True):
+            part = counts[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
+            if slab.reached:
+                result[:, block] = (part @ matrix).view(np.complex64).T
+        if progress:
+            progress(block.stop / capture.positions)
+    for slab, result in zip(slabs, results, strict=True):
+        result *= np.exp(-1j * np.multiply.outer(slab.band.frequencies_rad_per_s, capture.first_bin_s))
+    return results
+
+
+def _fourier_matrix(slab: Slab, bin_width_s: float, weights: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
+    centres_s = (np.arange(slab.bins.start, slab.bins.stop) + 0.5) * bin_width_s
+    factors = np.exp(-1j * np.multiply.outer(centres_s, slab.band.frequencies_rad_per_s))
+    return (factors * weights[:, None]).astype(np.complex64).view(np.float32)

@@ -1,0 +1,136 @@
+"""The virtual illumination: a pulse of a few wavelengths, and the frequencies that sample it.
+
+Symbols: lambda ``wavelength_m``, omega_0 ``carrier_rad_per_s``, sigma_t ``sigma_s``, g ``weights``.
+"""
+
+from dataclasses import dataclass
+from math import ceil, floor, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture import C_M_PER_S
+from recon.errors import ParameterError
+
+#: Band on either side of the carrier, in standard deviations of g; what lies beyond holds 0.27 % of the
+#: pulse's peak amplitude.
+BAND_SIGMAS = 3.0
+#: Half-length of a pulse, in standard deviations; its envelope has fallen to 3.4e-4 there.
+PULSE_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Band:
+    """Evenly spaced frequencies and their weights.
+
+    Attributes
+    ----------
+    first_rad_per_s, step_rad_per_s
+        Lowest angular frequency and spacing.
+    weights
+        (F,) float64 weight of each frequency.
+    """
+
+    first_rad_per_s: float
+    step_rad_per_s: float
+    weights: NDArray[np.float64]
+
+    @property
+    def frequencies_rad_per_s(self) -> NDArray[np.float64]:
+        """(F,) angular frequencies, ascending."""
+        return self.first_rad_per_s + self.step_rad_per_s * np.arange(len(self.weights), dtype=np.float64)
+
+    @property
+    def last_rad_per_s(self) -> float:
+        """Highest angular frequency."""
+        return self.first_rad_per_s + self.step_rad_per_s * (len(self.weights) - 1)
+
+    def __getitem__(self, part: slice) -> "Band":
+        """Return a run of neighbouring frequencies."""
+        start, _, stride = part.indices(len(self.weights))
+        if stride != 1:
+            raise ValueError("a band is cut into runs of neighbours only")
+        return Band(
+            self.first_rad_per_s + start * self.step_rad_per_s, self.step_rad_per_s, self.weights[part]
+        )
+
+
+@dataclass(frozen=True)
+class VirtualPulse:
+    """A Gaussian pulse on a carrier, exp(i omega_0 t) exp(-t^2 / (2 sigma_t^2)).
+
+    Its spectrum is g(omega) = exp(-(omega - omega_0)^2 sigma_t^2 / 2), with sigma_t = cycles lambda / (2.36
+    c): the envelope's full width at half maximum is `cycles` wavelengths (paper, supplement C; it prints
+    sigma = 6 lambda / 2.36, a length).
+
+    Attributes
+    ----------
+    wavelength_m
+        Carrier wavelength lambda.
+    cycles
+        Full width at half maximum in wavelengths.
+
+    Raises
+    ------
+    ParameterError
+        If the wavelength is not positive, or the pulse so short (below 2 cycles) that its band would come
+        near zero frequency.
+    """
+
+    wavelength_m: float
+    cycles: float = 6.0
+
+    def __post_init__(self) -> None:
+        if not self.wavelength_m > 0:
+            raise ParameterError(
+                "virtual pulse", f"wavelength {self.wavelength_m} m", "it is not positive", "Try 4 cm."
+            )
+        if not self.cycles >= 2:
+            raise ParameterError(
+                "virtual pulse", f"{self.cycles} cycles", "a pulse needs 2 or more", "The usual number is 6."
+            )
+
+    @property
+    def carrier_rad_per_s(self) -> float:
+        """Carrier angular frequency omega_0 = 2 pi c / lambda."""
+        return 2 * pi * C_M_PER_S / self.wavelength_m
+
+    @property
+    def sigma_s(self) -> float:
+        """Standard deviation sigma_t of the envelope."""
+        return self.cycles * self.wavelength_m / (2.36 * C_M_PER_S)
+
+    @property
+    def half_length_s(self) -> float:
+        """Time from the pulse's centre after which nothing of it is left (`PULSE_SIGMAS`)."""
+        return PULSE_SIGMAS * self.sigma_s
+
+    @property
+    def top_rad_per_s(self) -> float:
+        """Highest angular frequency of any band."""
+        return self.carrier_rad_per_s + BAND_SIGMAS / self.sigma_s
+
+    def band(self, period_s: float) -> Band:
+        """Sample the pulse's spectrum so that its copies in time are `period_s` or more apart.
+
+        The weights are g(omega) times the spacing times sigma_t / sqrt(2 pi), so that a sum over
+        frequencies is the pulse in time with a peak of one, whatever the spacing.
+
+        Parameters
+        ----------
+        period_s
+            Time after which the sampled pulse may repeat.
+
+        Returns
+        -------
+        Band
+            Frequencies within `BAND_SIGMAS` of the carrier, the carrier among them.
+        """
+        step = 2 * pi / period_s
+        reach = floor(BAND_SIGMAS / (self.sigma_s * step))
+        if reach < ceil(BAND_SIGMAS):  # a period shorter than the pulse: sample the pulse itself
+            reach = ceil(BAND_SIGMAS)
+            step = 1 / self.sigma_s
+        offsets = step * np.arange(-reach, reach + 1)
+        weights = np.exp(-((offsets * self.sigma_s) ** 2) / 2) * step * self.sigma_s / sqrt(2 * pi)
+        return Band(self.carrier_rad_per_s - reach * step, step, weights)

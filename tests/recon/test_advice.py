@@ -1,0 +1,96 @@
+"""Defaults and warnings, at the paper's figures and beyond them."""
+
+import numpy as np
+import pytest
+from hidden_points import wall
+
+from recon import advice
+from recon.capture import ArrayHistograms, Capture
+from recon.errors import ParameterError
+from recon.grid import VoxelGrid
+from recon.wave import VirtualPulse
+
+
+def capture(laser_m, confocal=False, bins=6000, bin_width_s=4e-12, first_bin_s=0.0):
+    counts = np.broadcast_to(np.uint16(0), (len(laser_m), bins))
+    spots = laser_m if confocal else np.zeros((1, 3))
+    return Capture(ArrayHistograms(counts), bin_width_s, np.array([first_bin_s]), laser_m, spots)
+
+
+PAPER = capture(wall(180, 130, 0.01))
+
+
+def test_the_papers_wavelength():
+    choice = advice.wavelength(PAPER, response_fwhm_s=65e-12)
+    assert choice.value == pytest.approx(0.04)
+    assert "four times the spacing" in choice.reason
+
+
+def test_a_slow_response_asks_for_a_longer_wave():
+    choice = advice.wavelength(PAPER, response_fwhm_s=750e-12)
+    # The response's standard deviation is 318 ps; exp(-(omega s)^2 / 2) = exp(-2) there.
+    damping = np.exp(-((2 * np.pi * 299792458 / choice.value * 750e-12 / 2.355) ** 2) / 2)
+    assert damping == pytest.approx(np.exp(-2))
+    assert "750 ps" in choice.reason
+
+
+def test_spacing_of_scattered_positions():
+    laser_m = wall(40, 40, 0.02)
+    laser_m[:, :2] += np.random.default_rng(0).uniform(-4e-3, 4e-3, (1600, 2))
+    assert advice.spacing_m(capture(laser_m)) == pytest.approx(0.018, abs=0.003)
+
+
+def test_default_voxels_are_the_walls():
+    grid = advice.voxels(PAPER, VirtualPulse(0.04))
+    assert grid.shape == (126, 130, 180)
+    np.testing.assert_allclose(grid.x_m, np.unique(PAPER.laser_m[:, 0]), atol=1e-9)
+    assert (grid.z_m[0], grid.z_m[-1]) == pytest.approx((0.5, 3.0))
+
+
+def test_asked_voxels_go_on_the_lattice_where_they_can():
+    grid = advice.voxels(
+        PAPER, VirtualPulse(0.04), width_m=0.5, height_m=0.3, voxel_m=0.02, depth_m=(1, 2, 0.5)
+    )
+    assert grid.shape == (3, 15, 25)
+    steps = (grid.x_m + 0.895) / 0.01
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    assert abs(grid.x_m.mean()) <= 0.005 + 1e-9
+    free = advice.voxels(
+        PAPER, VirtualPulse(0.04), width_m=0.5, height_m=0.3, voxel_m=0.015, depth_m=(1, 2, 0.5)
+    )
+    assert np.diff(free.x_m) == pytest.approx(0.015)
+    assert free.x_m.mean() == pytest.approx(0, abs=1e-12)
+
+
+def test_depths_stay_inside_record_and_room():
+    assert advice.depths(capture(wall(64, 64, 0.4 / 63), True, 512, 16e-12)) == pytest.approx(
+        (0.2, 1.228), abs=1e-3
+    )
+    assert advice.depths(capture(wall(64, 64, 0.03), True, 15000)) == (0.5, 3.0)
+    near, far = advice.depths(capture(wall(64, 64, 0.03), True, 100, 4e-12))
+    assert 0 < near < far <= 0.06
+
+
+def test_warns_of_what_spoils_the_image():
+    grid = VoxelGrid.from_spec(1.8, 1.3, 0.01, (0.5, 3.0, 0.02))
+    assert advice.warnings(PAPER, VirtualPulse(0.04), grid, 65e-12) == []
+    (short,) = advice.warnings(PAPER, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    assert "shorter than 2 times the spacing" in short
+    confocal = capture(wall(180, 130, 0.01), confocal=True)
+    (short,) = advice.warnings(confocal, VirtualPulse(0.03), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    assert "use 4 cm or more" in short
+    (slow,) = advice.warnings(PAPER, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)), 2e-10)
+    assert "200 ps blurs" in slow
+
+
+def test_warns_of_what_the_record_does_not_reach():
+    late = capture(wall(180, 130, 0.01), bins=1000, first_bin_s=5e-9)
+    dark, cut = advice.warnings(late, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 3, 0.1)))
+    assert "begin at a depth of 0.75 m" in dark
+    assert "the record ends at 2.70 m of path" in cut
+
+
+@pytest.mark.parametrize("spec", [(0, 1, 0.1, (1, 2, 0.1)), (1, 1, 0, (1, 2, 0.1)), (1, 1, 0.1, (2, 1, 0.1))])
+def test_refuses_empty_boxes(spec):
+    with pytest.raises(ParameterError, match="near:far:step"):
+        VoxelGrid.from_spec(*spec)
