@@ -23,10 +23,7 @@ def utc_now() -> str:
 def write_start(file: h5py.File, description: ScanDescription) -> None:
     """Write all groups and datasets of a new scan file, the photons still to come."""
     positions, bins = description.positions, description.bins
-    file.attrs["format"] = "rig-scan"
-    file.attrs["version"] = 1
-    file.attrs["software"] = f"nlos-rig {rig.__version__}"
-    file.attrs["created"] = utc_now()
+    write_root(file, "rig-scan")
     start = file.create_group("start")
     for name in ("plan", "configuration", "simulated", "command"):
         start.attrs[name] = getattr(description, name)
@@ -67,6 +64,14 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     transients.create_dataset("done", data=np.zeros(positions, bool))
     transients.create_dataset("live_time_s", data=np.full(positions, np.nan, "<f4"))
     describe(file, SCAN)
+
+
+def write_root(file: h5py.File, name: str) -> None:
+    """Write the root attributes that all our files share."""
+    file.attrs["format"] = name
+    file.attrs["version"] = 1
+    file.attrs["software"] = f"nlos-rig {rig.__version__}"
+    file.attrs["created"] = utc_now()
 
 
 def describe(file: h5py.File, layout: Layout) -> None:
