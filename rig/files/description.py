@@ -64,7 +64,7 @@ class ScanDescription:
     plan, configuration
         JSON texts.
     simulated
-        Whether the photons come from the simulated bench.
+        Whether the photons were computed rather than measured.
     command
         The command that makes the file.
     devices
@@ -75,6 +75,8 @@ class ScanDescription:
         The detector's gate, in the file's time.
     instrument_response_s
         Full width at half maximum.
+    imported
+        JSON text: which file of another layout the photons come from; empty where they were measured here.
     dtype
         Type of the counts; a floating type says that they are expectations, not photons.
     """
@@ -94,6 +96,7 @@ class ScanDescription:
     gate_start_s: float | None = None
     gate_stop_s: float | None = None
     instrument_response_s: float | None = None
+    imported: str = ""
     dtype: DTypeLike = "<u4"
 
     def __post_init__(self) -> None:

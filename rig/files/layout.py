@@ -64,10 +64,13 @@ SCAN: Layout = {
     "/start": Entry("group", "what was asked for, written before the first photon"),
     "/start@plan": Entry("json", "the scan plan"),
     "/start@configuration": Entry("json", "the resolved configuration"),
-    "/start@simulated": Entry("flag", "whether the photons come from the simulated bench"),
+    "/start@simulated": Entry("flag", "whether the photons were computed rather than measured"),
     "/start@command": Entry("text", "the command that made the file"),
     "/start@resumed": Entry(
         "json", "list of the times (UTC) at which an interrupted scan was taken up again"
+    ),
+    "/start@imported": Entry(
+        "json", "file, sha256, layout of the file of another layout that was imported, and what was assumed"
     ),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),

@@ -171,7 +171,7 @@ class ScanFile:
 
     @property
     def simulated(self) -> bool:
-        """Whether the photons come from the simulated bench."""
+        """Whether the photons were computed rather than measured."""
         return bool(self._attribute("start", "simulated", False))
 
     @property
@@ -188,6 +188,11 @@ class ScanFile:
     def command(self) -> str:
         """The command that made the file; empty where the file does not say."""
         return str(self._attribute("start", "command", ""))
+
+    @property
+    def imported(self) -> dict[str, Any]:
+        """File, sha256, layout and assumptions of an import; empty for a scan."""
+        return dict(self._json("start", "imported", "{}"))
 
     @property
     def devices(self) -> dict[str, Settings]:

@@ -27,6 +27,8 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     start = file.create_group("start")
     for name in ("plan", "configuration", "simulated", "command"):
         start.attrs[name] = getattr(description, name)
+    if description.imported:
+        start.attrs["imported"] = description.imported
     devices = file.create_group("devices")
     for name, settings in description.devices.items():
         devices.create_group(name).attrs.update(settings)

@@ -32,8 +32,13 @@ def summarise(scan: "ScanFile") -> dict[str, str]:
         lines["exposure"] = (
             f"{show(live_s / max(1, measured), 's')} a position, {show_duration(live_s)} in all"
         )
-    if "start" in scan._file:
-        lines["source"] = "simulated bench" if scan.simulated else scan.command or "not said"
+    origin = ["simulated"] if scan.simulated else []
+    if scan.imported:
+        origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
+    elif scan.command:
+        origin.append(scan.command)
+    if origin:
+        lines["source"] = ", ".join(origin)
     if scan.created:
         lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
     if scan.warnings:
