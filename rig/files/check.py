@@ -1,0 +1,171 @@
+"""Opening HDF5 files that may be anything, and holding them against a layout."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from rig.errors import DataFileError
+from rig.files.layout import TYPES, Entry, Layout
+
+
+def open_hdf5(path: Path) -> h5py.File:
+    """Open an HDF5 file for reading.
+
+    Raises
+    ------
+    DataFileError
+        If it is missing, no HDF5 file, truncated, or held by a program that writes to it.
+    """
+    if not path.is_file():
+        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+    try:
+        return h5py.File(path, "r")
+    except BlockingIOError:
+        raise DataFileError(f"{path} is being written by another program; wait for its end") from None
+    except OSError as error:
+        if "unable to lock" in str(error):
+            raise DataFileError(f"{path} is being written by another program; wait for its end") from None
+        if "truncated" in str(error):
+            raise DataFileError(
+                f"{path} is truncated: its end is missing, so nothing in it can be trusted; copy it again"
+            ) from None
+        raise DataFileError(f"{path} is not an HDF5 file, or its head is damaged: {error}") from None
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn what h5py raises on damaged content into an error that names the file."""
+    try:
+        yield
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
+        raise DataFileError(f"{path} is damaged: {error}; copy it again, or measure again") from error
+
+
+def check_format(path: Path, file: h5py.File, name: str, version: int) -> None:
+    """Raise DataFileError unless the root attributes say ``name`` and ``version``."""
+    found = plain(file.attrs.get("format"))
+    if found != name:
+        what = f"its format attribute is {found!r}" if found is not None else "it has no format attribute"
+        held = ", ".join(sorted(file)) or "nothing"
+        raise DataFileError(
+            f"{path} is not a {name} file: {what}, and it holds {held}. "
+            "Transients in other layouts are read with 'rig import'"
+        )
+    found = plain(file.attrs.get("version"))
+    if found != version:
+        raise DataFileError(
+            f"{path} has version {found!r} of {name}; this program reads version {version}; update it"
+        )
+
+
+def check_layout(path: Path, file: h5py.File, layout: Layout) -> dict[str, int]:
+    """Hold a file against its layout.
+
+    Returns
+    -------
+    The sizes found, by the names that the layout gives them.
+
+    Raises
+    ------
+    DataFileError
+        That lists everything that is missing, of another type or of another shape.
+    """
+    sizes: dict[str, int] = {}
+    problems = []
+    for pattern, entry in layout.items():
+        owner, _, attribute = pattern.partition("@")
+        for place in _places(file, owner):
+            found = place is not None and (not attribute or attribute in place.attrs)
+            if not found:
+                if entry.required:
+                    problems.append(f"{pattern} is missing")
+                continue
+            problem = (
+                _wrong_attribute(place.attrs[attribute], entry)
+                if attribute
+                else _wrong_object(place, entry, sizes)
+            )
+            if problem:
+                problems.append(f"{pattern} {problem}")
+    if problems:
+        raise DataFileError(
+            f"{path} does not follow its layout: {'; '.join(problems)}. "
+            "See docs/scan-file.md for what it must hold"
+        )
+    return sizes
+
+
+def plain(value: Any) -> Any:
+    """Return an attribute as a Python value: text decoded, arrays of one element opened."""
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray) and value.size == 1:
+        return plain(value.reshape(-1)[0])
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _places(file: h5py.File, owner: str) -> list[Any]:
+    """Return the objects at a path, None where there is none; ``/*`` stands for all members of a group."""
+    if owner.endswith("/*"):
+        group = file.get(owner[:-2])
+        return list(group.values()) if isinstance(group, h5py.Group) else []
+    return [file.get(owner)]
+
+
+def _wrong_attribute(value: Any, entry: Entry) -> str:
+    value = plain(value)
+    if entry.type in {"text", "json"}:
+        fits = isinstance(value, str)
+    elif entry.type == "flag":
+        fits = isinstance(value, bool | int)
+    elif entry.type == "whole":
+        fits = isinstance(value, int)
+    elif entry.shape:
+        fits = isinstance(value, np.ndarray) and value.shape == entry.shape and value.dtype.kind in "fiu"
+    else:
+        fits = isinstance(value, int | float)
+    if fits and entry.type == "number" and not np.all(np.isfinite(value)):
+        return f"is {value}, not a finite number"
+    return "" if fits else f"is {value!r}, not {entry.kind}"
+
+
+def _wrong_object(place: Any, entry: Entry, sizes: dict[str, int]) -> str:
+    if entry.type == "group":
+        return "" if isinstance(place, h5py.Group) else "is not a group"
+    if not isinstance(place, h5py.Dataset) or place.shape is None:
+        return "is not a dataset"
+    kinds = {"counts": "uif", "unsigned": "ui", "float": "f", "bool": "bu"}[entry.type]
+    if place.dtype.kind not in kinds:
+        return f"has type {place.dtype}, not {TYPES[entry.type]}"
+    if not _shape_fits(place.shape, entry.shape, sizes):
+        wanted = ", ".join(
+            f"{size} = {sizes[size]}" if isinstance(size, str) and size in sizes else str(size)
+            for size in entry.shape
+        )
+        return f"has shape {place.shape}, not ({wanted})"
+    return ""
+
+
+def _shape_fits(shape: tuple[int, ...], wanted: tuple[int | str, ...], sizes: dict[str, int]) -> bool:
+    if wanted and wanted[0] == "...":
+        wanted = wanted[1:]
+        shape = shape[-len(wanted) :]
+    if len(shape) != len(wanted):
+        return False
+    for size, want in zip(shape, wanted, strict=True):
+        if isinstance(want, int):
+            fits = size == want
+        elif "|" in want:
+            either, name = want.split("|")
+            fits = size in {int(either), sizes.get(name, size)}
+        elif want.endswith("+1"):
+            fits = size == sizes.setdefault(want[:-2], size - 1) + 1
+        else:
+            fits = size == sizes.setdefault(want, size)
+        if not fits:
+            return False
+    return True

@@ -1,0 +1,125 @@
+"""What a scan file says before its photons: geometry, time axis, plan, configuration, devices."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from recon.capture import C_M_PER_S
+
+#: A device's settings, as read back from it.
+Settings = Mapping[str, str | int | float | bool]
+
+
+@dataclass(frozen=True)
+class Legs:
+    """The ways and delays that a record in the laser's time contains beside wall, object, wall.
+
+    Attributes
+    ----------
+    laser_head_m, detector_head_m
+        (3,) where light leaves the laser and enters the detector.
+    electronics_delay_s
+        Delay of cables and electronics.
+    """
+
+    laser_head_m: NDArray[np.float64]
+    detector_head_m: NDArray[np.float64]
+    electronics_delay_s: float = 0.0
+
+    def delay_s(self, laser_m: NDArray, detector_m: NDArray) -> NDArray[np.float64]:
+        """Return what to subtract from recorded time to rectify it.
+
+        t_rectified = t_recorded - t_electronics - |x_p - head_laser| / c - |x_c - head_detector| / c
+        (Liu et al. 2019, methods: the time origin is moved to the wall).
+
+        Parameters
+        ----------
+        laser_m, detector_m
+            (P, 3) and (1 or P, 3) spots x_p and x_c on the wall.
+
+        Returns
+        -------
+        (P,) delays in seconds.
+        """
+        to_wall_m = np.linalg.norm(laser_m - self.laser_head_m, axis=1)
+        from_wall_m = np.linalg.norm(detector_m - self.detector_head_m, axis=1)
+        return self.electronics_delay_s + (to_wall_m + from_wall_m) / C_M_PER_S
+
+
+@dataclass(frozen=True)
+class ScanDescription:
+    """All that is known of a scan before its first photon.
+
+    Attributes
+    ----------
+    laser_m, detector_m
+        (P, 3) laser spots in the order of acquisition, and (1, 3) or (P, 3) detector spots; metres.
+    bins, bin_width_s, first_bin_s
+        Number and width of the bins, and the left edge of bin 0.
+    legs
+        None where t = 0 is the pulse on the wall (time origin ``wall``); the legs where it is the pulse
+        leaving the laser (time origin ``laser``).
+    plan, configuration
+        JSON texts.
+    simulated
+        Whether the photons were computed rather than measured.
+    command
+        The command that makes the file.
+    devices
+        Settings by device name, ``identity`` among them.
+    fade_from_s
+        Rectified time before which the record holds the wall's own light.
+    gate_start_s, gate_stop_s
+        The detector's gate, in the file's time.
+    instrument_response_s
+        Full width at half maximum.
+    imported
+        JSON text: which file of another layout the photons come from; empty where they were measured here.
+    dtype
+        Type of the counts; a floating type says that they are expectations, not photons.
+    """
+
+    laser_m: NDArray[np.float64]
+    detector_m: NDArray[np.float64]
+    bins: int
+    bin_width_s: float
+    first_bin_s: float
+    legs: Legs | None = None
+    plan: str = "{}"
+    configuration: str = "{}"
+    simulated: bool = False
+    command: str = ""
+    devices: Mapping[str, Settings] = field(default_factory=dict)
+    fade_from_s: float | None = None
+    gate_start_s: float | None = None
+    gate_stop_s: float | None = None
+    instrument_response_s: float | None = None
+    imported: str = ""
+    dtype: DTypeLike = "<u4"
+
+    def __post_init__(self) -> None:
+        positions = len(self.laser_m)
+        if self.laser_m.shape != (positions, 3) or positions == 0:
+            raise ValueError(f"laser_m must be (positions, 3), not {self.laser_m.shape}")
+        if self.detector_m.shape not in {(1, 3), (positions, 3)}:
+            raise ValueError(f"detector_m must be (1, 3) or ({positions}, 3), not {self.detector_m.shape}")
+        if self.bins < 1 or not self.bin_width_s > 0:
+            raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
+
+    @property
+    def positions(self) -> int:
+        """Number of positions P."""
+        return len(self.laser_m)
+
+    @property
+    def time_origin(self) -> str:
+        """``wall`` or ``laser``."""
+        return "wall" if self.legs is None else "laser"
+
+    def rectified_first_bin_s(self) -> NDArray[np.float64]:
+        """Return the left edge of bin 0 in rectified time: (1,) where all positions share it, else (P,)."""
+        if self.legs is None:
+            return np.array([self.first_bin_s])
+        return self.first_bin_s - self.legs.delay_s(self.laser_m, self.detector_m)

@@ -1,0 +1,178 @@
+"""The layouts of scan and volume files, each as one table.
+
+The writers take the descriptions from here, the readers check files against it, and the pages under ``docs``
+show it. An attribute's path is that of its object, ``@`` and its name; ``/devices/*`` stands for any name.
+"""
+
+from dataclasses import dataclass
+
+#: Types of entries, and how the documentation calls them.
+TYPES = {
+    "group": "group",
+    "text": "text",
+    "json": "text (JSON)",
+    "flag": "true or false",
+    "whole": "whole number",
+    "number": "number",
+    "counts": "unsigned integer, or float where `kind` is `expectation`",
+    "unsigned": "unsigned integer",
+    "float": "floating point",
+    "bool": "true or false",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one path of a file holds.
+
+    Attributes
+    ----------
+    type
+        A key of `TYPES`.
+    what
+        Description with unit; written into the file beside the data.
+    shape
+        Sizes, or their names, which must agree over the whole file; ``"1|positions"`` allows either.
+    required
+        Whether a file without it is refused. This program writes the rest too.
+    """
+
+    type: str
+    what: str
+    shape: tuple[int | str, ...] = ()
+    required: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Type and shape in words, e.g. ``floating point (positions, 3)``."""
+        sizes = ", ".join(str(size).replace("|", " or ") for size in self.shape)
+        comma = "," if len(self.shape) == 1 else ""
+        return TYPES[self.type] + (f" ({sizes}{comma})" if self.shape else "")
+
+
+Layout = dict[str, Entry]
+
+_ROOT: Layout = {
+    "/@version": Entry("whole", "version of the layout, 1", required=True),
+    "/@software": Entry("text", "program and version that wrote the file"),
+    "/@created": Entry("text", "when the file was created, UTC, ISO 8601"),
+}
+
+SCAN: Layout = {
+    "/@format": Entry("text", "`rig-scan`", required=True),
+    **_ROOT,
+    "/start": Entry("group", "what was asked for, written before the first photon"),
+    "/start@plan": Entry("json", "the scan plan"),
+    "/start@configuration": Entry("json", "the resolved configuration"),
+    "/start@simulated": Entry("flag", "whether the photons were computed rather than measured"),
+    "/start@command": Entry("text", "the command that made the file"),
+    "/start@resumed": Entry(
+        "json", "list of the times (UTC) at which an interrupted scan was taken up again"
+    ),
+    "/start@imported": Entry(
+        "json", "file, sha256, layout of the file of another layout that was imported, and what was assumed"
+    ),
+    "/devices": Entry("group", "one group for each device, as read back before the scan"),
+    "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),
+    "/devices/*@identity": Entry(
+        "text", "maker, model, serial number and firmware as the device reports them"
+    ),
+    "/geometry": Entry(
+        "group",
+        "positions [m]; right-handed frame: origin at the wall's centre, y up, z out of the wall, "
+        "x to the right for one who faces the wall",
+        required=True,
+    ),
+    "/geometry/laser_m": Entry(
+        "float", "laser spot of each position on the wall [m]", ("positions", 3), required=True
+    ),
+    "/geometry/detector_m": Entry(
+        "float",
+        "spot that the detector sees [m]: one for all, or one for each position",
+        ("1|positions", 3),
+        required=True,
+    ),
+    "/geometry@laser_head_m": Entry(
+        "number", "where the light leaves the laser head [m]; needed where time_origin is laser", (3,)
+    ),
+    "/geometry@detector_head_m": Entry(
+        "number", "where the light enters the detector [m]; needed where time_origin is laser", (3,)
+    ),
+    "/geometry@electronics_delay_s": Entry(
+        "number", "delay of cables and electronics [s]; needed where time_origin is laser"
+    ),
+    "/transients": Entry("group", "photons of each position over time", required=True),
+    "/transients@bin_width_s": Entry("number", "width of a bin [s]", required=True),
+    "/transients@first_bin_s": Entry("number", "left edge of bin 0 [s]", required=True),
+    "/transients@time_origin": Entry(
+        "text",
+        "what t = 0 is: `wall`, the pulse is on the wall and only wall, object, wall remains; or `laser`, "
+        "the pulse leaves the laser head, and the legs are in the time",
+        required=True,
+    ),
+    "/transients@bins": Entry(
+        "whole", "number of bins; without it, the time-tagged form ends with its last photon"
+    ),
+    "/transients@fade_from_s": Entry(
+        "number",
+        "rectified time [s] before which the record holds the wall's own light, to be faded in after",
+    ),
+    "/transients@gate_start_s": Entry("number", "when the detector's gate opens [s], in the file's time"),
+    "/transients@gate_stop_s": Entry("number", "when the detector's gate closes [s], in the file's time"),
+    "/transients@instrument_response_s": Entry(
+        "number", "full width at half maximum of the instrument response [s]"
+    ),
+    "/transients/counts": Entry("counts", "photons in each bin", ("positions", "bins")),
+    "/transients/counts@kind": Entry(
+        "text", "`photons`, counted; or `expectation`, a rendered or processed signal in arbitrary units"
+    ),
+    "/transients/photons": Entry(
+        "unsigned", "time-tagged form: bin index of every photon, position by position", ("photons",)
+    ),
+    "/transients/photon_offset": Entry(
+        "unsigned", "time-tagged form: first photon of each position, then the total", ("positions+1",)
+    ),
+    "/transients/done": Entry("bool", "whether the position has been measured", ("positions",)),
+    "/transients/live_time_s": Entry(
+        "float",
+        "measurement time of the position as the instrument reports it [s]; NaN where unknown",
+        ("positions",),
+    ),
+    "/stop": Entry("group", "how the run ended; a file without it was interrupted"),
+    "/stop@status": Entry("text", "`complete`, `interrupted` or `failed`"),
+    "/stop@reason": Entry("text", "why it ended, in words"),
+    "/stop@stopped": Entry("text", "when it ended, UTC, ISO 8601"),
+    "/stop@photons": Entry("number", "sum of all counts"),
+    "/stop@warnings": Entry("json", "list of what went less than well, as plain sentences"),
+}
+
+VOLUME: Layout = {
+    "/@format": Entry("text", "`rig-volume`", required=True),
+    **_ROOT,
+    "/@parameters": Entry("json", "parameters of the reconstruction"),
+    "/@scan": Entry("text", "name of the scan file it came from"),
+    "/@scan_digest": Entry("text", "SHA-256 of the scan file it came from"),
+    "/volume": Entry("group", "the image", required=True),
+    "/volume/intensity": Entry(
+        "float",
+        "intensity |U|^2 at each voxel: (z, y, x); for the transient camera (t, z, y, x) or (t, y, x)",
+        ("...", "y", "x"),
+        required=True,
+    ),
+    "/volume/x_m": Entry("float", "voxel centres along x [m]", ("x",), required=True),
+    "/volume/y_m": Entry("float", "voxel centres along y [m]", ("y",), required=True),
+    "/volume/z_m": Entry("float", "voxel centres along z [m], the depth", ("z",), required=True),
+    "/volume/t_s": Entry("float", "times of the transient camera's frames [s]", ("t",)),
+    "/volume/depth_m": Entry(
+        "float", "depth of the surface seen at each pixel [m]; NaN where nothing", ("y", "x")
+    ),
+}
+
+
+def as_markdown(layout: Layout) -> str:
+    """Return the table of a layout as the documentation shows it."""
+    rows = [
+        f"| `{path}` | {entry.kind} | {'yes' if entry.required else ''} | {entry.what} |"
+        for path, entry in layout.items()
+    ]
+    return "\n".join(["| path | type (shape) | required | what |", "| --- | --- | --- | --- |", *rows])

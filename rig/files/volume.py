@@ -1,0 +1,140 @@
+"""Volume files: the reconstructed image, and how it was made."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError, RigError, UsageError
+from rig.files.atomic import appearing
+from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
+from rig.files.layout import VOLUME
+from rig.files.start import describe, write_root
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A reconstructed volume.
+
+    Attributes
+    ----------
+    intensity
+        (nz, ny, nx) |U|^2; for the transient camera (nt, nz, ny, nx) or (nt, ny, nx).
+    x_m, y_m, z_m
+        (nx,), (ny,), (nz,) voxel centres.
+    depth_m
+        (ny, nx) depth of the surface seen at each pixel, NaN where nothing; None where it was not made.
+    t_s
+        (nt,) times of the transient camera's frames.
+    parameters
+        Parameters of the reconstruction: what JSON can hold.
+    scan, scan_digest
+        Name and SHA-256 of the scan file it came from.
+    """
+
+    intensity: NDArray[np.float32]
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    z_m: NDArray[np.float64]
+    depth_m: NDArray[np.float32] | None = None
+    t_s: NDArray[np.float64] | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    scan: str = ""
+    scan_digest: str = ""
+
+    def problem(self) -> str:
+        """Return what does not fit together, empty if all does."""
+        shape = self.intensity.shape
+        image = (len(self.y_m), len(self.x_m))
+        if self.t_s is None:
+            wanted: set[tuple[int, ...]] = {(len(self.z_m), *image)}
+        else:
+            wanted = {(len(self.t_s), len(self.z_m), *image), (len(self.t_s), *image)}
+        if shape not in wanted:
+            return f"intensity has shape {shape}, its axes say {' or '.join(map(str, sorted(wanted)))}"
+        if self.depth_m is not None and self.depth_m.shape != image:
+            return f"depth_m has shape {self.depth_m.shape}, its axes say {image}"
+        return ""
+
+
+def write_volume(path: str | Path, volume: Volume) -> None:
+    """Write a volume file, whole or not at all; an older volume file of this name is replaced.
+
+    Raises
+    ------
+    UsageError
+        If another kind of file has this name, or the folder does not exist.
+    DataFileError
+        If the file cannot be written.
+    ValueError
+        If the shapes of the volume do not fit together.
+    """
+    path = Path(path)
+    if problem := volume.problem():
+        raise ValueError(problem)
+    if path.exists() and not is_volume(path):
+        raise UsageError(f"{path} exists and is no volume file; it is not overwritten. Give another name")
+    try:
+        with appearing(path) as partial, h5py.File(partial, "x") as file:
+            _write(file, volume)
+    except OSError as error:
+        raise DataFileError(f"cannot write {path}: {error}; check free space and permissions") from error
+
+
+def read_volume(path: str | Path) -> Volume:
+    """Read a volume file.
+
+    Raises
+    ------
+    DataFileError
+        If the file is missing, truncated, foreign, or lacks what is needed.
+    """
+    path = Path(path)
+    with open_hdf5(path) as file, reading(path):
+        check_format(path, file, "rig-volume", 1)
+        check_layout(path, file, VOLUME)
+        group = file["volume"]
+        volume = Volume(
+            intensity=group["intensity"][()].astype(np.float32, copy=False),
+            x_m=group["x_m"][()].astype(float),
+            y_m=group["y_m"][()].astype(float),
+            z_m=group["z_m"][()].astype(float),
+            depth_m=group["depth_m"][()].astype(np.float32) if "depth_m" in group else None,
+            t_s=group["t_s"][()].astype(float) if "t_s" in group else None,
+            parameters=json.loads(plain(file.attrs.get("parameters", "{}"))),
+            scan=plain(file.attrs.get("scan", "")),
+            scan_digest=plain(file.attrs.get("scan_digest", "")),
+        )
+    if problem := volume.problem():
+        raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
+    return volume
+
+
+def is_volume(path: Path) -> bool:
+    """Return whether the file is one of this program's volumes."""
+    try:
+        with open_hdf5(path) as file:
+            return bool(plain(file.attrs.get("format")) == "rig-volume")
+    except (RigError, OSError, RuntimeError):
+        return False
+
+
+def _write(file: h5py.File, volume: Volume) -> None:
+    write_root(file, "rig-volume")
+    file.attrs["parameters"] = json.dumps(dict(volume.parameters))
+    file.attrs["scan"] = volume.scan
+    file.attrs["scan_digest"] = volume.scan_digest
+    group = file.create_group("volume")
+    group["intensity"] = np.asarray(volume.intensity, "<f4")
+    for name in ("x_m", "y_m", "z_m"):
+        group[name] = np.asarray(getattr(volume, name), "<f8")
+    if volume.t_s is not None:
+        group["t_s"] = np.asarray(volume.t_s, "<f8")
+    if volume.depth_m is not None:
+        group["depth_m"] = np.asarray(volume.depth_m, "<f4")
+    describe(file, VOLUME)

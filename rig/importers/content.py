@@ -1,0 +1,132 @@
+"""What an importer finds in a file, and what it may be told."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError, UsageError
+from rig.files import Legs
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person adds to a file that does not say all; None leaves it to the file.
+
+    Attributes
+    ----------
+    bin_width_s
+        Width of a bin.
+    wall_size_m
+        Side of the scanned square, from its first to its last spot.
+    time_origin
+        ``wall`` or ``laser``.
+    fade_from_s
+        Rectified time before which the record holds the wall's own light.
+    """
+
+    bin_width_s: float | None = None
+    wall_size_m: float | None = None
+    time_origin: str | None = None
+    fade_from_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Content:
+    """A capture in the program's frame, as found in a file.
+
+    Attributes
+    ----------
+    laser_m, detector_m
+        (P, 3), and (1, 3) or (P, 3).
+    bins, bin_width_s, first_bin_s
+        The time axis; ``first_bin_s`` is the left edge of bin 0.
+    dtype
+        Type of the counts; floating where they are no photon numbers.
+    blocks
+        (n, bins) arrays that together give the P positions in order.
+    legs
+        None where time is rectified.
+    fade_from_s
+        Rectified time before which the record holds the wall's own light.
+    simulated
+        Whether the file says that it was computed.
+    assumed
+        What was taken for granted, as plain sentences.
+    """
+
+    laser_m: NDArray[np.float64]
+    detector_m: NDArray[np.float64]
+    bins: int
+    bin_width_s: float
+    first_bin_s: float
+    dtype: np.dtype
+    blocks: Iterable[NDArray]
+    legs: Legs | None = None
+    fade_from_s: float | None = None
+    simulated: bool = False
+    assumed: Sequence[str] = ()
+
+
+def asked_for(value: float | None, path: object, what: str, option: str) -> float:
+    """Return what only a person can know.
+
+    Raises
+    ------
+    UsageError
+        If it was not given, or is not positive; it names the option.
+    """
+    if value is None:
+        raise UsageError(f"{path} does not say {what}; give it with {option}")
+    if not 0 < value < np.inf:
+        raise UsageError(f"{option} must be positive, not {value}")
+    return value
+
+
+def as_counts(array: NDArray) -> NDArray:
+    """Return photon numbers as unsigned integers, and everything else as float32.
+
+    MATLAB keeps counts as double: whole numbers that are not negative are taken as counts.
+    """
+    if array.dtype.kind == "u":
+        return array
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused when it is written
+        whole = array.dtype.kind in "ib" or bool((np.mod(array, 1) == 0).all())
+        if whole and array.min() >= 0 and array.max() < 2**32:
+            return array.astype(np.uint32)
+        return array.astype(np.float32)
+
+
+def stored_dtype(dataset: h5py.Dataset) -> np.dtype:
+    """Return the type in which a dataset's values go into the scan file.
+
+    Raises
+    ------
+    DataFileError
+        If it does not hold real numbers.
+    """
+    if dataset.dtype.kind not in "uif":
+        raise DataFileError(
+            f"{dataset.file.filename}: {dataset.name} has type {dataset.dtype}, not real numbers"
+        )
+    return dataset.dtype.newbyteorder("<") if dataset.dtype.kind == "u" else np.dtype("<f4")
+
+
+def square_grid(nx: int, ny: int, size_m: float, y_down: bool) -> NDArray[np.float64]:
+    """Return the (nx * ny, 3) spots of a square, x slowest, from -x to +x; edges included.
+
+    Parameters
+    ----------
+    nx, ny
+        Spots along x and y.
+    size_m
+        From the first to the last spot.
+    y_down
+        Whether the second index goes from top to bottom.
+    """
+    x_m = np.linspace(-size_m / 2, size_m / 2, nx)
+    y_m = np.linspace(-size_m / 2, size_m / 2, ny)
+    grid_x, grid_y = np.meshgrid(x_m, y_m[::-1] if y_down else y_m, indexing="ij")
+    return np.column_stack([grid_x.ravel(), grid_y.ravel(), np.zeros(nx * ny)])

@@ -1,0 +1,135 @@
+"""From a file of any known layout to a scan file."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError, UsageError
+from rig.files import ScanDescription, ScanWriter
+from rig.files.atomic import appearing
+from rig.importers import lct, neutral, tal
+from rig.importers.content import Content, Options
+from rig.importers.source import Source, open_source
+
+#: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
+LAYOUTS: tuple[ModuleType, ...] = (neutral, lct, tal)
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What an import found and did.
+
+    Attributes
+    ----------
+    layout
+        Name of the layout that was recognised.
+    positions, bins
+        Size of the scan.
+    time_origin
+        ``wall`` or ``laser``.
+    assumed
+        What the file did not say and was taken for granted, as plain sentences.
+    """
+
+    layout: str
+    positions: int
+    bins: int
+    time_origin: str
+    assumed: tuple[str, ...]
+
+
+def import_scan(
+    source: str | Path,
+    target: str | Path,
+    *,
+    bin_width_s: float | None = None,
+    wall_size_m: float | None = None,
+    time_origin: str | None = None,
+    fade_from_s: float | None = None,
+) -> ImportReport:
+    """Read a file of a known layout, told by its content, and write it as a scan file.
+
+    Parameters
+    ----------
+    source, target
+        The file to read, and the scan file to make.
+    bin_width_s, wall_size_m, time_origin, fade_from_s
+        What the file may lack; see `rig.importers.content.Options`.
+
+    Raises
+    ------
+    UsageError
+        If ``target`` exists, or the file lacks something that was not given.
+    DataFileError
+        If the file is damaged, of no known layout, or of two. Then no ``target`` is left.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists():
+        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    options = Options(bin_width_s, wall_size_m, time_origin, fade_from_s)
+    with open_source(source) as opened:
+        layout = _recognise(opened)
+        content = layout.read(opened, options)
+        _write(opened.path, target, layout.NAME, content, options)
+    return ImportReport(
+        layout=layout.NAME,
+        positions=len(content.laser_m),
+        bins=content.bins,
+        time_origin="wall" if content.legs is None else "laser",
+        assumed=tuple(content.assumed),
+    )
+
+
+def _recognise(source: Source) -> ModuleType:
+    found = [layout for layout in LAYOUTS if layout.recognise(source)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = " and as ".join(layout.NAME for layout in found)
+        raise DataFileError(
+            f"{source.path} can be read as {names}; it holds {source.contents()}. "
+            "Keep the arrays of one layout"
+        )
+    known = "; ".join(f"{layout.NAME}: {layout.SIGN}" for layout in LAYOUTS)
+    raise DataFileError(
+        f"{source.path} has no known layout; it holds {source.contents()}. Known layouts are {known}"
+    )
+
+
+def _write(source: Path, target: Path, name: str, content: Content, options: Options) -> None:
+    with source.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    imported = {"file": source.name, "sha256": digest, "layout": name, "assumed": list(content.assumed)}
+    fade_from_s = content.fade_from_s if options.fade_from_s is None else options.fade_from_s
+    description = ScanDescription(
+        laser_m=content.laser_m,
+        detector_m=content.detector_m,
+        bins=content.bins,
+        bin_width_s=content.bin_width_s,
+        first_bin_s=content.first_bin_s,
+        legs=content.legs,
+        simulated=content.simulated,
+        command=f"rig import {source.name}",
+        fade_from_s=fade_from_s,
+        dtype=content.dtype,
+        imported=json.dumps(imported),
+    )
+    with appearing(target) as partial, ScanWriter.create(partial, description) as writer:
+        for row in _rows(source, content):
+            writer.append(row)
+        writer.close("complete", f"imported from {source.name}")
+
+
+def _rows(source: Path, content: Content) -> Iterator[NDArray]:
+    for given in content.blocks:
+        with np.errstate(over="ignore"):
+            block = given.astype(content.dtype, copy=False)
+        if block.dtype.kind == "f" and not np.isfinite(block).all():
+            raise DataFileError(f"{source} holds a value that is not a finite number; it cannot be imaged")
+        yield from block

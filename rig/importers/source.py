@@ -1,0 +1,135 @@
+"""A file of unknown layout, opened far enough to see what it holds."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError
+from rig.files.check import open_hdf5, plain, reading
+
+
+class Source:
+    """An HDF5 file (MATLAB v7.3 is one) or a MATLAB v5 file.
+
+    Attributes
+    ----------
+    path
+        Where it is.
+    shapes
+        Shape of each array by its name at the top level; None for groups, structs and empty placeholders.
+    hdf5
+        The open file, None for MATLAB v5.
+    """
+
+    def __init__(self, path: Path, shapes: dict[str, tuple[int, ...] | None], hdf5: h5py.File | None) -> None:
+        self.path = path
+        self.shapes = shapes
+        self.hdf5 = hdf5
+
+    @property
+    def matlab5(self) -> bool:
+        """Whether it is a MATLAB v5 file."""
+        return self.hdf5 is None
+
+    def has(self, *names: str) -> bool:
+        """Return whether all these names are at the top level."""
+        return set(names) <= set(self.shapes)
+
+    def read(self, name: str) -> Any:
+        """Return a variable whole: in the order of its file, so MATLAB v7.3 arrays come transposed.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing or damaged.
+        """
+        if name not in self.shapes:
+            raise DataFileError(f"{self.path} lacks '{name}'; it holds {self.contents()}")
+        if self.hdf5 is not None:
+            with reading(self.path):
+                return None if self.shapes[name] is None else self.hdf5[name][()]
+        with reading_matlab(self.path):
+            return scipy.io.loadmat(self.path, variable_names=[name])[name]
+
+    def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
+        """Return a numeric variable as float64 of this shape; -1 stands for any size.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing, not numeric, not finite, or of another shape.
+        """
+        value = np.asarray(self.read(name))
+        fits = value.dtype.kind in "fiub" and value.size > 0
+        if fits:
+            value = value.astype(float)
+            try:
+                value = value.reshape(shape)
+            except ValueError:
+                fits = False
+        if not fits or not np.isfinite(value).all():
+            raise DataFileError(
+                f"{self.path}: '{name}' has shape {np.shape(value)} and type {value.dtype}; "
+                f"finite numbers of shape {shape} are needed"
+            )
+        return value
+
+    def attribute(self, name: str, default: Any = None) -> Any:
+        """Return a root attribute of an HDF5 file as a Python value."""
+        assert self.hdf5 is not None
+        return plain(self.hdf5.attrs.get(name, default))
+
+    def contents(self) -> str:
+        """Return what it holds, in words."""
+        parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]
+        return ", ".join(parts) or "nothing"
+
+
+@contextmanager
+def open_source(path: Path) -> Iterator[Source]:
+    """Open a file by its content, whatever its name.
+
+    Raises
+    ------
+    DataFileError
+        If it is missing, damaged, or neither HDF5 nor MATLAB.
+    """
+    if not path.is_file():
+        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+    with path.open("rb") as file:
+        head = file.read(128)
+    if head.startswith(b"MATLAB 5.0"):
+        with reading_matlab(path):
+            names = scipy.io.whosmat(path)
+        yield Source(path, {name: None if kind == "struct" else shape for name, shape, kind in names}, None)
+    elif h5py.is_hdf5(path):
+        with open_hdf5(path) as hdf5:
+            with reading(path):
+                shapes = {name: _shape(hdf5[name]) for name in hdf5}
+            yield Source(path, shapes, hdf5)
+    else:
+        raise DataFileError(
+            f"{path} is neither HDF5 nor MATLAB: it begins with {head[:12]!r}. "
+            "Photon records of other kinds need the plan of the scan that made them"
+        )
+
+
+@contextmanager
+def reading_matlab(path: Path) -> Iterator[None]:
+    """Turn what scipy raises on a damaged file, which may be anything, into an error that names the file."""
+    try:
+        yield
+    except DataFileError:
+        raise
+    except Exception as error:
+        raise DataFileError(f"{path} is a damaged MATLAB file: {error}; copy it again") from error
+
+
+def _shape(member: Any) -> tuple[int, ...] | None:
+    return member.shape if isinstance(member, h5py.Dataset) else None

@@ -1,0 +1,139 @@
+"""TAL (the y-tal library), HDF5 with ``H`` and ``H_format``.
+
+``delta_t`` and ``t_start`` are metres of optical path; ``t_start`` is the left edge of bin 0, since TAL takes
+bin floor((path - t_start) / delta_t). Time is the first axis of ``H``. Enums are datasets of shape (1,), and
+None is an empty dataset. TAL scans the sensor and may keep the laser still; light runs both ways alike
+(Helmholtz reciprocity), so that is the same as scanning the laser before a detector that is still.
+"""
+
+from collections.abc import Iterator
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture import C_M_PER_S
+from rig.errors import DataFileError, UsageError
+from rig.files import Legs
+from rig.files.check import reading
+from rig.importers.content import Content, Options, stored_dtype
+from rig.importers.source import Source
+from rig.importers.wall import WallFrame
+
+NAME = "TAL"
+SIGN = "HDF5 with H and H_format"
+#: TAL's HFormat codes that give one histogram for each sensor point.
+_GRID, _LIST = 1, 3
+_REFUSED = {
+    2: "T_Lx_Ly_Sx_Sy (each laser with each sensor point)",
+    4: "T_Li_Si (each laser with each sensor point)",
+    10: "frequency domain",
+    11: "frequency domain",
+    12: "frequency domain",
+    13: "frequency domain",
+}
+#: Bytes of H read at once.
+_BLOCK_BYTES = 2**26
+
+
+def recognise(source: Source) -> bool:
+    """Return whether the file has this layout."""
+    return not source.matlab5 and source.has("H", "H_format")
+
+
+def read(source: Source, options: Options) -> Content:
+    """Read the file, block by block.
+
+    Raises
+    ------
+    UsageError
+        If the file does not say whether its time includes the legs, and it was not given.
+    DataFileError
+        If ``H`` has a form that is not one histogram for each sensor point, or arrays do not fit together.
+    """
+    assert source.hdf5 is not None
+    code = int(source.numbers("H_format", 1)[0])
+    shape = source.shapes["H"]
+    if code in _REFUSED or code not in {_GRID, _LIST}:
+        raise DataFileError(
+            f"{source.path}: H_format is {_REFUSED.get(code, code)}; only T_Sx_Sy and T_Si can be imported. "
+            "In y-tal, get_single_subdata_from_laser_point takes one laser point out"
+        )
+    sensor_m = source.numbers("sensor_grid_xyz", -1, 3)
+    laser_m = source.numbers("laser_grid_xyz", -1, 3)
+    if shape is None or len(shape) != (3 if code == _GRID else 2) or np.prod(shape[1:]) != len(sensor_m):
+        raise DataFileError(
+            f"{source.path}: H has shape {shape}, but there are {len(sensor_m)} sensor points"
+        )
+    if len(laser_m) not in {1, len(sensor_m)}:
+        raise DataFileError(
+            f"{source.path}: {len(laser_m)} laser points for {len(sensor_m)} sensor points; "
+            "one, or as many, are needed"
+        )
+    delta_m, start_m = source.numbers("delta_t", 1)[0], _optional(source, "t_start", 1)
+    if not delta_m > 0:
+        raise DataFileError(f"{source.path}: delta_t is {delta_m} m; it must be positive")
+    legs_inside = _legs_inside(source, options)
+    sensor_head_m, laser_head_m = _optional(source, "sensor_xyz", 3), _optional(source, "laser_xyz", 3)
+    if legs_inside and (sensor_head_m is None or laser_head_m is None):
+        raise DataFileError(
+            f"{source.path}: its time includes the legs, but sensor_xyz or laser_xyz is missing"
+        )
+    normals = _optional(source, "sensor_grid_normals", -1, 3)
+    try:
+        towards_m = laser_head_m if sensor_head_m is None else sensor_head_m
+        frame = WallFrame.of(sensor_m, None if normals is None else normals.mean(axis=0), towards_m)
+    except DataFileError as error:
+        raise DataFileError(f"{source.path}: {error}") from None
+    scanned_m, still_m = frame.bring(sensor_m), frame.bring(laser_m)
+    legs = None
+    if legs_inside and sensor_head_m is not None and laser_head_m is not None:
+        # the scanned side is our laser, by reciprocity, so TAL's sensor is our laser's head
+        legs = Legs(frame.bring(sensor_head_m), frame.bring(laser_head_m))
+    dataset = source.hdf5["H"]
+    return Content(
+        laser_m=scanned_m,
+        detector_m=still_m,
+        bins=shape[0],
+        bin_width_s=delta_m / C_M_PER_S,
+        first_bin_s=0.0 if start_m is None else start_m[0] / C_M_PER_S,
+        dtype=stored_dtype(dataset),
+        blocks=_blocks(source, dataset),
+        legs=legs,
+        assumed=(
+            "by reciprocity, TAL's sensor points are the scanned laser spots, and its laser is the detector",
+            "TAL's frame is kept: its wall lies in z = 0"
+            if frame.still
+            else f"the wall was moved onto z = 0: origin {np.round(frame.origin_m, 6)} m, x along "
+            f"{np.round(frame.axes[0], 6)}, y along {np.round(frame.axes[1], 6)}",
+        ),
+    )
+
+
+def _legs_inside(source: Source, options: Options) -> bool:
+    flag = _optional(source, "t_accounts_first_and_last_bounces", 1)
+    if flag is not None:
+        return bool(flag[0])
+    if options.time_origin is None:
+        raise UsageError(
+            f"{source.path} does not say whether its time includes the ways from laser to wall and from wall "
+            "to sensor (t_accounts_first_and_last_bounces); say --time-origin laser if it does, wall if not"
+        )
+    return options.time_origin == "laser"
+
+
+def _optional(source: Source, name: str, *shape: int) -> NDArray[np.float64] | None:
+    """Return a variable, None where it is missing or TAL's None."""
+    if source.shapes.get(name) is None:
+        return None
+    return source.numbers(name, *shape)
+
+
+def _blocks(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
+    bins, lines = dataset.shape[:2]
+    line_bytes = dataset.dtype.itemsize * int(np.prod(dataset.shape)) // lines
+    step = max(1, _BLOCK_BYTES // line_bytes)
+    for start in range(0, lines, step):
+        with reading(source.path):
+            block = dataset[:, start : start + step]
+        yield block.reshape(bins, -1).T

@@ -1,0 +1,80 @@
+"""Bringing a relay wall that stands anywhere into the program's frame."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError
+
+#: A wall whose spots are within this of a plane z = 0 is taken as it is [m].
+FLAT_M = 1e-4
+
+
+@dataclass(frozen=True)
+class WallFrame:
+    """A rigid motion x -> axes (x - origin) of another frame into ours.
+
+    Attributes
+    ----------
+    origin_m
+        (3,) the other frame's point that becomes our origin.
+    axes
+        (3, 3) rows: our x, y and z axes in the other frame.
+    """
+
+    origin_m: NDArray[np.float64]
+    axes: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, spots_m: NDArray, normal: NDArray | None, towards_m: NDArray | None) -> Self:
+        """Find the motion that lays a wall onto z = 0, its y axis as upright as it can be.
+
+        A wall that lies in z = 0 already, its room at z > 0, stays where it is. Else the origin becomes the
+        middle of the spots, z the wall's normal into the room, y the other frame's y axis as far as it lies
+        in the wall, and x = y cross z, so that nothing is mirrored.
+
+        Parameters
+        ----------
+        spots_m
+            (P, 3) spots on the wall.
+        normal
+            (3,) normal into the room, None where not known.
+        towards_m
+            (3,) a point in the room, such as the laser, used where there is no normal.
+
+        Raises
+        ------
+        DataFileError
+            If the spots do not tell a plane, its side is not known, or it is a floor.
+        """
+        middle_m = (spots_m.min(axis=0) + spots_m.max(axis=0)) / 2
+        spread, directions = np.linalg.svd(spots_m - spots_m.mean(axis=0), full_matrices=False)[1:]
+        if normal is not None and np.linalg.norm(normal) > 0:
+            z = normal / np.linalg.norm(normal)
+        elif len(spots_m) >= 3 and spread[1] > 1e-6 * spread[0]:
+            z = directions[2]
+            side = 0.0 if towards_m is None else float(np.dot(towards_m - middle_m, z))
+            in_place = np.abs(spots_m[:, 2]).max() < FLAT_M
+            if side == 0.0 and not in_place:
+                raise DataFileError("the wall's spots have no normals, so the room's side is not known")
+            z = z * np.sign(side) if side else np.array([0.0, 0.0, 1.0])
+        else:
+            raise DataFileError("the wall's spots lie on one line and have no normals: the wall is not known")
+        if np.abs(spots_m[:, 2]).max() < FLAT_M and z[2] > 0:
+            return cls(np.zeros(3), np.eye(3))
+        up = np.array([0.0, 1.0, 0.0]) - z[1] * z
+        if np.linalg.norm(up) < 0.1:
+            raise DataFileError("the relay wall is a floor or a ceiling, so that no direction on it is up")
+        y = up / np.linalg.norm(up)
+        return cls(middle_m, np.stack([np.cross(y, z), y, z]))
+
+    @property
+    def still(self) -> bool:
+        """Whether the motion moves nothing."""
+        return bool((self.axes == np.eye(3)).all() and not self.origin_m.any())
+
+    def bring(self, points_m: NDArray) -> NDArray[np.float64]:
+        """Return (n, 3) points of the other frame in ours."""
+        return (points_m - self.origin_m) @ self.axes.T

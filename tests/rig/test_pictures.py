@@ -1,0 +1,135 @@
+"""Pictures show things where the virtual camera sees them, in metres, and without panels that collide."""
+
+import os
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from rig.errors import DataFileError, UsageError
+from rig.files import Volume
+from rig.pictures import save, volume_figure
+
+
+def volume(nx=60, ny=40, nz=50, blob=(0.5, 0.3, 1.0), **changes):
+    """Return a dark volume of 1.8 m x 1.2 m x 1.5 m with one blob of 6 cm at (x, y, z)."""
+    x_m, y_m = np.linspace(-0.9, 0.9, nx), np.linspace(-0.6, 0.6, ny)
+    z_m = np.linspace(0.5, 2.0, nz) if nz > 1 else np.array([blob[2]])
+    z, y, x = np.meshgrid(z_m, y_m, x_m, indexing="ij")
+    distance_m = np.sqrt((x - blob[0]) ** 2 + (y - blob[1]) ** 2 + (z - blob[2]) ** 2)
+    intensity = np.exp(-((distance_m / 0.06) ** 2)).astype("f4")
+    depth_m = np.where(intensity.max(axis=0) > 0.2, blob[2], np.nan).astype("f4")
+    given = {"parameters": {"solver": "rsd", "wavelength_m": 0.04}, "scan": "letters.h5", "depth_m": depth_m}
+    return Volume(intensity=intensity, x_m=x_m, y_m=y_m, z_m=z_m, **(given | changes))
+
+
+def panels(figure):
+    return {axes.get_title().split(":")[0].split(" of")[0]: axes for axes in figure.axes if axes.get_title()}
+
+
+def brightest_place(figure, axes):
+    """Return where a panel is brightest: fractions of its width, from the left, and of its height."""
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[::-1, :, :3].sum(axis=2)
+    box = axes.get_window_extent()
+    # two pixels off each side: the frame line is dark or light, not data
+    inner = pixels[round(box.y0) + 2 : round(box.y1) - 2, round(box.x0) + 2 : round(box.x1) - 2]
+    rows, columns = np.nonzero(inner > 0.98 * inner.max())
+    return columns.mean() / inner.shape[1], rows.mean() / inner.shape[0]
+
+
+def test_what_is_at_plus_x_and_up_is_drawn_left_and_up():
+    figure = volume_figure(volume(blob=(0.5, 0.3, 1.0)))
+    front = panels(figure)["front"]
+    across, up = brightest_place(figure, front)
+    # when x grows to the left, x = 0.5 of -0.9 ... 0.9 is 0.4 m from the left edge; y = 0.3 of -0.6 ... 0.6 is
+    # 0.9 m from the bottom; a voxel is 3 % of the width
+    assert across == pytest.approx(0.4 / 1.8, abs=0.03)
+    assert up == pytest.approx(0.9 / 1.2, abs=0.03)
+    assert front.get_xlim()[0] > front.get_xlim()[1]
+    assert "(m)" in front.get_xlabel()
+
+
+def test_top_and_side_agree_with_the_front():
+    figure = volume_figure(volume(blob=(0.5, 0.3, 1.0)))
+    across, away = brightest_place(figure, panels(figure)["top"])
+    assert across == pytest.approx(0.4 / 1.8, abs=0.03)
+    assert away == pytest.approx(0.5 / 1.5, abs=0.04)
+    away, up = brightest_place(figure, panels(figure)["side"])
+    assert away == pytest.approx(0.5 / 1.5, abs=0.04)
+    assert up == pytest.approx(0.9 / 1.2, abs=0.03)
+
+
+def test_the_depth_map_is_drawn_like_the_front_and_grey_where_nothing_is():
+    figure = volume_figure(volume())
+    depth = panels(figure)["depth"]
+    assert depth.get_xlim() == panels(figure)["front"].get_xlim()
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[::-1, :, :3]
+    box = depth.get_window_extent()
+    corner = pixels[round(box.y0) + 20, round(box.x1) - 20]
+    assert corner[0] == corner[1] == corner[2]
+    x = round(box.x0 + (box.x1 - box.x0) * 0.4 / 1.8)
+    y = round(box.y0 + (box.y1 - box.y0) * 0.9 / 1.2)
+    assert len(set(pixels[y, x].tolist())) > 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"depth_m": None},
+        {"nz": 1},
+        {"nz": 1, "depth_m": None},
+        {"nx": 8, "ny": 60},
+        {"depth_m": np.full((40, 60), np.nan, "f4")},
+    ],
+)
+def test_panels_keep_the_scale_and_do_not_collide(changes):
+    figure = volume_figure(volume(**changes), compensation="z²")
+    figure.canvas.draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes] + [
+        text.get_window_extent() for text in figure.texts
+    ]
+    width, height = figure.canvas.get_width_height()
+    assert 1200 <= width <= 1600
+    for number, box in enumerate(boxes):
+        assert box.x0 >= 0
+        assert box.y0 >= 0
+        assert box.x1 <= width
+        assert box.y1 <= height
+        for other in boxes[:number]:
+            assert not box.overlaps(other)
+    for axes in panels(figure).values():
+        box = axes.get_window_extent()
+        (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        assert box.width / abs(right - left) == pytest.approx(box.height / abs(high - low), rel=1e-6)
+
+
+def test_the_heading_names_scan_and_parameters():
+    figure = volume_figure(volume(), compensation="z²")
+    said = [text.get_text() for text in figure.texts]
+    assert said == ["letters.h5", "rsd, wavelength 4 cm"]
+    assert any("intensity times z²" in axes.get_ylabel() for axes in figure.axes)
+
+
+@pytest.mark.parametrize(
+    "intensity", [np.ones((3, 2, 4, 5), "f4"), np.ones((3, 4, 5), "f4"), np.zeros((3, 4, 5), "f4")]
+)
+def test_a_transient_cameras_volume_is_shown_by_its_brightest_moment(intensity):
+    z_m = np.array([1.0, 1.1]) if intensity.ndim == 4 else np.array([1.0])
+    shown = Volume(intensity, np.linspace(-1, 1, 5), np.linspace(-1, 1, 4), z_m, t_s=np.arange(3.0))
+    (image,) = panels(volume_figure(shown))["front"].get_images()
+    np.testing.assert_array_equal(image.get_array(), intensity.max() * np.ones((4, 5)))
+
+
+def test_a_picture_appears_whole_or_not_at_all(tmp_path):
+    figure = volume_figure(volume())
+    save(figure, tmp_path / "a.png")
+    assert imread(tmp_path / "a.png").shape[1] == 1500
+    assert os.listdir(tmp_path) == ["a.png"]
+    with pytest.raises(DataFileError, match="format"):
+        save(figure, tmp_path / "a.nothing")
+    with pytest.raises(UsageError, match="does not exist"):
+        save(figure, tmp_path / "nowhere" / "a.png")
+    assert os.listdir(tmp_path) == ["a.png"]

@@ -1,0 +1,252 @@
+"""A killed, truncated or foreign file gives right rows or a DataFileError; nothing else."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rig.errors import DataFileError
+from rig.files import ScanDescription, ScanFile, ScanWriter
+
+ROOT = Path(__file__).parents[2]
+POSITIONS, BINS, LINE = 600, 400, 25
+
+#: A writer without end in sight: a line of positions between checkpoints, each line told on stdout.
+WRITER = textwrap.dedent(
+    f"""
+    import sys
+    import numpy as np
+    from rig.files import ScanDescription, ScanWriter
+
+    def row(position):
+        return np.random.default_rng([7, position]).poisson(0.5, {BINS}).astype("u4")
+
+    path, mode = sys.argv[1:]
+    if mode == "create":
+        laser_m = np.zeros(({POSITIONS}, 3))
+        laser_m[:, 0] = np.arange({POSITIONS})
+        description = ScanDescription(laser_m, np.zeros((1, 3)), {BINS}, 4e-12, 0.0)
+        writer = ScanWriter.create(path, description)
+    else:
+        writer = ScanWriter.resume(path)
+    print("line", flush=True)
+    while writer.appended < writer.positions:
+        writer.append(row(writer.appended), 0.01)
+        if writer.appended % {LINE} == 0:
+            writer.checkpoint()
+            print("line", flush=True)
+    writer.close("complete")
+    """
+)
+
+
+def row(position):
+    return np.random.default_rng([7, position]).poisson(0.5, BINS).astype("u4")
+
+
+def kill_while_writing(path, mode, lines, delay_s):
+    """Run the writer and kill it some microseconds after a line; return the lines that it told."""
+    arguments = [sys.executable, "-c", WRITER, str(path), mode]
+    with subprocess.Popen(
+        arguments, cwd=ROOT, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    ) as run:
+        told = 0
+        for _ in range(lines):
+            told += bool(run.stdout.readline())
+        # a busy wait: the moment of the kill is what the test varies
+        end = time.perf_counter() + delay_s
+        while time.perf_counter() < end:
+            pass
+        run.send_signal(signal.SIGKILL)
+        told += len(run.stdout.readlines())
+    return told
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
+@pytest.mark.parametrize("seed", range(6))
+def test_a_killed_writer_leaves_no_wrong_row_and_can_be_resumed(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    path = tmp_path / "scan.h5"
+    promised = (kill_while_writing(path, "create", int(rng.integers(2, 12)), rng.uniform(0, 3e-3)) - 1) * LINE
+    for _ in range(2):
+        with ScanFile(path) as scan:
+            assert scan.status == "interrupted"
+            done = np.flatnonzero(scan.done)
+            # a rewritten chunk may take back the marks of its 15 first rows until the next checkpoint
+            assert promised - 15 <= len(done)
+            for where, block in scan.capture().histograms.blocks():
+                for position, counts in zip(done[where], block, strict=True):
+                    np.testing.assert_array_equal(counts, row(position))
+        lines = kill_while_writing(path, "resume", int(rng.integers(1, 6)), rng.uniform(0, 3e-3))
+        promised = len(done) // 16 * 16 + max(0, lines - 2) * LINE
+    with ScanWriter.resume(path) as writer:
+        while writer.appended < POSITIONS:
+            writer.append(row(writer.appended), 0.01)
+    with ScanFile(path) as scan:
+        assert scan.status == "complete"
+        (whole,) = [block for _, block in scan.capture().histograms.blocks()]
+    np.testing.assert_array_equal(whole, [row(position) for position in range(POSITIONS)])
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    path = tmp_path_factory.mktemp("healthy") / "scan.h5"
+    laser_m = np.random.default_rng(5).normal(size=(40, 3))
+    description = ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0, plan='{"a": 1}')
+    with ScanWriter.create(path, description) as writer:
+        for position in range(40):
+            writer.append(row(position), 0.01)
+    return path
+
+
+def read_all(path):
+    with ScanFile(path) as scan:
+        str(scan)
+        blocks = [block for _, block in scan.capture().histograms.blocks()]
+        return np.concatenate(blocks), scan.laser_m
+
+
+def test_a_file_cut_at_any_length_is_refused(healthy, tmp_path):
+    content = healthy.read_bytes()
+    path = tmp_path / "cut.h5"
+    lengths = {0, 1, 8, 96, 512, 2048, len(content) - 1} | set(range(100, len(content), len(content) // 60))
+    for length in lengths:
+        path.write_bytes(content[:length])
+        with pytest.raises(DataFileError, match=r"cut\.h5"):
+            read_all(path)
+
+
+def test_a_damaged_file_never_ends_in_a_traceback(healthy, tmp_path):
+    content = healthy.read_bytes()
+    path = tmp_path / "damaged.h5"
+    rng = np.random.default_rng(11)
+    refused = []
+    for _ in range(150):
+        damaged = bytearray(content)
+        start = int(rng.integers(len(content)))
+        size = int(rng.choice([1, 8, 200, 4000]))
+        damaged[start : start + size] = rng.bytes(min(size, len(content) - start))
+        path.write_bytes(damaged)
+        try:
+            read_all(path)
+        except DataFileError as error:
+            refused.append(str(error))
+    assert len(refused) > 15
+    assert all("damaged.h5" in said for said in refused)
+
+
+def test_a_damaged_chunk_is_noticed(healthy, tmp_path):
+    path = tmp_path / "chunk.h5"
+    content = bytearray(healthy.read_bytes())
+    with h5py.File(healthy) as file:
+        chunk = file["transients/counts"].id.get_chunk_info(1)
+    content[chunk.byte_offset + chunk.size // 2] ^= 0x10
+    path.write_bytes(content)
+    with pytest.raises(DataFileError, match="damaged"):
+        read_all(path)
+
+
+def test_other_files_are_refused_by_what_they_are(tmp_path):
+    text = tmp_path / "a.txt"
+    text.write_text("hello")
+    with pytest.raises(DataFileError, match="not an HDF5 file"):
+        ScanFile(text)
+    with pytest.raises(DataFileError, match="does not exist"):
+        ScanFile(tmp_path / "none.h5")
+    with pytest.raises(DataFileError, match="does not exist, or is no file"):
+        ScanFile(tmp_path)
+    foreign = tmp_path / "b.h5"
+    with h5py.File(foreign, "w") as file:
+        file["H"] = np.zeros(3)
+    with pytest.raises(DataFileError, match=r"no format attribute.*holds H.*rig import"):
+        ScanFile(foreign)
+
+
+def change(healthy, path, edit):
+    path.write_bytes(healthy.read_bytes())
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def drop_attribute(group, name):
+    return lambda file: file[group].attrs.pop(name)
+
+
+def set_attribute(group, name, value):
+    return lambda file: file[group].attrs.__setitem__(name, value)
+
+
+def replace(path, value):
+    def edit(file):
+        del file[path]
+        file[path] = value
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (drop_attribute("transients", "bin_width_s"), "/transients@bin_width_s is missing"),
+        (drop_attribute("transients", "time_origin"), "/transients@time_origin is missing"),
+        (drop_attribute("/", "version"), "version None"),
+        (set_attribute("/", "version", 2), "reads version 1"),
+        (set_attribute("/", "format", "rig-volume"), "not a rig-scan file"),
+        (set_attribute("transients", "time_origin", "moon"), "must be 'wall' or 'laser'"),
+        (set_attribute("transients", "time_origin", "laser"), "lacks the attributes laser_head_m"),
+        (set_attribute("transients", "bin_width_s", -1.0), "must be positive"),
+        (set_attribute("transients", "bin_width_s", float("nan")), "finite"),
+        (set_attribute("transients", "bin_width_s", "4ps"), "bin_width_s is '4ps', not number"),
+        (lambda file: file.pop("geometry/laser_m"), "/geometry/laser_m is missing"),
+        (lambda file: file.pop("geometry"), "/geometry is missing"),
+        (lambda file: file.pop("transients/counts"), "it has neither"),
+        (replace("geometry/laser_m", np.zeros((39, 3))), "/transients/counts has shape"),
+        (replace("geometry/laser_m", np.full((40, 3), np.nan)), "not a number"),
+        (replace("geometry/detector_m", np.zeros((7, 3))), r"/geometry/detector_m has shape \(7, 3\)"),
+        (replace("geometry/detector_m", np.zeros((1, 2))), "/geometry/detector_m has shape"),
+        (replace("transients/counts", np.zeros((40, BINS))), "unsigned integers"),
+        (replace("transients/counts", np.zeros(40, "u4")), "/transients/counts has shape"),
+        (replace("transients/counts", h5py.Empty("f")), "/transients/counts is not a dataset"),
+        (replace("transients/done", np.ones(3, bool)), "/transients/done has shape"),
+        (replace("transients/done", np.zeros(40, bool)), "no measured position"),
+        (lambda file: file.__setitem__("transients/photons", np.zeros(5, "u2")), "either"),
+        (set_attribute("start", "plan", 5), "start@plan is 5"),
+    ],
+)
+def test_what_is_wrong_is_named(healthy, tmp_path, edit, said):
+    path = change(healthy, tmp_path / "changed.h5", edit)
+    with pytest.raises(DataFileError, match=said) as caught:
+        read_all(path)
+    assert "changed.h5" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("photons", "offset", "said"),
+    [
+        ([1, 2, 3], [0, 1, 1, 1, 2], "must rise from 0 to the 3 photons"),
+        ([1, 2, 3], [0, 2, 1, 3, 3], "must rise"),
+        ([1, 2, 3], [0, 1, 3], "photon_offset has shape"),
+        ([1, 2, 30], [0, 1, 1, 1, 3], "bin 30 of 20 bins"),
+    ],
+)
+def test_wrong_photon_lists_are_named(tmp_path, photons, offset, said):
+    path = tmp_path / "tagged.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"format": "rig-scan", "version": 1})
+        file["geometry/laser_m"] = np.zeros((4, 3))
+        file["geometry/detector_m"] = np.zeros((1, 3))
+        file["transients/photons"] = np.array(photons, "u2")
+        file["transients/photon_offset"] = np.array(offset, "u8")
+        file["transients"].attrs.update(
+            {"bin_width_s": 4e-12, "first_bin_s": 0.0, "time_origin": "wall", "bins": 20}
+        )
+    with pytest.raises(DataFileError, match=said):
+        read_all(path)
