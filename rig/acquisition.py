@@ -116,9 +116,10 @@ def acquire(
         ScanWriter.create(target, describe(plan, config, devices)) as writer,
     ):
         recorder = Recorder(writer)
+        everyone: tuple[Consumer, ...] = (recorder, *consumers)
 
         def consume(event: Event) -> None:
-            for consumer in (recorder, *consumers):
+            for consumer in everyone:
                 consumer(event)
 
         engine = ScanEngine(

@@ -5,7 +5,6 @@ identifies itself on entry and is left safe on exit: the laser dark, the gate cl
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -85,31 +84,37 @@ class GatedSpad(Device, Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Exposure:
-    """What one timed measurement gave.
+class Exposure(Protocol):
+    """What one timed measurement gave."""
 
-    Attributes
-    ----------
-    counts
-        (bins,) uint32, photons a bin; valid until the next measurement.
-    live_time_s
-        Measurement time that the instrument reports.
-    warnings
-        Plain sentences about this measurement, e.g. overflow or a lost sync; empty when all is well.
-    """
+    @property
+    def counts(self) -> NDArray[np.uint32]:
+        """(bins,) photons a bin; valid until the next measurement."""
+        ...
 
-    counts: NDArray[np.uint32]
-    live_time_s: float
-    warnings: tuple[str, ...] = ()
+    @property
+    def live_time_s(self) -> float:
+        """Measurement time that the instrument reports."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Plain sentences about this measurement, e.g. overflow or a lost sync; empty when all is well."""
+        ...
 
 
-@dataclass(frozen=True)
-class Rates:
+class Rates(Protocol):
     """Count rates as the timing instrument measures them, in counts a second."""
 
-    sync_hz: float
-    input_hz: float
+    @property
+    def sync_hz(self) -> float:
+        """Sync pulses a second."""
+        ...
+
+    @property
+    def input_hz(self) -> float:
+        """Detections a second."""
+        ...
 
 
 class Tcspc(Device, Protocol):

@@ -77,11 +77,11 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
 def _detector() -> Finding:
     import usb.core
 
-    from drivers.spad import PRODUCT_ID, VENDOR_ID
+    from drivers.spad import ID120
 
-    what = f"detector on USB ({VENDOR_ID:04x}:{PRODUCT_ID:04x})"
+    what = f"detector on USB ({ID120[0]:04x}:{ID120[1]:04x})"
     try:
-        device = usb.core.find(idVendor=VENDOR_ID, idProduct=PRODUCT_ID)
+        device = usb.core.find(idVendor=ID120[0], idProduct=ID120[1])
     except usb.core.NoBackendError:
         return Finding(what, "missing", "libusb is not installed", "Install it: pip install 'nlos-rig[usb]'")
     if device is None:
@@ -91,10 +91,10 @@ def _detector() -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp import HHLib
+    from drivers.hydraharp import load_library
 
     try:
-        library = HHLib.load(config.hydraharp.library)
+        library = load_library(config.hydraharp.library)
     except DeviceError as error:
         return Finding("HydraHarp library", "missing", error.answered, error.remedy)
     return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")

@@ -1,4 +1,4 @@
-"""From a scan file to an image: choose what was not asked for, focus, find depths, write volume and picture."""
+"""From a scan file to a volume file and a picture: choose what was not asked for, focus, find depths."""
 
 import dataclasses
 import time
@@ -18,8 +18,8 @@ from rig.files.volume import Volume, write_volume
 from rig.pictures import save, volume_figure
 from rig.quantities import show_length
 
-#: A pixel of the picture has a depth where its intensity, compensated for the fall-off with depth, is at least
-#: this part of the greatest.
+#: A pixel has a depth where its intensity, compensated for the fall-off with depth, is at least this part of
+#: the greatest.
 DEPTH_THRESHOLD = 0.05
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.clock import SystemClock
 from drivers.galvo import OptotuneMirror
-from drivers.hydraharp import HHLib, HydraHarp
+from drivers.hydraharp import HHLib, HydraHarp, load_library
 from drivers.laser import KatanaLaser
 from drivers.spad import Id120Spad
 from rig.config import RigConfig, SimulationConfig
@@ -31,7 +31,7 @@ def open_devices(config: RigConfig) -> Iterator[Devices]:
                 galvo=config.galvo.address or "",
                 laser=config.laser.address or "",
                 usb_backend=None,
-                hhlib=HHLib.load(config.hydraharp.library),
+                hhlib=load_library(config.hydraharp.library),
                 clock=SystemClock(),
             )
         yield _open(config, wires, stack)

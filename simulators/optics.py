@@ -30,8 +30,8 @@ class Optics:
         usual for the first two; with the default the scene "letters" has the paper's mean of 205 000
         detections a second.
     stray_per_pulse
-        Detections for each full-power pulse of direct light from the laser spot, scattered into the
-        detector's view, when nothing gates it off (unconfirmed; on a real rig it may saturate).
+        Detections for each full-power pulse of first-bounce light, straight from the laser spot into the
+        lens and scattered there, when nothing gates it off (unconfirmed; on a real rig it may saturate).
     """
 
     power_w: float = 1.0

@@ -105,7 +105,7 @@ class ThreeBouncePhotons:
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Direct light of the laser spot, along the wall to the detector spot, where it scatters."""
+        """First-bounce light: the laser spot itself, as the detector's lens sees it."""
         arrival_s = self._stray_arrival_s(spot_m)
         span_s = arrival_s + PULSE_SPAN * self.optics.pulse_fwhm_s
         if not self.detector.sensitivity(span_s, light).any():
@@ -130,5 +130,6 @@ class ThreeBouncePhotons:
         return self.geometry.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
-        along_m = dist(spot_m, self.geometry.detector_spot_m)
-        return np.array(self._legs_s(spot_m) + along_m / C_M_PER_S)
+        """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""
+        path_m = dist(self.geometry.galvo_m, spot_m) + dist(spot_m, self.geometry.detector_head_m)
+        return np.array(self.geometry.electronics_delay_s + path_m / C_M_PER_S)

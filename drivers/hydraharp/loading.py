@@ -16,12 +16,17 @@ from drivers.hydraharp.library import HHLib
 PATH_VARIABLE = "HHLIB_PATH"
 
 
-def load_library() -> HHLib:
+def load_library(path: Path | None = None) -> HHLib:
     """Load HHLib from the first place that has it.
 
     The order is ``$HHLIB_PATH``, the copy inside an installed ``snAPI`` package, the vendor's Linux
-    installation, and on Windows ``hhlib64.dll``. A path that was asked for by ``$HHLIB_PATH`` is never
-    replaced by another.
+    installation, and on Windows ``hhlib64.dll``. A path that was asked for, by argument or by
+    ``$HHLIB_PATH``, is never replaced by another.
+
+    Parameters
+    ----------
+    path
+        The library file; None to search.
 
     Returns
     -------
@@ -34,7 +39,7 @@ def load_library() -> HHLib:
         Where none of them could be loaded; it lists what was tried and why each failed.
     """
     tried = []
-    for candidate in candidates():
+    for candidate in [str(path)] if path else candidates():
         try:
             return HHLib(_load(candidate), name=candidate)
         except OSError as error:

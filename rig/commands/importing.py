@@ -55,7 +55,9 @@ def import_(
             "layout": report.layout,
             "positions": f"{report.positions:,}",
             "bins": f"{report.bins:,}",
-            "time zero": f"the pulse {'on the wall' if report.time_origin == 'wall' else 'leaving the laser'}",
+            "time zero": {"wall": "the pulse on the wall", "laser": "the pulse leaves the laser"}[
+                report.time_origin
+            ],
             "assumed": "; ".join(report.assumed) or "nothing",
         },
     )

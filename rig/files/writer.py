@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
-from rig.files.description import ScanDescription
+from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN
 from rig.files.start import COMPRESSION, utc_now, write_start
 
@@ -149,6 +149,21 @@ class ScanWriter:
         if row + 1 == len(self._buffer):
             with _named(self.path, "write"):
                 self._write_chunk()
+
+    def record_devices(self, devices: Mapping[str, Settings]) -> None:
+        """Write what each device says of itself and its settings; what was there before is replaced.
+
+        Raises
+        ------
+        DataFileError
+            If the file cannot be written.
+        """
+        assert self._file is not None
+        with _named(self.path, "write"):
+            for name, settings in devices.items():
+                group = self._file["devices"].require_group(name)
+                group.attrs.update(settings)
+            self._file.flush()
 
     def checkpoint(self) -> None:
         """Make all that was appended permanent: counts, flush, marks, flush.

@@ -1,6 +1,5 @@
 """All simulated devices on one bench, each at the end of its wire."""
 
-from contextlib import ExitStack
 from itertools import count
 from types import TracebackType
 from typing import Self
@@ -9,7 +8,7 @@ from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.laser import KatanaHead
-from simulators.wire.serial_url import attached
+from simulators.wire.serial_url.protocol_sim import attach, detach
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
 
@@ -30,22 +29,21 @@ class Rack:
     """
 
     def __init__(self, bench: Bench) -> None:
-        name = f"bench{next(_numbers)}"
-        self.galvo_url = f"sim://{name}/galvo"
-        self.laser_url = f"sim://{name}/laser"
+        self._bench = bench
+        self._name = f"bench{next(_numbers)}"
         self.usb_backend = UsbBackend([SpadInstrument(bench)])
         self._harp = HydraHarpSimulator(bench)
         self.hhlib = self._harp.functions
-        self._boards = {self.galvo_url: GalvoBoard(bench), self.laser_url: KatanaHead(bench)}
-        self._attached = ExitStack()
 
     def __enter__(self) -> Self:
-        for url, board in self._boards.items():
-            self._attached.enter_context(attached(url, board))
+        clock = self._bench.clock
+        self.galvo_url = attach(f"{self._name}/galvo", GalvoBoard(self._bench), clock)
+        self.laser_url = attach(f"{self._name}/laser", KatanaHead(self._bench), clock)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._attached.close()
+        detach(self.galvo_url)
+        detach(self.laser_url)
         self._harp.raise_pending()  # inside a C callback an exception is only an error code

@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from rig.devices import Exposure, Rates
+from drivers.hydraharp import Exposure, Rates
 from rig.engine import Devices, Ended, LineDone, Outcome, Phase, PhaseChanged, PositionDone, ScanEngine
 from rig.errors import RefusedError
 from rig.plan import ScanPlan
