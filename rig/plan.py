@@ -130,6 +130,8 @@ class ScanPlan:
             If a spot is outside the mirror's limits, the exposure does not suit the timing instrument, or the
             disk would overflow.
         """
+        if not folder.is_dir():
+            raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
         if not self.positions:
             raise RefusedError(
                 "the plan has no positions: the skipped square covers the whole grid; make skip smaller"

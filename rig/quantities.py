@@ -21,6 +21,7 @@ KINDS = {
     "memory": ("byte", "2GB"),
 }
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_UNIT = re.compile(r"[A-Za-zµμ]+")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
 
@@ -62,6 +63,11 @@ def parse(text: str, kind: str) -> float:
         raise UsageError(
             f"'{text}' has no unit; write a {kind} with its unit, e.g. {text.strip()}{example_unit(kind)}"
         )
+    unknown = UsageError(f"'{text}' has an unknown unit '{symbol}'; write a {kind} such as {example}")
+    if not _UNIT.fullmatch(
+        symbol
+    ):  # the registry would take a whole expression, and fail on some in its own ways
+        raise unknown
     try:
         value = float(number.group()) * _registry().Unit(symbol)
         return float(f"{value.to(unit).magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
@@ -69,10 +75,8 @@ def parse(text: str, kind: str) -> float:
         raise UsageError(
             f"'{text}' is not a {kind}; write it with a unit of {kind}, e.g. {example}"
         ) from None
-    except (pint.UndefinedUnitError, ValueError, AttributeError, TypeError):
-        raise UsageError(
-            f"'{text}' has an unknown unit '{symbol}'; write a {kind} such as {example}"
-        ) from None
+    except pint.UndefinedUnitError:
+        raise unknown from None
 
 
 def example_unit(kind: str) -> str:

@@ -12,6 +12,7 @@ from drivers.spad import Id120Spad
 from rig.config import RigConfig, SimulationConfig
 from rig.devices import Clock
 from rig.engine import Devices
+from rig.errors import ConfigError
 
 
 @contextmanager
@@ -64,7 +65,11 @@ def _simulated(config: RigConfig) -> Iterator[_Wires]:
         detector_spot_m=config.spad.spot_m,
         electronics_delay_s=config.timing.electronics_delay_s,
     )
-    photons = ThreeBouncePhotons(scene(simulation.scene), geometry, Optics(), Detector())
+    try:
+        hidden = scene(simulation.scene)
+    except ValueError as error:
+        raise ConfigError(f"simulation.scene: {error}") from None
+    photons = ThreeBouncePhotons(hidden, geometry, Optics(), Detector())
     clock = BenchClock(real_time=simulation.real_time)
     with Rack(Bench(photons, geometry, seed=simulation.seed, clock=clock)) as rack:
         yield _Wires(

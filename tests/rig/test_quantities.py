@@ -36,6 +36,7 @@ def test_reads_a_number_with_its_unit(text, kind, value):
         ("4", "length", "4cm"),
         ("fast", "time", "10ms"),
         ("10 parsnips", "length", "unknown unit 'parsnips'"),
+        ("0:", "angle", "unknown unit ':'"),
         ("", "time", "10ms"),
         ("10ms extra", "time", "unit"),
         ("nan s", "time", "10ms"),

@@ -96,7 +96,7 @@ def test_a_dry_run_as_json(rig):
         (("--config", "missing.toml"), 2, "missing.toml: cannot be read"),
         (("--config", CONFIGS / "lab.toml", "--seed", "1"), 2, "real devices"),
         (("--bogus",), 2, "No such option"),
-        (("--out", "nowhere/a.h5"), 2, "nowhere"),
+        (("--out", "nowhere/a.h5"), 4, "nowhere is not a folder"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_message(rig, tmp_path, arguments, code, told):
@@ -150,6 +150,6 @@ def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
     with h5py.File(tmp_path / "a.h5") as file:
         done = file["transients/done"][()]
         assert file["stop"].attrs["status"] == "interrupted"
-        assert 2340 <= done.sum() < 23_384
+        assert 2338 <= done.sum() < 23_384  # a tenth was reported
         assert (np.diff(done.astype(int)) <= 0).all()  # measured from the first on, without gaps
         assert file["transients/counts"][int(done.sum()) - 1].sum() > 0
