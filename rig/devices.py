@@ -4,7 +4,6 @@ The classes in `drivers` satisfy these protocols without knowing them. Each devi
 identifies itself on entry and is left safe on exit: the laser dark, the gate closed, the mirror at rest.
 """
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -80,31 +79,37 @@ class GatedSpad(Device, Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Exposure:
-    """What one timed measurement gave.
+class Exposure(Protocol):
+    """What one timed measurement gave."""
 
-    Attributes
-    ----------
-    counts
-        (bins,) uint32, photons a bin; valid until the next measurement.
-    live_time_s
-        Measurement time that the instrument reports.
-    warnings
-        Plain sentences about this measurement, e.g. overflow or a lost sync; empty when all is well.
-    """
+    @property
+    def counts(self) -> NDArray[np.uint32]:
+        """(bins,) photons a bin; valid until the next measurement."""
+        ...
 
-    counts: NDArray[np.uint32]
-    live_time_s: float
-    warnings: tuple[str, ...] = ()
+    @property
+    def live_time_s(self) -> float:
+        """Measurement time that the instrument reports."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Plain sentences about this measurement, e.g. overflow or a lost sync; empty when all is well."""
+        ...
 
 
-@dataclass(frozen=True)
-class Rates:
+class Rates(Protocol):
     """Count rates as the timing instrument measures them, in counts a second."""
 
-    sync_hz: float
-    input_hz: float
+    @property
+    def sync_hz(self) -> float:
+        """Sync pulses."""
+        ...
+
+    @property
+    def input_hz(self) -> float:
+        """Photons."""
+        ...
 
 
 class Tcspc(Device, Protocol):
