@@ -15,6 +15,7 @@ from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits
 from simulators.wire.galvo import GalvoBoard
+from simulators.wire.serial_url import protocol_sim
 
 
 @pytest.fixture
@@ -161,8 +162,6 @@ def test_a_device_that_never_stops_talking_is_given_up():
         def output(self):
             return bytearray(b"x" * 10_000)
 
-    from simulators.wire.serial_url import protocol_sim
-
     address = protocol_sim.attach("test/babbler", Babbler(), BenchClock())
     try:
         with pytest.raises(LinkError, match="keeps sending"):
@@ -177,9 +176,7 @@ def test_over_a_real_serial_port_of_the_operating_system():
     clock = BenchClock(real_time=True)
     board = GalvoBoard(Bench(photons=None, clock=clock))
     ours, theirs = os.openpty()
-    import tty
-
-    tty.setraw(theirs)
+    pytest.importorskip("tty").setraw(theirs)
 
     def pump():
         try:

@@ -6,7 +6,7 @@ from math import atan, radians
 import pytest
 import serial
 from scripted import protocol_script
-from scripted_usb import ScriptedUsb, framed
+from scripted_usb import OUT, ScriptedUsb, framed
 from wire_script import Script, Step, StepClock, read_transcript
 
 from drivers.errors import (
@@ -201,11 +201,13 @@ def test_spad_session():
 OPENING = read_transcript("usbtmc_question.txt", words=USB_WORDS)[:3]
 
 
-def test_usbtmc_question(monkeypatch):
+def test_usbtmc_question():
     backend = ScriptedUsb(read_transcript("usbtmc_question.txt", words=USB_WORDS))
     link = usbtmc(backend)
     link.open()
     assert link.usb488
+    # Section 4.2.1.7: after a clear the host clears the halt of the bulk-out endpoint.
+    assert backend.halts_cleared == [OUT]
     link.write(b"*IDN?\n")
     assert link.read("answer") == b"ID Quantique,ID120 simulated,SIM0001,1.0\n"
     link.write(b"OH,NO?\n")

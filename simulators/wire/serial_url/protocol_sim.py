@@ -108,6 +108,7 @@ class Serial(SerialBase):
             if self._timeout is None:
                 raise SerialException(f"{self.port}: reading without a timeout would wait for ever")
             self._clock.sleep(self._timeout)
+            output = self._plugged().output  # bytes may have come, or the plug been pulled, meanwhile
         data = bytes(output[:size])
         del output[:size]
         return data
