@@ -69,17 +69,23 @@ class PlanePropagator:
         Axes x and y are used.
     legs
         Legs of the path that the kernel stands for: 1, or 2 for confocal data.
+    plans
+        Lattice along y and along x, for these frequencies or higher ones.
     """
 
     def __init__(
-        self, aperture: Aperture, spectra: NDArray[np.complex64], band: Band, grid: VoxelGrid, legs: int
+        self,
+        aperture: Aperture,
+        spectra: NDArray[np.complex64],
+        band: Band,
+        grid: VoxelGrid,
+        legs: int,
+        plans: tuple[AxisPlan, AxisPlan],
     ) -> None:
         self._band = band
         self._grid = grid
         self._legs = legs
-        wavenumber = legs * band.last_rad_per_s / C_M_PER_S
-        self._x = plan_axis(aperture.x, grid.x_m, wavenumber)
-        self._y = plan_axis(aperture.y, grid.y_m, wavenumber)
+        self._y, self._x = plans
         self._walls = _wall_spectra(aperture, spectra, band, self._y, self._x)
         self._threads = local()
 
@@ -196,8 +202,14 @@ def focus_slab(
         (z, y, x) complex64 field U.
     """
     field = np.zeros(grid.shape, np.complex64)
-    for frequencies in _turns(aperture, band, grid, legs := 1 if detector_m is not None else 2):
-        propagator = PlanePropagator(aperture, spectra[frequencies], band[frequencies], grid, legs)
+    legs = 2 if detector_m is None else 1
+    wavenumber = legs * band.last_rad_per_s / C_M_PER_S
+    plans = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
+    many = len(band.weights)
+    at_once = max(1, WALL_BYTES // (8 * plans[0].length * plans[1].length))
+    for start in range(0, many, at_once):
+        part = slice(start, min(start + at_once, many))
+        propagator = PlanePropagator(aperture, spectra[part], band[part], grid, legs, plans)
         with ThreadPoolExecutor(cpu_count()) as threads:
             planes = {
                 threads.submit(propagator.focus, float(z_m), detector_m): index
@@ -206,17 +218,5 @@ def focus_slab(
             for done, plane in enumerate(as_completed(planes), 1):
                 field[planes[plane]] += plane.result()
                 if progress:
-                    through = frequencies.start + done / len(planes) * (frequencies.stop - frequencies.start)
-                    progress(through / len(band.weights))
+                    progress((start + done / len(planes) * (part.stop - start)) / many)
     return field
-
-
-def _turns(aperture: Aperture, band: Band, grid: VoxelGrid, legs: int) -> list[slice]:
-    """Cut the band into runs of frequencies whose wall spectra fit the memory."""
-    wavenumber = legs * band.last_rad_per_s / C_M_PER_S
-    points = (
-        plan_axis(aperture.x, grid.x_m, wavenumber).length
-        * plan_axis(aperture.y, grid.y_m, wavenumber).length
-    )
-    many, size = len(band.weights), max(1, WALL_BYTES // (8 * points))
-    return [slice(start, min(start + size, many)) for start in range(0, many, size)]
