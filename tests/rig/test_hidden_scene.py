@@ -1,4 +1,4 @@
-"""The main job, whole: scan the simulated rig through its drivers, image the file, and find the hidden letters.
+"""The main job, whole: scan the simulated rig through its drivers, image the file, find the hidden letters.
 
 The picture is compared with the scene's truth, not with a stored picture.
 """
