@@ -249,6 +249,7 @@ def test_usbtmc_puts_an_answer_of_many_frames_and_transfers_together():
         "02 01 FF 00 01 00 00 00 01 00 00 00 41 00 00 00",  # the inverse is none
         "01 01 FE 00 01 00 00 00 01 00 00 00 41 00 00 00",  # another kind of message
         "02 01 FE",  # cut short
+        "02 01 FE 00 00 00 00 00 00 00 00 00",  # empty, and not the end
     ],
 )
 def test_usbtmc_clears_after_a_frame_that_is_none(frame):
@@ -279,3 +280,48 @@ def test_a_detector_of_another_maker_is_found_by_its_class():
         find_instrument("SPAD", vendor_product=(0x1DDC, 0x0330), serial=None, backend=backend).idVendor
         == 0x9999
     )
+
+
+def control(request, answer, *, to=0xA1, value=0, index=1):
+    data = bytes.fromhex(answer)
+    return Step("control", data, control=(to, request, value, index, len(data)))
+
+
+def test_usbtmc_clear_waits_and_empties_what_is_queued():
+    """USBTMC 1.0, table 28: status 2 is pending; bit 0 of the second byte: read until a short packet."""
+    steps = [
+        control(5, "01"),
+        control(6, "02 01"),
+        Step("<", bytes(64)),
+        Step("<", bytes(3)),
+        control(6, "01 00"),
+    ]
+    backend = ScriptedUsb([OPENING[0], *steps])
+    usbtmc(backend).open()
+    backend.finish()
+
+
+@pytest.mark.parametrize("steps", [[control(5, "80")], [control(5, "01"), control(6, "80 00")]])
+def test_usbtmc_clear_that_fails_is_told(steps):
+    backend = ScriptedUsb([OPENING[0], *steps])
+    with pytest.raises(ProtocolError, match="clear its buffers, but status 0x80 came"):
+        usbtmc(backend).open()
+    backend.finish()
+
+
+def test_usbtmc_aborts_a_message_that_is_not_taken_in_time():
+    """USBTMC 1.0, tables 15 to 17: abort of tag 1, success, done after one pending; then clear the halt."""
+    done = "01" + " 00" * 7
+    steps = [
+        Step("late"),
+        control(1, "01 01", to=0xA2, value=1, index=OUT),
+        control(2, "02" + " 00" * 7, to=0xA2, index=OUT),
+        control(2, done, to=0xA2, index=OUT),
+    ]
+    backend = ScriptedUsb([*OPENING, *steps])
+    link = usbtmc(backend)
+    link.open()
+    with pytest.raises(LinkError, match="in 1 s"):
+        link.write(b"*IDN?")
+    assert backend.halts_cleared == [OUT, OUT]
+    backend.finish()
