@@ -1,6 +1,6 @@
 """Messages to and from an instrument of the USB Test and Measurement Class, over pyusb.
 
-Source: USBTMC specification 1.0 and its USB488 subclass 1.0; request numbers from table 15.
+Source: USBTMC specification 1.0 and its USB488 subclass 1.0.
 """
 
 import errno
