@@ -1,6 +1,6 @@
 """Messages to and from an instrument of the USB Test and Measurement Class, over pyusb.
 
-Source: USBTMC specification 1.0 and its USB488 subclass 1.0; request numbers from table 15.
+Source: USBTMC specification 1.0 and its USB488 subclass 1.0.
 """
 
 import errno
@@ -153,11 +153,11 @@ class UsbTmc:
                 self._device.write(self._out, request_in(self._tag, MOST_BYTES), self._timeout_ms)
                 try:
                     answer = parse_answer(self._read_frame(), self._tag)
+                    if not answer.payload and not answer.end_of_message:
+                        raise FrameError("an empty frame came that ends no message")
                 except FrameError as problem:
                     self.clear()
                     raise self._nonsense(asked, str(problem)) from problem
-                if not answer.payload and not answer.end_of_message:
-                    raise self._nonsense(asked, "an empty frame came that ends no message")
                 message += answer.payload
                 if answer.end_of_message:
                     return message

@@ -1,6 +1,6 @@
 """The frames of USBTMC: 12-byte headers, tags, and padding to four bytes.
 
-Source: USB Test and Measurement Class specification 1.0, tables 1 to 9.
+Source: USB Test and Measurement Class specification 1.0, bulk-OUT and bulk-IN headers.
 """
 
 import struct

@@ -37,7 +37,7 @@ _DEVICE = {
 
 
 class ScriptedUsb(IBackend):
-    """Plays ``steps``; a bulk-in step without data is a timeout."""
+    """Plays ``steps``; a bulk-in step without data and a step ``late`` are timeouts."""
 
     def __init__(self, steps, *, vendor=0x1DDC, product=0x0330, tmc=True, packet=64):
         super().__init__()
@@ -118,6 +118,9 @@ class ScriptedUsb(IBackend):
 
     def bulk_write(self, handle, ep, intf, data, timeout):
         assert (ep, intf) == (OUT, INTERFACE)
+        if self.steps and self.steps[0].kind == "late":
+            self._next("late")
+            raise USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
         self._next(">", data=data.tobytes())
         return len(data)
 

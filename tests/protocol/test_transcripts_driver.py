@@ -6,11 +6,10 @@ from math import atan, radians
 import pytest
 import serial
 from scripted import protocol_script
-from scripted_usb import OUT, ScriptedUsb, framed
+from scripted_usb import ScriptedUsb, framed
 from wire_script import Script, Step, StepClock, read_transcript
 
 from drivers.errors import (
-    DeviceNotFoundError,
     LimitError,
     LinkError,
     ProtocolError,
@@ -19,8 +18,6 @@ from drivers.errors import (
 from drivers.galvo import MirrorStatus, OptotuneMirror
 from drivers.laser import KatanaLaser
 from drivers.spad import Id120Spad
-from drivers.usb_finder import find_instrument
-from drivers.usbtmc import UsbTmc
 
 USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
 
@@ -199,83 +196,3 @@ def test_spad_session():
 
 
 OPENING = read_transcript("usbtmc_question.txt", words=USB_WORDS)[:3]
-
-
-def test_usbtmc_question():
-    backend = ScriptedUsb(read_transcript("usbtmc_question.txt", words=USB_WORDS))
-    link = usbtmc(backend)
-    link.open()
-    assert link.usb488
-    # Section 4.2.1.7: after a clear the host clears the halt of the bulk-out endpoint.
-    assert backend.halts_cleared == [OUT]
-    link.write(b"*IDN?\n")
-    assert link.read("answer") == b"ID Quantique,ID120 simulated,SIM0001,1.0\n"
-    link.write(b"OH,NO?\n")
-    with pytest.raises(LinkError, match="nothing came in 1 s"):
-        link.read("answer 'OH,NO?'")
-    backend.finish()
-
-
-def usbtmc(backend):
-    device = find_instrument("SPAD", vendor_product=(0x1DDC, 0x0330), serial=None, backend=backend)
-    return UsbTmc(device, name="SPAD", clock=StepClock(), timeout_s=1.0)
-
-
-def test_usbtmc_puts_an_answer_of_many_frames_and_transfers_together():
-    """Frames of 100 and 3 bytes, the first in two transfers of one and of several packets."""
-    text = bytes(range(103))
-    first = bytes.fromhex("02 01 FE 00 64 00 00 00 00 00 00 00") + text[:100]
-    second = bytes.fromhex("02 02 FD 00 03 00 00 00 01 00 00 00") + text[100:] + b"\0"
-    backend = ScriptedUsb(
-        [
-            *OPENING,
-            Step(">", bytes.fromhex("02 01 FE 00 00 10 00 00 00 00 00 00")),
-            Step("<", first[:64]),
-            Step("<", first[64:]),
-            Step(">", bytes.fromhex("02 02 FD 00 00 10 00 00 00 00 00 00")),
-            Step("<", second),
-        ]
-    )
-    link = usbtmc(backend)
-    link.open()
-    assert link.read("answer") == text
-    backend.finish()
-
-
-@pytest.mark.parametrize(
-    "frame",
-    [
-        "02 07 F8 00 01 00 00 00 01 00 00 00 41 00 00 00",  # another tag
-        "02 01 FF 00 01 00 00 00 01 00 00 00 41 00 00 00",  # the inverse is none
-        "01 01 FE 00 01 00 00 00 01 00 00 00 41 00 00 00",  # another kind of message
-        "02 01 FE",  # cut short
-    ],
-)
-def test_usbtmc_clears_after_a_frame_that_is_none(frame):
-    ask = Step(">", bytes.fromhex("02 01 FE 00 00 10 00 00 00 00 00 00"))
-    backend = ScriptedUsb([*OPENING, ask, Step("<", bytes.fromhex(frame)), *OPENING[1:]])
-    link = usbtmc(backend)
-    link.open()
-    with pytest.raises(ProtocolError, match="asked to answer"):
-        link.read("answer")
-    backend.finish()
-
-
-def test_usbtmc_needs_its_interface():
-    link = usbtmc(ScriptedUsb([], tmc=False))
-    with pytest.raises(ProtocolError, match="no USBTMC interface"):
-        link.open()
-
-
-def test_a_detector_that_is_not_there_lists_what_is():
-    backend = ScriptedUsb([], vendor=0x0403, product=0x6001, tmc=False)
-    with pytest.raises(DeviceNotFoundError, match="none fits among 0403:6001"):
-        Id120Spad(backend=backend, clock=StepClock()).__enter__()
-
-
-def test_a_detector_of_another_maker_is_found_by_its_class():
-    backend = ScriptedUsb([], vendor=0x9999)
-    assert (
-        find_instrument("SPAD", vendor_product=(0x1DDC, 0x0330), serial=None, backend=backend).idVendor
-        == 0x9999
-    )

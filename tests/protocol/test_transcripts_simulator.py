@@ -26,6 +26,7 @@ def key_off(bench):
         ("laser_session.txt", KatanaHead),
         ("laser_key_off.txt", key_off),
         ("spad_session.txt", SpadInstrument),
+        ("spad_instrument.txt", SpadInstrument),
     ],
 )
 @pytest.mark.parametrize("piece", [1, 1000])
@@ -61,3 +62,38 @@ def test_usbtmc_interface_answers_as_the_transcript_says():
         else:
             *request, length = step.control
             assert interface.control(*request, length) == step.data
+
+
+def frame(kind, tag, size, payload=b"", attributes=0):
+    header = bytes([kind, tag, 255 - tag, 0]) + size.to_bytes(4, "little") + bytes([attributes, 0, 0, 0])
+    return header + payload + bytes(-len(payload) % 4)
+
+
+def test_a_long_answer_comes_in_frames_of_the_size_asked_for():
+    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface.bulk_out(frame(1, 1, 9, b"REG:RUN?\n", 1))
+    interface.bulk_out(frame(2, 2, 4))
+    assert interface.bulk_in(512) == frame(2, 2, 4, b"FALS")
+    interface.bulk_out(frame(2, 3, 4))
+    assert interface.bulk_in(512) == frame(2, 3, 2, b"E\n", 1)
+    interface.bulk_out(frame(2, 4, 4))
+    assert interface.bulk_in(512) is None
+
+
+def test_a_message_may_come_in_several_frames():
+    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface.bulk_out(frame(1, 1, 5, b"REG:R", 0))
+    interface.bulk_out(frame(1, 2, 4, b"UN?\n", 1))
+    interface.bulk_out(frame(2, 3, 100))
+    assert interface.bulk_in(512) == frame(2, 3, 6, b"FALSE\n", 1)
+
+
+def test_a_new_message_breaks_off_an_answer_that_was_not_read():
+    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface.bulk_out(frame(1, 1, 6, b"*IDN?\n", 1))
+    interface.bulk_out(frame(2, 2, 100))
+    assert interface.bulk_in(16) == frame(2, 2, 41, b"ID Q", 1)
+    interface.bulk_out(frame(1, 3, 9, b"REG:RUN?\n", 1))
+    assert interface.bulk_in(512) is None
+    interface.bulk_out(frame(2, 4, 100))
+    assert interface.bulk_in(512) == frame(2, 4, 6, b"FALSE\n", 1)
