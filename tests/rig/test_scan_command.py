@@ -133,18 +133,15 @@ def test_an_existing_file_is_not_overwritten(rig, tmp_path):
 
 
 def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
-    scan = subprocess.Popen(
-        [sys.executable, "-m", "rig", "scan", "--out", "a.h5"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    for line in scan.stderr:  # wait until the first tenth is measured
-        if "10 %" in line:
-            break
-    scan.send_signal(signal.SIGINT)
-    rest = scan.stderr.read()
-    assert scan.wait(timeout=60) == 6
+    command = [sys.executable, "-m", "rig", "scan", "--out", "a.h5"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as scan:
+        assert scan.stderr is not None
+        for line in scan.stderr:  # wait until the first tenth is measured
+            if "10 %" in line:
+                break
+        scan.send_signal(signal.SIGINT)
+        rest = scan.stderr.read()
+    assert scan.returncode == 6
     assert "Stopping after this position" in rest
     assert "safe in the file" in rest
     with h5py.File(tmp_path / "a.h5") as file:
