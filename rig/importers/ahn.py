@@ -2,7 +2,7 @@
 
 ``transient`` (nx, ny, bins) and the spots ``l``, ``s`` (nx * ny, 3) with the first axis of
 ``transient`` fastest; ``times`` bin centres and ``delta`` bin width, both metres of optical path from the
-wall. Of a spot's coordinates the first points up and the second along -x: nothing in the file says so, but only
+wall. Of a spot's coordinates the first points up and the second along -x: the file does not say so, but only
 so are the published digits legible.
 """
 
