@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
 from rig.files.atomic import appearing
-from rig.importers import ahn, cc_socr, lct, liu2019, neutral, tal, wu2021, xiao
+from rig.importers import ahn, cc_socr, cc_socr_cube, lct, liu2019, neutral, tal, wu2021, xiao
 from rig.importers.content import Content, Options
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
-LAYOUTS: tuple[ModuleType, ...] = (neutral, tal, liu2019, lct, ahn, xiao, wu2021, cc_socr)
+LAYOUTS: tuple[ModuleType, ...] = (neutral, tal, liu2019, lct, ahn, xiao, wu2021, cc_socr, cc_socr_cube)
 
 
 @dataclass(frozen=True)

@@ -159,6 +159,47 @@ def test_as_published_equals_the_neutral_file(tmp_path, original, name, given):
 
 
 @measured
+@pytest.mark.parametrize(
+    ("scene", "pitch_m", "name", "filled"),
+    # 200 spots were chosen of each; of the figure 4, three of these are empty in the full scan too
+    [("statue", 2 / 63, "fk_statue", 200), ("figure_4", 0.01, "phasor_figure4_nonconfocal", 197)],
+)
+def test_chosen_spots_as_published_are_those_of_the_full_scan(tmp_path, scene, pitch_m, name, filled):
+    original = DATA / "original" / "cc_socr" / scene / "random" / "data.mat"
+    import_scan(original, tmp_path / "a.h5", bin_width_s=16e-12)
+    capture, counts = load(tmp_path / "a.h5")
+    with h5py.File(DATA / f"{name}.h5") as other:
+        # in halves of the pitch, since the middle of an even number of spots lies between two
+        index = np.rint(other["laser_position_m"][:, :2] / pitch_m * 2)
+        full = {tuple(place): row for place, row in zip(index, other["counts"][()], strict=True)}
+        if not capture.confocal:
+            np.testing.assert_allclose(capture.detector_m, other["detector_position_m"][()], atol=1e-6)
+    assert capture.positions == filled
+    for spot_m, row in zip(capture.laser_m, counts, strict=True):
+        np.testing.assert_array_equal(row, full[tuple(np.rint(spot_m[:2] / pitch_m * 2))])
+
+
+def test_a_cube_takes_its_spots_from_setup(tmp_path):
+    lit_m = np.zeros((2, 2, 3))
+    lit_m[..., 0], lit_m[..., 1] = np.meshgrid([0.0, 0.4], [0.0, 0.6], indexing="ij")
+    scipy.io.savemat(tmp_path / "data.mat", {"data": np.arange(20.0).reshape(2, 2, 5)})
+    with pytest.raises(DataFileError, match="no known layout"):
+        import_scan(tmp_path / "data.mat", tmp_path / "a.h5", bin_width_s=16e-12)
+    seen_m = np.tile([0.1, 0.2, 0.0], (2, 2, 1))
+    scipy.io.savemat(tmp_path / "setup.mat", {"laserpoints": lit_m, "detectpoints": seen_m})
+    with pytest.raises(UsageError, match="--bin-width"):
+        import_scan(tmp_path / "data.mat", tmp_path / "a.h5")
+    import_scan(tmp_path / "data.mat", tmp_path / "a.h5", bin_width_s=16e-12)
+    capture, counts = load(tmp_path / "a.h5")
+    np.testing.assert_allclose(capture.laser_m[1], [-0.2, 0.3, 0])
+    np.testing.assert_allclose(capture.detector_m, [[-0.1, -0.1, 0]])
+    np.testing.assert_array_equal(counts[1], np.arange(5, 10))
+    scipy.io.savemat(tmp_path / "setup.mat", {"laserpoints": lit_m[:1], "detectpoints": seen_m})
+    with pytest.raises(DataFileError, match="2 laser and 4 detector points"):
+        import_scan(tmp_path / "data.mat", tmp_path / "b.h5", bin_width_s=16e-12)
+
+
+@measured
 def test_a_slow_record_is_read_with_its_instrument_response(tmp_path):
     report = import_scan(DATA / "original" / "km143" / "mannequin.mat", tmp_path / "a.h5")
     assert any("mirrored" in line for line in report.assumed)
