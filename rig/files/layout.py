@@ -155,7 +155,8 @@ VOLUME: Layout = {
     "/volume": Entry("group", "the image", required=True),
     "/volume/intensity": Entry(
         "float",
-        "intensity |U|^2 at each voxel: (z, y, x); for the transient camera (t, z, y, x) or (t, y, x)",
+        "intensity, the field's squared magnitude: (z, y, x); for the transient camera "
+        "(t, z, y, x) or (t, y, x)",
         ("...", "y", "x"),
         required=True,
     ),

@@ -1,6 +1,7 @@
 """Writing a scan file so that a killed program loses little and leaves nothing wrong."""
 
 import json
+import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -65,7 +66,7 @@ class ScanWriter:
                 f"{path} exists and is not overwritten; give another name, or move the file away"
             ) from None
         except OSError as error:
-            raise UsageError(f"cannot create {path}: {_first_line(error)}") from None
+            raise UsageError(f"cannot create {path}: {_reason(error)}") from None
         try:
             write_start(file, description)
             file.flush()
@@ -273,10 +274,12 @@ def _named(path: Path, what: str) -> Iterator[None]:
         yield
     except (OSError, RuntimeError) as error:
         raise DataFileError(
-            f"cannot {what} {path}: {_first_line(error)}; check free space and permissions. "
+            f"cannot {what} {path}: {_reason(error)}; check free space and permissions. "
             "What was saved before is still in the file"
         ) from error
 
 
-def _first_line(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
     return str(error).splitlines()[0] if str(error) else type(error).__name__

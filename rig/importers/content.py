@@ -51,6 +51,8 @@ class Content:
         None where time is rectified.
     fade_from_s
         Rectified time before which the record holds the wall's own light.
+    instrument_response_s
+        Full width at half maximum of the instrument response, where the file says it.
     simulated
         Whether the file says that it was computed.
     assumed
@@ -66,6 +68,7 @@ class Content:
     blocks: Iterable[NDArray]
     legs: Legs | None = None
     fade_from_s: float | None = None
+    instrument_response_s: float | None = None
     simulated: bool = False
     assumed: Sequence[str] = ()
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
 from rig.files.atomic import appearing
-from rig.importers import lct, neutral, tal
+from rig.importers import ahn, cc_socr, cc_socr_cube, lct, liu2019, neutral, tal, wu2021, xiao
 from rig.importers.content import Content, Options
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
-LAYOUTS: tuple[ModuleType, ...] = (neutral, lct, tal)
+LAYOUTS: tuple[ModuleType, ...] = (neutral, tal, liu2019, lct, ahn, xiao, wu2021, cc_socr, cc_socr_cube)
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,7 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         simulated=content.simulated,
         command=f"rig import {source.name}",
         fade_from_s=fade_from_s,
+        instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,
         imported=json.dumps(imported),
     )

@@ -4,11 +4,9 @@
 bottom. ``width`` is half the wall's side in metres; the spots include both edges.
 """
 
-import numpy as np
-
-from rig.errors import DataFileError
-from rig.importers.content import Content, Options, as_counts, asked_for, square_grid
+from rig.importers.content import Content, Options, asked_for
 from rig.importers.source import Source
+from rig.importers.square import confocal_square
 
 NAME = "O'Toole 2018, LCT"
 SIGN = "MATLAB v5 with rect_data (x, y, t) and width"
@@ -32,33 +30,18 @@ def read(source: Source, options: Options) -> Content:
         If an array does not have the layout's shape.
     """
     width_m = source.numbers("width", 1)[0]
-    shape = source.shapes["rect_data"] or ()
-    if len(shape) != 3 or min(shape) < 1 or width_m <= 0:
-        raise DataFileError(
-            f"{source.path}: rect_data has shape {shape} and width is {width_m} m; "
-            "(x, y, t) and a positive width are needed"
-        )
     bin_width_s = asked_for(
         options.bin_width_s,
         source.path,
         "how wide its bins are",
         "--bin-width (the published measurements of this layout have 4ps)",
     )
-    nx, ny, bins = shape
-    counts = as_counts(np.asarray(source.read("rect_data")).reshape(nx * ny, bins))
-    spots_m = square_grid(nx, ny, 2 * width_m, y_down=True)
-    return Content(
-        laser_m=spots_m,
-        detector_m=spots_m,
-        bins=bins,
+    return confocal_square(
+        source,
+        "rect_data",
+        size_m=2 * width_m,
         bin_width_s=bin_width_s,
-        first_bin_s=0.0,
-        dtype=counts.dtype,
-        blocks=[counts],
+        y_down=True,
         fade_from_s=WALL_LIGHT_S,
-        assumed=(
-            f"the {nx} x {ny} spots span {2 * width_m:g} m with both edges, x rising, y falling",
-            "confocal, rectified: bin 0 begins when the pulse is on the wall",
-            f"the first {WALL_LIGHT_S * 1e9:g} ns hold the wall's own light",
-        ),
+        assumed=(f"the first {WALL_LIGHT_S * 1e9:g} ns hold the wall's own light",),
     )

@@ -22,7 +22,8 @@ class Source:
     path
         Where it is.
     shapes
-        Shape of each array by its name at the top level; None for groups, structs and empty placeholders.
+        Shape of each array by its name, ``group/name`` in a group at the top level; None for groups, structs
+        and empty placeholders.
     hdf5
         The open file, None for MATLAB v5.
     """
@@ -38,7 +39,7 @@ class Source:
         return self.hdf5 is None
 
     def has(self, *names: str) -> bool:
-        """Return whether all these names are at the top level."""
+        """Return whether it holds all these names."""
         return set(names) <= set(self.shapes)
 
     def read(self, name: str) -> Any:
@@ -111,7 +112,7 @@ def open_source(path: Path) -> Iterator[Source]:
     elif h5py.is_hdf5(path):
         with open_hdf5(path) as hdf5:
             with reading(path):
-                shapes = {name: _shape(hdf5[name]) for name in hdf5}
+                shapes = dict(_members(hdf5))
             yield Source(path, shapes, hdf5)
     else:
         raise DataFileError(
@@ -131,5 +132,11 @@ def reading_matlab(path: Path) -> Iterator[None]:
         raise DataFileError(f"{path} is a damaged MATLAB file: {error}; copy it again") from error
 
 
-def _shape(member: Any) -> tuple[int, ...] | None:
-    return member.shape if isinstance(member, h5py.Dataset) else None
+def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:
+    """Yield name and shape of the members of a file, and of its groups, leaving out MATLAB's own."""
+    for name, member in group.items():
+        if name.startswith("#"):
+            continue
+        yield prefix + name, member.shape if isinstance(member, h5py.Dataset) else None
+        if isinstance(member, h5py.Group) and not prefix:
+            yield from _members(member, f"{name}/")

@@ -102,10 +102,7 @@ def read(source: Source, options: Options) -> Content:
         legs=legs,
         assumed=(
             "by reciprocity, TAL's sensor points are the scanned laser spots, and its laser is the detector",
-            "TAL's frame is kept: its wall lies in z = 0"
-            if frame.still
-            else f"the wall was moved onto z = 0: origin {np.round(frame.origin_m, 6)} m, x along "
-            f"{np.round(frame.axes[0], 6)}, y along {np.round(frame.axes[1], 6)}",
+            frame.in_words(),
         ),
     )
 

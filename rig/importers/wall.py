@@ -75,6 +75,13 @@ class WallFrame:
         """Whether the motion moves nothing."""
         return bool((self.axes == np.eye(3)).all() and not self.origin_m.any())
 
+    def in_words(self) -> str:
+        """Return what the motion does, as a sentence."""
+        if self.still:
+            return "the wall lies in z = 0 already and stays where it is"
+        origin, x, y, _ = (np.array2string(row, precision=4) for row in (self.origin_m, *self.axes))
+        return f"the wall was moved onto z = 0: origin at {origin} m, x along {x}, y along {y}"
+
     def bring(self, points_m: NDArray) -> NDArray[np.float64]:
         """Return (n, 3) points of the other frame in ours."""
         return (points_m - self.origin_m) @ self.axes.T

@@ -42,8 +42,8 @@ def test_what_is_at_plus_x_and_up_is_drawn_left_and_up():
     figure = volume_figure(volume(blob=(0.5, 0.3, 1.0)))
     front = panels(figure)["front"]
     across, up = brightest_place(figure, front)
-    # when x grows to the left, x = 0.5 of -0.9 ... 0.9 is 0.4 m from the left edge; y = 0.3 of -0.6 ... 0.6 is
-    # 0.9 m from the bottom; a voxel is 3 % of the width
+    # when x grows to the left, x = 0.5 of -0.9 ... 0.9 is 0.4 m from the left edge; y = 0.3 of -0.6 ... 0.6
+    # is 0.9 m from the bottom; a voxel is 3 % of the width
     assert across == pytest.approx(0.4 / 1.8, abs=0.03)
     assert up == pytest.approx(0.9 / 1.2, abs=0.03)
     assert front.get_xlim()[0] > front.get_xlim()[1]

@@ -72,7 +72,7 @@ def test_what_is_written_is_read_back(tmp_path):
         assert capture.bin_width_s == 4e-12
         np.testing.assert_array_equal(capture.first_bin_s, [1e-9])
         text = str(scan)
-    assert "simulated bench" in text
+    assert "simulated, rig scan --seed 3" in text
     assert "37" in text
     with h5py.File(path) as file:
         assert file["stop"].attrs["photons"] == counts.sum()

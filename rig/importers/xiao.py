@@ -1,0 +1,41 @@
+"""Xiao et al., 18 m stand-off: MATLAB v5 with the cube ``sig`` (x, y, t), axes towards +x and +y.
+
+Rectified and confocal; neither the wall's size nor the bin width is in the file.
+"""
+
+from rig.importers.content import Content, Options, asked_for
+from rig.importers.source import Source
+from rig.importers.square import confocal_square
+
+NAME = "Xiao, 18 m stand-off"
+SIGN = "MATLAB v5 with sig (x, y, t)"
+
+
+def recognise(source: Source) -> bool:
+    """Return whether the file has this layout."""
+    return source.matlab5 and source.has("sig")
+
+
+def read(source: Source, options: Options) -> Content:
+    """Read the file.
+
+    Raises
+    ------
+    UsageError
+        If the bin width or the wall's size was not given.
+    DataFileError
+        If the array does not have the layout's shape.
+    """
+    bin_width_s = asked_for(
+        options.bin_width_s,
+        source.path,
+        "how wide its bins are",
+        "--bin-width (the published measurement has 32ps)",
+    )
+    size_m = asked_for(
+        options.wall_size_m,
+        source.path,
+        "how large the scanned square is",
+        "--wall-size (the published measurement has 82cm)",
+    )
+    return confocal_square(source, "sig", size_m=size_m, bin_width_s=bin_width_s)
