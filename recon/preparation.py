@@ -1,6 +1,7 @@
 """Soft edges for a record, so that its ends and the wall's own peak do not image as bright shells."""
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,13 +50,13 @@ class Fades:
 
     def start_weights(
         self, first_bin_s: NDArray[np.float64], bins: slice, bin_width_s: float
-    ) -> NDArray[np.float64] | None:
-        """Return weights that rise after `start_s`, or None where they are one throughout.
+    ) -> NDArray[np.float64]:
+        """Return the weights of the leading bins, up to where all are one.
 
         Parameters
         ----------
         first_bin_s
-            (positions,) left edge of bin 0 in rectified time.
+            (positions,) or (1,) left edge of bin 0 in rectified time.
         bins
             Bins asked for, with both ends given.
         bin_width_s
@@ -63,16 +64,16 @@ class Fades:
 
         Returns
         -------
-        ndarray or None
-            (positions, bins) float64, each position with its own start.
+        ndarray
+            (positions or 1, leading bins) float64, each position with its own start; without any bins where
+            nothing fades.
         """
         if self.start_s is None:
-            return None
-        after_start_s = first_bin_s[:, None] - self.start_s
-        if after_start_s.min() + (bins.start + 0.5) * bin_width_s >= self.rise_s:
-            return None
-        centres_s = (np.arange(bins.start, bins.stop) + 0.5) * bin_width_s
-        return _raised_cosine(after_start_s + centres_s, self.rise_s)
+            return np.ones((len(first_bin_s), 0))
+        risen_s = self.start_s + self.rise_s - float(first_bin_s.min())
+        stop = min(max(bins.start, ceil(risen_s / bin_width_s)), bins.stop)
+        centres_s = (np.arange(bins.start, stop) + 0.5) * bin_width_s
+        return _raised_cosine(first_bin_s[:, None] - self.start_s + centres_s, self.rise_s)
 
 
 def _raised_cosine(distance_s: NDArray[np.float64], length_s: float) -> NDArray[np.float64]:

@@ -43,14 +43,13 @@ def spectra(
     bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
     end = fades.end_weights(capture.bins, capture.bin_width_s)
     matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins]) for slab in slabs]
-    first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     for block, counts in capture.histograms.blocks(bins):
-        counts = np.asarray(counts, dtype=np.float32)
-        start = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
-        if start is not None:
-            counts = counts * start.astype(np.float32)
+        faded = np.array(counts, dtype=np.float32)
+        first_bin_s = capture.first_bin_s if len(capture.first_bin_s) == 1 else capture.first_bin_s[block]
+        start = fades.start_weights(first_bin_s, bins, capture.bin_width_s)
+        faded[:, : start.shape[1]] *= start
         for slab, matrix, result in zip(slabs, matrices, results, strict=True):
-            part = counts[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
+            part = faded[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
             if slab.reached:
                 result[:, block] = (part @ matrix).view(np.complex64).T
         if progress:

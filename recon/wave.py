@@ -4,7 +4,7 @@ Symbols: lambda ``wavelength_m``, omega_0 ``carrier_rad_per_s``, sigma_t ``sigma
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, pi, sqrt
+from math import ceil, floor, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,16 +105,11 @@ class VirtualPulse:
         """Time from the pulse's centre after which nothing of it is left (`PULSE_SIGMAS`)."""
         return PULSE_SIGMAS * self.sigma_s
 
-    @property
-    def top_rad_per_s(self) -> float:
-        """Highest angular frequency of any band."""
-        return self.carrier_rad_per_s + BAND_SIGMAS / self.sigma_s
-
     def band(self, period_s: float) -> Band:
         """Sample the pulse's spectrum so that its copies in time are `period_s` or more apart.
 
-        The weights are g(omega) times the spacing times sigma_t / sqrt(2 pi), so that a sum over
-        frequencies is the pulse in time with a peak of one, whatever the spacing.
+        The weights are g(omega) over its sum, so that the pulse has a peak of one in time, whatever the
+        spacing.
 
         Parameters
         ----------
@@ -132,5 +127,5 @@ class VirtualPulse:
             reach = ceil(BAND_SIGMAS)
             step = 1 / self.sigma_s
         offsets = step * np.arange(-reach, reach + 1)
-        weights = np.exp(-((offsets * self.sigma_s) ** 2) / 2) * step * self.sigma_s / sqrt(2 * pi)
-        return Band(self.carrier_rad_per_s - reach * step, step, weights)
+        weights = np.exp(-((offsets * self.sigma_s) ** 2) / 2)
+        return Band(self.carrier_rad_per_s - reach * step, step, weights / weights.sum())

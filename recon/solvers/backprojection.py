@@ -68,12 +68,11 @@ def focus(
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     bins = slice(0, capture.bins)
-    end = fades.end_weights(capture.bins, capture.bin_width_s)
+    end = fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
     for block, counts in capture.histograms.blocks():
-        weights = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
-        faded = np.asarray(counts, np.float32) * (end if weights is None else end * weights).astype(
-            np.float32
-        )
+        faded = np.array(counts, dtype=np.float32) * end
+        start = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
+        faded[:, : start.shape[1]] *= start
         baseband[block] = _baseband(faded, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
     field = np.zeros(grid.shape, np.complex64)
     detector_m = np.broadcast_to(capture.detector_m, capture.laser_m.shape)
@@ -141,8 +140,8 @@ def _project(
 ) -> None:
     """Sum the basebands at each voxel's delays into a plane (y, x).
 
-    Along a row of voxels delays change little, so that the baseband is read from cache; what needs no lookup is
-    a loop of its own, which vectorises.
+    Along a row of voxels delays change little, so that the baseband is read from cache; what needs no lookup
+    is a loop of its own, which vectorises.
     """
     count = len(x_m)
     for j in prange(len(y_m)):

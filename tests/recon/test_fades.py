@@ -21,24 +21,37 @@ def test_end_is_the_last_bins_raised_cosine():
 def test_start_follows_each_position():
     first_bin_s = np.array([0.0, 0.5e-9])
     weights = Fades(start_s=1e-9, rise_s=0.2e-9).start_weights(first_bin_s, slice(20, 200), 1e-11)
-    assert weights.shape == (2, 180)
+    assert weights.shape == (2, 100)  # until the later one has risen, at bin 120
     assert np.flatnonzero(weights[0])[0] + 20 == 100
     assert np.flatnonzero(weights[1])[0] + 20 == 50
-    assert np.flatnonzero(weights[0] == 1)[0] + 20 == 120
+    assert np.all(weights[1, 50:] == 1)
     assert weights[0, 110 - 20] == pytest.approx((1 - np.cos(np.pi * 10.5 / 20)) / 2)
 
 
 def test_start_is_left_out_where_it_changes_nothing():
     fades = Fades(start_s=1e-9, rise_s=0.2e-9)
-    assert fades.start_weights(np.zeros(3), slice(120, 200), 1e-11) is None
-    assert fades.start_weights(np.zeros(3), slice(119, 200), 1e-11) is not None
-    assert Fades().start_weights(np.zeros(3), slice(0, 200), 1e-11) is None
+    assert fades.start_weights(np.zeros(3), slice(120, 200), 1e-11).shape == (3, 0)
+    assert fades.start_weights(np.zeros(3), slice(119, 200), 1e-11).shape == (3, 1)
+    assert np.all(fades.start_weights(np.zeros(3), slice(10, 20), 1e-11) == np.zeros((3, 10)))
+    assert Fades().start_weights(np.zeros(3), slice(0, 200), 1e-11).shape == (3, 0)
 
 
 def test_edges_without_length_are_sharp():
     fades = Fades(start_s=1e-9, rise_s=0, fall_s=0)
     assert np.all(fades.end_weights(10, 1e-11) == 1)
-    np.testing.assert_array_equal(fades.start_weights(np.zeros(1), slice(98, 102), 1e-11), [[0, 0, 1, 1]])
+    start = fades.start_weights(np.zeros(1), slice(98, 110), 1e-11)[0]
+    assert np.all(start[:2] == 0)
+    assert np.all(start[2:] == 1)
+
+
+@pytest.mark.parametrize("solver", ["rsd", "backprojection"])
+def test_the_callers_counts_are_left_alone(solver):
+    laser_m = wall(4, 4, 0.05)
+    counts = np.ones((16, 400), np.float32)
+    capture = Capture(ArrayHistograms(counts), 16e-12, np.zeros(1), laser_m, laser_m)
+    grid = VoxelGrid(np.zeros(1), np.zeros(1), np.array([0.5]))
+    image(capture, VirtualPulse(0.2), grid, solver=solver, fades=Fades(start_s=3e-9))
+    assert np.all(counts == 1)
 
 
 def test_refuses_negative_lengths():

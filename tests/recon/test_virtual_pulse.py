@@ -34,8 +34,9 @@ def test_band_is_the_pulse_in_time(wavelength_m, cycles, pulse_lengths):
     wanted = np.exp(1j * pulse.carrier_rad_per_s * times_s - (times_s / pulse.sigma_s) ** 2 / 2)
     # Outside 3 sigma lies 0.27 %, and where the spacing does not divide 3 sigma up to one spacing more is cut
     # on each side, of density g(3)/sqrt(2 pi); the copies are 4 sigma away from half a period: 3.4e-4 twice.
+    # Setting the peak to one gives the same error once more.
     cut = 2.7e-3 + 2 * 0.0111 / np.sqrt(2 * np.pi) * band.step_rad_per_s * pulse.sigma_s + 7e-4
-    assert np.abs(in_time(band, times_s) - wanted).max() < cut
+    assert np.abs(in_time(band, times_s) - wanted).max() < 2 * cut
 
 
 @pytest.mark.parametrize(("wavelength_m", "cycles"), [(0.0, 6), (-1.0, 6), (float("nan"), 6), (0.04, 1.0)])
