@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.config import RigConfig
+from rig.config import RigConfig, recorded
 from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, Ready, ScanEngine
+from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import Legs, ScanDescription
+from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
 from rig.pointing import Pointing
@@ -115,18 +117,82 @@ def acquire(
         open_devices(config) as devices,
         ScanWriter.create(target, describe(plan, config, devices)) as writer,
     ):
-        recorder = Recorder(writer)
-        everyone: tuple[Consumer, ...] = (recorder, *consumers)
+        return _run(plan, config, devices, writer, consumers, should_stop)
 
-        def consume(event: Event) -> None:
-            for consumer in everyone:
-                consumer(event)
 
-        engine = ScanEngine(
-            devices,
-            plan,
-            Pointing(config.galvo.position_m),
-            settle_timeout_s=config.galvo.settle_timeout_s,
-        )
-        ended = engine.run(consume, should_stop)
+def interrupted(target: Path) -> tuple[ScanPlan, RigConfig]:
+    """Return the plan and the configuration of a scan that was interrupted.
+
+    Raises
+    ------
+    rig.errors.DataFileError
+        If the file is damaged, or no scan of this program.
+    rig.errors.UsageError
+        If it is complete.
+    """
+    with ScanFile(target) as scan:
+        if scan.status == "complete":
+            raise UsageError(f"{target} is complete: there is nothing to resume")
+        if not (scan.plan and scan.configuration):
+            raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
+        return ScanPlan(**scan.plan), recorded(json.dumps(scan.configuration))
+
+
+def resume(
+    plan: ScanPlan,
+    config: RigConfig,
+    target: Path,
+    consumers: Sequence[Consumer] = (),
+    should_stop: Callable[[], bool] = lambda: False,
+) -> ScanResult:
+    """Take up an interrupted scan where it stopped, in the same file, with the same devices and settings.
+
+    Raises
+    ------
+    drivers.errors.DeviceError
+        If a device fails.
+    rig.errors.RefusedError
+        If another device is connected than the one that the scan began with.
+    """
+    with open_devices(config) as devices:
+        with ScanFile(target) as scan:
+            _same_devices(scan, devices)
+        with ScanWriter.resume(target) as writer:
+            return _run(plan, config, devices, writer, consumers, should_stop)
+
+
+def _run(
+    plan: ScanPlan,
+    config: RigConfig,
+    devices: Devices,
+    writer: ScanWriter,
+    consumers: Sequence[Consumer],
+    should_stop: Callable[[], bool],
+) -> ScanResult:
+    recorder = Recorder(writer)
+    everyone: tuple[Consumer, ...] = (recorder, *consumers)
+
+    def consume(event: Event) -> None:
+        for consumer in everyone:
+            consumer(event)
+
+    engine = ScanEngine(
+        devices,
+        plan,
+        Pointing(config.galvo.position_m),
+        settle_timeout_s=config.galvo.settle_timeout_s,
+        first=writer.appended,
+    )
+    ended = engine.run(consume, should_stop)
     return ScanResult(ended, recorder.photons, recorder.live_time_s)
+
+
+def _same_devices(scan: ScanFile, devices: Devices) -> None:
+    """Refuse to go on with another device: half a scan from each would be worth nothing."""
+    for name, now in devices.read_back().items():
+        before = scan.devices.get(name, {}).get("identity", now["identity"])
+        if now["identity"] != before:
+            raise RefusedError(
+                f"{scan.path} began with the {name} '{before}', but '{now['identity']}' is connected. "
+                "Connect the first one, or begin a new scan"
+            )

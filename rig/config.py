@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
-from rig.quantities import Hertz, Metres, Radians, Seconds, Volts
+from rig.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts
 
 _UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
 
@@ -165,6 +165,20 @@ class RigConfig(_Section):
 def built_in() -> RigConfig:
     """Return the built-in simulated rig."""
     return RigConfig(simulation=SimulationConfig())
+
+
+def recorded(text: str) -> RigConfig:
+    """Read the configuration that a scan file holds: JSON with SI numbers, from `RigConfig.model_dump_json`.
+
+    Raises
+    ------
+    ConfigError
+        If it does not fit this version of the program.
+    """
+    try:
+        return RigConfig.model_validate_json(text, context=FROM_RECORD, by_alias=False, by_name=True)
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
 
 def load(path: Path) -> RigConfig:

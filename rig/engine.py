@@ -126,16 +126,24 @@ class ScanEngine:
         From wall spots to mirror angles.
     settle_timeout_s
         Longest wait for the mirror at each position.
+    first
+        Position to begin with; those before it were measured earlier.
     """
 
     def __init__(
-        self, devices: Devices, plan: ScanPlan, pointing: Pointing, *, settle_timeout_s: float
+        self,
+        devices: Devices,
+        plan: ScanPlan,
+        pointing: Pointing,
+        *,
+        settle_timeout_s: float,
+        first: int = 0,
     ) -> None:
         self._devices = devices
         self._plan = plan
         self._angles_rad = pointing.angles_rad(plan.spots_m)
         self._settle_timeout_s = settle_timeout_s
-        self._done = 0
+        self._done = first
 
     def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
         """Measure all positions, or stop after the one at which ``should_stop`` becomes true.
@@ -176,7 +184,7 @@ class ScanEngine:
     def _light_up(self, consume: Consumer) -> None:
         devices = self._devices
         consume(PhaseChanged(Phase.AIMING))
-        self._aim(0)  # the beam is inside the plan before there is a beam
+        self._aim(self._done)  # the beam is inside the plan before there is a beam
         consume(PhaseChanged(Phase.LIGHTING))
         devices.laser.arm()
         devices.laser.emit()
@@ -193,13 +201,12 @@ class ScanEngine:
 
     def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
         lines = self._plan.line_of_position
-        for index, line in enumerate(lines):
-            if should_stop():
-                return
+        while self._done < len(lines) and not should_stop():
+            index = self._done
             self._aim(index)
             consume(PositionDone(index, self._devices.tcspc.measure(self._plan.exposure_s)))
-            self._done = index + 1
-            if self._done == len(lines) or lines[self._done] != line:
+            self._done += 1
+            if self._done == len(lines) or lines[self._done] != lines[index]:
                 consume(LineDone(self._done))
 
     def _aim(self, index: int) -> None:

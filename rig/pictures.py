@@ -116,7 +116,7 @@ def parameters_line(volume: Volume) -> str:
         elif key == "wavelength_m" and isinstance(value, int | float):
             told.append(f"wavelength {show_length(value)}")
         elif key == "cycles":
-            told.append(f"{value} cycles")
+            told.append(f"{value:g} cycles")
     return ", ".join(told)
 
 

@@ -4,7 +4,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, ValidationInfo
 
 from rig.errors import UsageError
 
@@ -116,8 +116,14 @@ def show_duration(duration_s: float) -> str:
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {seconds:02d} s"
 
 
+#: Validation context that takes SI numbers, for configurations that the program itself wrote.
+FROM_RECORD = {"si_numbers": True}
+
+
 def _reader(kind: str) -> BeforeValidator:
-    def read(value: Any) -> Any:
+    def read(value: Any, info: ValidationInfo) -> Any:
+        if info.context == FROM_RECORD:
+            return value
         if isinstance(value, str):
             try:
                 return parse(value, kind)

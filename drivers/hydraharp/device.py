@@ -241,6 +241,9 @@ class HydraHarp:
         for channel in range(self._accepted.inputs):
             library.get_count_rate(index, channel)
         raised = library.get_warnings(index)
+        if self._setup.bins > self._accepted.histogram_bins - self._setup.offset_ns * 1e-9 / self.bin_width_s:
+            # the instrument judges by its longest histogram; in the one that is used, the offset is needed
+            raised &= ~hh.Warn.OFFSET_UNNECESSARY
         sentences = [text for bit, text in hh.WARNING_SENTENCES.items() if raised & bit]
         unknown = int(raised) & ~sum(hh.WARNING_SENTENCES)
         if unknown:

@@ -8,6 +8,7 @@ import rig
 from rig.commands.doctor import doctor
 from rig.commands.importing import import_
 from rig.commands.recon import recon
+from rig.commands.resume import resume
 from rig.commands.scan import scan
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
@@ -44,6 +45,7 @@ def _root(
 
 
 app.command("scan")(scan)
+app.command("resume")(resume)
 app.command("recon")(recon)
 app.command("import")(import_)
 app.command("doctor")(doctor)

@@ -48,6 +48,9 @@ def print_findings(findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
     colours = {"ok": "green", "warning": "yellow", "missing": "red"}
     table = Table.grid(padding=(0, 2))
+    table.add_column()
+    table.add_column(overflow="fold")
+    table.add_column(overflow="fold", ratio=1)
     for finding in findings:
         verdict = f"[{colours[finding.verdict]}]{finding.verdict}[/]"
         remedy = f"\n[dim]{escape(finding.remedy)}[/dim]" if finding.remedy else ""

@@ -49,15 +49,17 @@ def scan(
 
     [bold]Examples[/bold]
 
-      rig scan --exposure 10ms                         simulated rig, the whole wall
+      rig scan --exposure 10ms               simulated rig, the whole wall
 
-      rig scan --exposure 10ms --grid 60x44 --spacing 3cm -o quick.h5
+      rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
-      rig scan --config configs/lab.toml --dry-run     what would be done
+      rig scan --config lab.toml --dry-run   what would be done
 
     Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
     """
+    from rig.acquisition import acquire
     from rig.commands import console
+    from rig.commands.running import run
     from rig.plan import ScanPlan
     from rig.quantities import parse
 
@@ -77,7 +79,7 @@ def scan(
     if dry_run:
         _show_plan(plan, rig_config, as_json)
         return
-    _run(plan, rig_config, target, as_json)
+    run(lambda progress, stop: acquire(plan, rig_config, target, progress, stop), plan, target, as_json)
 
 
 def _configuration(path: Path | None, scene: str | None, seed: int | None) -> "RigConfig":
@@ -153,51 +155,3 @@ def _show_plan(plan: "ScanPlan", config: "RigConfig", as_json: bool) -> None:
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
         },
     )
-
-
-def _run(plan: "ScanPlan", config: "RigConfig", target: Path, as_json: bool) -> None:
-    import time
-
-    from rig.acquisition import acquire
-    from rig.commands import console
-    from rig.engine import Outcome
-    from rig.errors import InterruptedScanError
-    from rig.interrupt import StopRequest
-    from rig.quantities import show, show_duration
-
-    began_s = time.monotonic()
-    try:
-        with StopRequest(console.say) as stop:
-            result = acquire(plan, config, target, [console.ScanProgress(plan.positions)], stop)
-    except KeyboardInterrupt:
-        console.say(f"Stopped at once. The lines finished before are in {target}.")
-        raise typer.Exit(130) from None
-    took_s = time.monotonic() - began_s
-    if as_json:
-        console.print_json(
-            {
-                "file": str(target),
-                "status": result.ended.outcome.value,
-                "positions": result.ended.positions_done,
-                "photons": result.photons,
-                "live_time_s": result.live_time_s,
-                "took_s": round(took_s, 2),
-            }
-        )
-    else:
-        rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
-        console.print_facts(
-            str(target),
-            {
-                "positions": f"{result.ended.positions_done:,} of {plan.positions:,}",
-                "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
-                "size": f"{target.stat().st_size / 1e6:.0f} MB",
-                "took": show_duration(took_s),
-            },
-        )
-        console.say(f"Next: rig recon {target}")
-    if result.ended.outcome is not Outcome.COMPLETE:
-        raise InterruptedScanError(
-            f"{target}: the scan was stopped after {result.ended.positions_done} of {plan.positions} "
-            "positions; these are safe in the file and can be imaged"
-        )

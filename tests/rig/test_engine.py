@@ -119,6 +119,14 @@ def test_aims_before_it_lights_and_measures_in_the_plans_order():
     assert ended == events[-1] == Ended(Outcome.COMPLETE, 6, "all positions measured")
 
 
+def test_begins_where_an_earlier_run_stopped():
+    rig, events = ScriptedRig(), []
+    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1, first=4)
+    ended = engine.run(events.append, lambda: False)
+    assert [e.index for e in events if isinstance(e, PositionDone)] == [4, 5]
+    assert ended.positions_done == 6
+
+
 def test_a_stop_finishes_the_position_and_says_so():
     rig, events = ScriptedRig(), []
     answers = itertools.chain([False, False], itertools.repeat(True))

@@ -132,6 +132,49 @@ def test_an_existing_file_is_not_overwritten(rig, tmp_path):
     assert (tmp_path / "a.h5").read_bytes() == b"precious"
 
 
+def stopped_scan(rig, target, lines):
+    """Make a scan whose program was killed after some lines: no closing record, no mark beyond."""
+    assert rig("scan", *SMALL, "--out", target).code == 0
+    with h5py.File(target, "r+") as file:
+        done = file["transients/done"][()]
+        done[20 * lines :] = False
+        file["transients/done"][...] = done
+        counts = file["transients/counts"][()]
+        counts[20 * lines :] = 0
+        file["transients/counts"][...] = counts
+        del file["stop"]
+
+
+def test_a_resumed_scan_equals_an_uninterrupted_one(rig):
+    assert rig("scan", *SMALL, "--out", "whole.h5").code == 0
+    stopped_scan(rig, "a.h5", lines=5)
+    done = rig("resume", "a.h5")
+    assert done.code == 0, done.err
+    assert "240 of 240" in done.out
+    assert np.array_equal(counts_of("a.h5"), counts_of("whole.h5"))
+    with h5py.File("a.h5") as file:
+        assert file["stop"].attrs["status"] == "complete"
+        assert file["stop"].attrs["photons"] == counts_of("whole.h5").sum()
+
+
+def test_a_complete_scan_is_not_resumed(rig):
+    assert rig("scan", *SMALL, "--out", "a.h5").code == 0
+    done = rig("resume", "a.h5")
+    assert done.code == 2
+    assert "complete" in done.err
+
+
+def test_a_scan_is_not_resumed_with_another_device(rig):
+    stopped_scan(rig, "a.h5", lines=5)
+    with h5py.File("a.h5", "r+") as file:
+        file["devices/spad"].attrs["identity"] = "another detector"
+    before = counts_of("a.h5")
+    done = rig("resume", "a.h5")
+    assert done.code == 4
+    assert "another detector" in done.err
+    assert np.array_equal(counts_of("a.h5"), before)
+
+
 def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
     command = [sys.executable, "-m", "rig", "scan", "--out", "a.h5"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as scan:

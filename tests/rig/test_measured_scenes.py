@@ -1,0 +1,84 @@
+"""What others measured with real photons, from their file to the picture, by the commands that a user types."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recon.depth import compensate_falloff
+from rig.files.volume import read_volume
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the published measurements are not at {DATA}")
+
+
+@pytest.fixture
+def imaged(rig):
+    """Import a file, image it, and return the volume."""
+
+    def run(source, importing, imaging):
+        done = rig("import", DATA / source, "a.h5", *importing)
+        assert done.code == 0, done.err
+        done = rig("recon", "a.h5", *imaging)
+        assert done.code == 0, done.err
+        assert Path("a.png").read_bytes().startswith(b"\x89PNG")
+        return read_volume("a-volume.h5")
+
+    return run
+
+
+def region(volume, x_m, y_m):
+    """Depth map of a part of the front view, its pixels without depth left out."""
+    columns = (volume.x_m >= x_m[0]) & (volume.x_m <= x_m[1])
+    rows = (volume.y_m >= y_m[0]) & (volume.y_m <= y_m[1])
+    depths = volume.depth_m[np.ix_(rows, columns)]
+    return depths[np.isfinite(depths)]
+
+
+def test_s_and_u_as_published(imaged):
+    volume = imaged(
+        "original/lct/data_s_u.mat", ("--bin-width", "4ps", "--fade-from", "2.4ns"), ("--wavelength", "4cm")
+    )
+    # S: its lower strokes lie left of the middle for the camera, at +x, where nothing of the U is
+    assert np.median(region(volume, (0.0, 0.2), (-0.25, 0.15))) == pytest.approx(0.65, abs=0.03)
+    # U: its right stroke lies at -x beside the S; upright, because its foot is below and not above
+    assert np.median(region(volume, (-0.3, -0.18), (-0.15, 0.25))) == pytest.approx(1.04, abs=0.03)
+    assert len(region(volume, (-0.2, -0.12), (-0.15, -0.08))) > len(
+        region(volume, (-0.2, -0.12), (0.15, 0.22))
+    )
+
+
+def test_the_file_without_its_bin_width_is_asked_for_by_name(rig):
+    done = rig("import", DATA / "original/lct/data_s_u.mat", "a.h5")
+    assert done.code == 2
+    assert "--bin-width" in done.err
+    assert not Path("a.h5").exists()
+
+
+def test_the_four_as_published(imaged):
+    volume = imaged("phasor_figure4_nonconfocal.h5", (), ("--wavelength", "6cm"))
+    assert np.median(region(volume, (-0.7, 0.7), (-0.7, 0.7))) == pytest.approx(0.95, abs=0.03)
+    # a 4 has its long stroke on the reader's right, at smaller x, and its short one on the left, only above
+    assert len(region(volume, (0.0, 0.15), (-0.4, -0.15))) > 3 * len(
+        region(volume, (0.35, 0.5), (-0.4, -0.15))
+    )
+    assert len(region(volume, (0.35, 0.5), (0.1, 0.3))) > 10
+
+
+def test_nine_dots_at_their_pitch(imaged):
+    volume = imaged("lct_dot_chart_40cm.h5", (), ("--wavelength", "3cm"))
+    front = compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0)
+    found = []
+    for _ in range(9):  # the nine brightest spots, each blanked over half a pitch
+        row, column = np.unravel_index(front.argmax(), front.shape)
+        found.append((volume.x_m[column], volume.y_m[row]))
+        near_x, near_y = abs(volume.x_m - found[-1][0]) < 0.04, abs(volume.y_m - found[-1][1]) < 0.04
+        front[np.ix_(near_y, near_x)] = 0
+    x_m, y_m = np.array(found).T
+    columns = np.sort(x_m).reshape(3, 3).mean(axis=1)
+    rows = np.sort(y_m).reshape(3, 3).mean(axis=1)
+    assert np.diff(columns) == pytest.approx(0.10, abs=0.012)
+    assert np.diff(rows) == pytest.approx(0.10, abs=0.012)
+    # three in each row and column: every dot is within 2 cm of its column's and its row's mean
+    assert np.abs(np.sort(x_m).reshape(3, 3) - columns[:, None]).max() < 0.02
+    assert np.abs(np.sort(y_m).reshape(3, 3) - rows[:, None]).max() < 0.02
