@@ -79,6 +79,7 @@ class ScanProgress:
         self._positions = positions
         self._photons = 0
         self._live_time_s = 0.0
+        self._measured = 0
         self._since_s = time.monotonic()
         self._drawn_s = 0.0
         self._tenth = 0
@@ -113,6 +114,7 @@ class ScanProgress:
                 for sentence in warnings:
                     warn(sentence)
             case PositionDone(index=index, exposure=exposure):
+                self._measured += 1
                 self._photons += int(exposure.counts.sum())
                 self._live_time_s += exposure.live_time_s
                 self._advance(index + 1)
@@ -138,8 +140,8 @@ class ScanProgress:
         return show(self._photons / self._live_time_s, "photons/s") if self._live_time_s else ""
 
     def _left(self, done: int) -> str:
-        each_s = (time.monotonic() - self._since_s) / done
-        return f"~{show_duration(each_s * (self._positions - done))} left"
+        each_s = (time.monotonic() - self._since_s) / self._measured
+        return f"~{show_duration(round(each_s * (self._positions - done)))} left"
 
 
 class Working:

@@ -1,4 +1,4 @@
-"""What others measured with real photons, from their file to the picture, by the commands that a user types."""
+"""What others measured with real photons, from their file to the picture, by a user's commands."""
 
 from pathlib import Path
 
