@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN
+from rig.files.salvage import salvage
 from rig.files.start import COMPRESSION, utc_now, write_start
 
 Status = Literal["complete", "interrupted", "failed"]
@@ -93,11 +94,15 @@ class ScanWriter:
         with ScanFile(path) as scan:
             if scan.status == "complete":
                 raise UsageError(f"{path} is complete: there is nothing to resume")
+        with _named(path, "open"), h5py.File(path, "r") as file:
+            ours, closed = _written_here(file), "stop" in file
+        if not ours:
+            raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
+        if not closed:
+            with _named(path, "repair"):
+                salvage(path)
         with _named(path, "open"):
             file = h5py.File(path, "r+")
-        if not _written_here(file):
-            file.close()
-            raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
         with _named(path, "read"):
             writer = cls(path, file)
             writer._take_up()
