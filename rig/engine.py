@@ -14,6 +14,9 @@ from rig.pointing import Pointing
 #: vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
 
+#: How often the laser is asked whether it still emits: its interlock shows in nothing else.
+WATCH_INTERVAL_S = 1.0
+
 
 class Phase(Enum):
     """What the engine is doing.
@@ -155,7 +158,7 @@ class ScanEngine:
         drivers.errors.DeviceError
             If a device fails; an `Ended` event with the outcome FAILED came before.
         RefusedError
-            If no sync pulses arrive.
+            If no sync pulses arrive, or the laser goes dark by itself.
         """
         outcome, reason = Outcome.FAILED, "a device failed"
         try:
@@ -201,13 +204,25 @@ class ScanEngine:
 
     def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
         lines = self._plan.line_of_position
+        seen_s, seen_at = self._devices.clock.now_s(), self._done
         while self._done < len(lines) and not should_stop():
             index = self._done
             self._aim(index)
+            if self._devices.clock.now_s() - seen_s > WATCH_INTERVAL_S:
+                self._require_light(seen_at)
+                seen_s, seen_at = self._devices.clock.now_s(), index
             consume(PositionDone(index, self._devices.tcspc.measure(self._plan.exposure_s)))
             self._done += 1
             if self._done == len(lines) or lines[self._done] != lines[index]:
                 consume(LineDone(self._done))
+
+    def _require_light(self, seen_at: int) -> None:
+        """Raise if the laser went dark by itself, and tell since which position the data is in doubt."""
+        if not self._devices.laser.emitting():
+            raise RefusedError(
+                "the laser went dark by itself: check interlock and key. It was last seen emitting at "
+                f"position {seen_at}; positions {seen_at} to {self._done - 1} may hold no light: repeat the scan"
+            )
 
     def _aim(self, index: int) -> None:
         self._devices.galvo.point(*self._angles_rad[index])

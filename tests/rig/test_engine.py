@@ -44,6 +44,8 @@ class ScriptedRig:
         self.sync_hz = sync_hz
         self.lit = False
         self.biased = False
+        self.time_s = 0.0
+        self.trips_at: int | None = None
 
     def devices(self) -> Devices:
         return Devices(galvo=self, laser=self, spad=self, tcspc=self, clock=self)
@@ -57,7 +59,7 @@ class ScriptedRig:
         return {}
 
     def now_s(self):
-        return 0.0
+        return self.time_s
 
     def sleep(self, duration_s):
         self._called("sleep")
@@ -100,6 +102,9 @@ class ScriptedRig:
 
     def measure(self, exposure_s):
         self._called("measure")
+        self.time_s += 0.6
+        if self.trips_at is not None and self.log.count("measure") > self.trips_at:
+            self.lit = False  # an interlock opened
         return Exposure(np.ones(4, np.uint32), exposure_s)
 
 
@@ -161,6 +166,18 @@ def test_a_consumer_that_fails_does_not_leave_the_laser_on():
     with pytest.raises(OSError, match="no space"):
         engine.run(full_disk, lambda: False)
     assert not rig.lit
+    assert not rig.biased
+
+
+def test_a_laser_that_goes_dark_by_itself_ends_the_scan_and_the_doubt_is_told():
+    rig, events = ScriptedRig(), []
+    rig.trips_at = 3
+    with pytest.raises(RefusedError, match="went dark by itself") as caught:
+        run(rig, events)
+    # looked at every second, at 0.6 s a position: seen emitting at position 2, found dark at position 4
+    assert "positions 2 to 3 may hold no light" in str(caught.value)
+    assert events[-1].outcome is Outcome.FAILED
+    assert events[-1].reason == str(caught.value)
     assert not rig.biased
 
 
