@@ -221,7 +221,7 @@ class ScanEngine:
         if not self._devices.laser.emitting():
             raise RefusedError(
                 "the laser went dark by itself: check interlock and key. It was last seen emitting at "
-                f"position {seen_at}; positions {seen_at} to {self._done - 1} may hold no light: repeat the scan"
+                f"position {seen_at}; positions {seen_at} to {self._done - 1} may be dark: repeat the scan"
             )
 
     def _aim(self, index: int) -> None:
