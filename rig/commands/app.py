@@ -7,6 +7,7 @@ import typer
 import rig
 from rig.commands.doctor import doctor
 from rig.commands.importing import import_
+from rig.commands.measure import measure
 from rig.commands.recon import recon
 from rig.commands.scan import scan
 
@@ -45,5 +46,6 @@ def _root(
 
 app.command("scan")(scan)
 app.command("recon")(recon)
+app.command("measure")(measure)
 app.command("import")(import_)
 app.command("doctor")(doctor)
