@@ -6,6 +6,7 @@ import typer
 
 import rig
 from rig.commands.doctor import doctor
+from rig.commands.export import export
 from rig.commands.importing import import_
 from rig.commands.measure import measure
 from rig.commands.recon import recon
@@ -48,4 +49,5 @@ app.command("scan")(scan)
 app.command("recon")(recon)
 app.command("measure")(measure)
 app.command("import")(import_)
+app.command("export")(export)
 app.command("doctor")(doctor)
