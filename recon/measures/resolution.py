@@ -7,12 +7,11 @@ distance to the first dark ring or line (Rayleigh's criterion), not a width at h
 from dataclasses import dataclass
 from math import atan, sin, sqrt
 
-#: Full width at half maximum over the distance to the first dark ring: Airy's disc, 1.029/1.220.
-FWHM_OF_DISC = 0.844
-#: The same of sinc^2, the image of a slit or of one direction of a rectangle.
+#: Full width at half maximum over the distance to the first dark line of sinc^2, the image of a slit, or of a
+#: rectangle in one direction.
 FWHM_OF_SLIT = 0.886
-#: Distance to the first dark line of a slit over that of a disc as wide: 1/1.220.
-SLIT_OF_DISC = 0.820
+#: Distance to the first dark line of a slit over that of a disc as wide.
+SLIT_OF_DISC = 1 / 1.22
 
 
 @dataclass(frozen=True)
@@ -38,12 +37,20 @@ class Resolution:
     half_angle_rad: float
 
     @property
+    def slit_zero_m(self) -> float:
+        """Distance to the first dark line in one direction of an evenly lit rectangle.
+
+        It is lambda/(2 sin theta), since sinc(x) is zero at 1 where Airy's disc is at 1.22.
+        """
+        return self.near_m * SLIT_OF_DISC
+
+    @property
     def slit_fwhm_m(self) -> float:
         """Full width at half maximum in one direction of an evenly lit rectangle, 0.886 lambda/(2 sin theta).
 
         For a point before the aperture's middle, and one scanning side.
         """
-        return self.near_m * SLIT_OF_DISC * FWHM_OF_SLIT
+        return self.slit_zero_m * FWHM_OF_SLIT
 
 
 def predicted(wavelength_m: float, depth_m: float, aperture_m: float) -> Resolution:
