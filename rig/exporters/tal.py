@@ -58,9 +58,11 @@ def write(path: Path, scan: ScanFile) -> None:
             file[f"{side}_grid_xyz"] = spots_m.astype("<f8")
             file[f"{side}_grid_normals"] = np.broadcast_to(np.array([0, 0, 1], "<f8"), spots_m.shape)
             _enum(file, f"{side}_grid_format", _GRID_FORMAT, "X_Y_3" if on_grid else "N_3")
-        heads_m = (None, None) if scan.legs is None else (scan.legs.laser_head_m, scan.legs.detector_head_m)
+        # y-tal's solvers want places for the heads even where they do not use them: the wall's centre then
+        nowhere = (np.zeros(3), np.zeros(3))
+        heads_m = nowhere if scan.legs is None else (scan.legs.laser_head_m, scan.legs.detector_head_m)
         for side, head_m in zip(("sensor", "laser"), heads_m, strict=True):
-            file[f"{side}_xyz"] = h5py.Empty(float) if head_m is None else head_m.astype("<f8")
+            file[f"{side}_xyz"] = head_m.astype("<f8")
         file["volume_format"] = h5py.Empty(float)
         file["delta_t"] = capture.bin_width_s * C_M_PER_S
         delay_s = 0.0 if scan.legs is None else scan.legs.electronics_delay_s

@@ -174,6 +174,28 @@ def test_pairs_have_no_tal_form_but_go_to_matlab(tmp_path):
     assert (read["bin_width_s"].item(), read["first_bin_s"].item()) == (8e-12, -1e-9)
 
 
+def test_measured_delays_go_to_matlab_only(tmp_path):
+    counts = np.random.default_rng(6).poisson(3.0, (12, 20)).astype("u4")
+    delay_s = np.linspace(9e-9, 12e-9, 12)
+    scan(tmp_path / "a.h5", counts, grid(), np.zeros((1, 3)), delay_s=delay_s)
+    with pytest.raises(UsageError, match=r"delay for each position.*\.mat"):
+        export(tmp_path / "a.h5", tmp_path / "a.hdf5")
+    export(tmp_path / "a.h5", tmp_path / "a.mat")
+    read = scipy.io.loadmat(tmp_path / "a.mat")
+    np.testing.assert_allclose(read["first_bin_s"].ravel(), 2e-9 - delay_s, rtol=1e-15)
+
+
+def test_one_plane_is_a_volume_too(tmp_path):
+    vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML", reason="vtk is not installed")
+    volume(tmp_path / "v.h5", intensity=np.ones((1, 4, 5), "f4"), z_m=np.array([1.3]))
+    export(tmp_path / "v.h5", tmp_path / "v.vti")
+    reader = vtk_xml.vtkXMLImageDataReader()
+    reader.SetFileName(str(tmp_path / "v.vti"))
+    reader.Update()
+    assert reader.GetOutput().GetDimensions() == (5, 4, 1)
+    assert reader.GetOutput().GetOrigin() == pytest.approx((-0.3, -0.1, 1.3))
+
+
 def test_the_command_names_the_layout_and_leaves_nothing_half_done(rig, tmp_path):
     volume(tmp_path / "v.h5")
     done = rig("export", "v.h5", "v.npz", "--json")

@@ -124,6 +124,15 @@ def test_lindell_2019_finds_its_times_of_flight(tmp_path):
         np.testing.assert_allclose(scan.delay_s, 700e-12)
 
 
+def test_a_delay_that_is_no_number_is_refused(tmp_path):
+    matlab(tmp_path / "a.mat", 5, meas=np.ones((3, 2, 5), "u2"), tofgrid=np.full((3, 2), 700.0))
+    _, target = imported(tmp_path / "a.mat", bin_width_s=32e-12, wall_size_m=2.0)
+    with h5py.File(target, "r+") as file:
+        file["geometry/delay_s"][4] = np.nan
+    with pytest.raises(DataFileError, match="delay that is not a number"):
+        ScanFile(target)
+
+
 def test_lindell_2019_with_a_wall_that_is_not_flat_is_refused(tmp_path):
     matlab(tmp_path / "a.mat", 5, meas=np.ones((3, 2, 5)), pos=np.ones((3, 2, 3)), tofgrid=np.ones((3, 2)))
     with pytest.raises(DataFileError, match="not flat"):
