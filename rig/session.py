@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.clock import SystemClock
 from drivers.galvo import OptotuneMirror
 from drivers.hydraharp import HHLib, HydraHarp, load_library
@@ -12,7 +15,7 @@ from drivers.spad import Id120Spad
 from rig.config import RigConfig, SimulationConfig
 from rig.devices import Clock
 from rig.engine import Devices
-from rig.errors import ConfigError
+from rig.errors import ConfigError, UsageError
 
 
 @contextmanager
@@ -79,6 +82,22 @@ def _simulated(config: RigConfig) -> Iterator[_Wires]:
             hhlib=HHLib(rack.hhlib),
             clock=clock,
         )
+
+
+def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
+
+    Raises
+    ------
+    UsageError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    try:
+        return scene(name).depth_map(x_m, y_m)
+    except ValueError as error:
+        raise UsageError(f"scene:{name}: {error}") from None
 
 
 def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:

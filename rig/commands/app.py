@@ -6,7 +6,9 @@ import typer
 
 import rig
 from rig.commands.doctor import doctor
+from rig.commands.export import export
 from rig.commands.importing import import_
+from rig.commands.measure import measure
 from rig.commands.recon import recon
 from rig.commands.resume import resume
 from rig.commands.scan import scan
@@ -47,5 +49,7 @@ def _root(
 app.command("scan")(scan)
 app.command("resume")(resume)
 app.command("recon")(recon)
+app.command("measure")(measure)
 app.command("import")(import_)
+app.command("export")(export)
 app.command("doctor")(doctor)

@@ -24,6 +24,17 @@ def import_(
         str | None,
         typer.Option(metavar="TIME", help="The record holds the wall's own light before this time."),
     ] = None,
+    tof: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Time of flight to each position (tofgrid). [dim]\\[tof.mat beside FILE][/dim]",
+        ),
+    ] = None,
+    bounces: Annotated[
+        str | None,
+        typer.Option(metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[all][/dim]"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
 ) -> None:
     """Turn a file from another lab into a scan file; the layout is detected by content.
@@ -33,6 +44,8 @@ def import_(
       rig import data_s_u.mat su.h5 --bin-width 4ps --fade-from 2.4ns    O'Toole 2018
 
       rig import capture.hdf5 scan.h5                                    a TAL file
+
+      rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps --wall-size 2m    Lindell 2019
     """
     from rig.commands import console
     from rig.importers import import_scan
@@ -45,6 +58,8 @@ def import_(
         wall_size_m=parse(wall_size, "length") if wall_size else None,
         time_origin=time_origin,
         fade_from_s=parse(fade_from, "time") if fade_from else None,
+        delays=tof,
+        bounces=_numbers(bounces) if bounces else None,
     )
     if as_json:
         console.print_json({"file": str(target), **vars(report)})
@@ -62,3 +77,12 @@ def import_(
         },
     )
     console.say(f"Next: rig recon {target}")
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    from rig.errors import UsageError
+
+    parts = text.split(",")
+    if not all(part.strip().isdecimal() for part in parts):
+        raise UsageError(f"'{text}' is no list of bounces; write numbers from 1, e.g. --bounces 2,3")
+    return tuple(int(part) for part in parts)

@@ -61,6 +61,8 @@ class ScanDescription:
     legs
         None where t = 0 is the pulse on the wall (time origin ``wall``); the legs where it is the pulse
         leaving the laser (time origin ``laser``).
+    delay_s
+        (P,) instead of the legs: what to subtract from each position's time, where that was measured.
     plan, configuration
         JSON texts.
     simulated
@@ -98,6 +100,7 @@ class ScanDescription:
     instrument_response_s: float | None = None
     imported: str = ""
     dtype: DTypeLike = "<u4"
+    delay_s: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         positions = len(self.laser_m)
@@ -107,6 +110,8 @@ class ScanDescription:
             raise ValueError(f"detector_m must be (1, 3) or ({positions}, 3), not {self.detector_m.shape}")
         if self.bins < 1 or not self.bin_width_s > 0:
             raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
+        if self.delay_s is not None and (self.legs is not None or self.delay_s.shape != (positions,)):
+            raise ValueError(f"delay_s must be ({positions},), and in place of the legs")
 
     @property
     def positions(self) -> int:
@@ -116,10 +121,12 @@ class ScanDescription:
     @property
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
-        return "wall" if self.legs is None else "laser"
+        return "wall" if self.legs is None and self.delay_s is None else "laser"
 
     def rectified_first_bin_s(self) -> NDArray[np.float64]:
         """Return the left edge of bin 0 in rectified time: (1,) where all positions share it, else (P,)."""
+        if self.delay_s is not None:
+            return self.first_bin_s - self.delay_s
         if self.legs is None:
             return np.array([self.first_bin_s])
         return self.first_bin_s - self.legs.delay_s(self.laser_m, self.detector_m)

@@ -92,14 +92,26 @@ SCAN: Layout = {
         ("1|positions", 3),
         required=True,
     ),
+    "/geometry/delay_s": Entry(
+        "float",
+        "measured delay of each position [s], to be subtracted for rectified time; where time_origin is "
+        "laser, in place of the three attributes below",
+        ("positions",),
+    ),
     "/geometry@laser_head_m": Entry(
-        "number", "where the light leaves the laser head [m]; needed where time_origin is laser", (3,)
+        "number",
+        "where the light leaves the laser head [m]; needed where time_origin is laser, unless there is "
+        "delay_s",
+        (3,),
     ),
     "/geometry@detector_head_m": Entry(
-        "number", "where the light enters the detector [m]; needed where time_origin is laser", (3,)
+        "number",
+        "where the light enters the detector [m]; needed where time_origin is laser, unless there is delay_s",
+        (3,),
     ),
     "/geometry@electronics_delay_s": Entry(
-        "number", "delay of cables and electronics [s]; needed where time_origin is laser"
+        "number",
+        "delay of cables and electronics [s]; needed where time_origin is laser, unless there is delay_s",
     ),
     "/transients": Entry("group", "photons of each position over time", required=True),
     "/transients@bin_width_s": Entry("number", "width of a bin [s]", required=True),

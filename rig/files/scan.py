@@ -35,8 +35,9 @@ class ScanFile:
         (P, 3) and (1 or P, 3) spots on the wall.
     bin_width_s, first_bin_s
         The time axis, in the file's time.
-    legs
-        What to subtract for rectified time; None where the file is rectified.
+    legs, delay_s
+        What to subtract for rectified time: the legs, or a measured (P,) delay; both None where the file is
+        rectified.
     done
         (P,) which positions were measured.
 
@@ -87,14 +88,19 @@ class ScanFile:
                 f"it must be 'wall' or 'laser'"
             )
         self.legs: Legs | None = None
-        if self.time_origin == "laser":
+        self.delay_s: NDArray[np.float64] | None = None
+        if self.time_origin == "laser" and "delay_s" in self._file["geometry"]:
+            self.delay_s = self._file["geometry/delay_s"][()].astype(float)
+            if not np.isfinite(self.delay_s).all():
+                raise DataFileError(f"{self.path} has a delay that is not a number in /geometry/delay_s")
+        elif self.time_origin == "laser":
             names = ("laser_head_m", "detector_head_m", "electronics_delay_s")
             missing = [name for name in names if name not in geometry]
             if missing:
                 raise DataFileError(
                     f"{self.path} holds the laser's time, but /geometry lacks the attributes "
-                    f"{', '.join(missing)} that give the wall's time; add them, or rectify the data and set "
-                    "time_origin to 'wall'"
+                    f"{', '.join(missing)} that give the wall's time; add them or delay_s, or rectify "
+                    "the data and set time_origin to 'wall'"
                 )
             laser_head_m, detector_head_m, delay_s = (plain(geometry[name]) for name in names)
             self.legs = Legs(laser_head_m.astype(float), detector_head_m.astype(float), float(delay_s))
@@ -263,7 +269,9 @@ class ScanFile:
                 f"{self.path} holds no measured position: the scan ended before the first; resume it"
             )
         first_bin_s = np.array([self.first_bin_s])
-        if self.legs is not None:
+        if self.delay_s is not None:
+            first_bin_s = self.first_bin_s - self.delay_s[done]
+        elif self.legs is not None:
             first_bin_s = self.first_bin_s - self.legs.delay_s(self.laser_m, self.detector_m)[done]
         return Capture(
             histograms=self._histograms,

@@ -39,6 +39,8 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
         geometry.attrs["laser_head_m"] = np.asarray(description.legs.laser_head_m, "<f8")
         geometry.attrs["detector_head_m"] = np.asarray(description.legs.detector_head_m, "<f8")
         geometry.attrs["electronics_delay_s"] = float(description.legs.electronics_delay_s)
+    if description.delay_s is not None:
+        geometry["delay_s"] = np.asarray(description.delay_s, "<f8")
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
     transients.attrs["bins"] = bins

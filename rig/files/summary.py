@@ -24,7 +24,7 @@ def summarise(scan: "ScanFile") -> dict[str, str]:
         "detector": "one spot" if len(scan.detector_m) == 1 else "a spot for each position",
         "bins": f"{scan.bins:,} of {show(scan.bin_width_s, 's', 4)}, from {show(scan.first_bin_s, 's', 4)} "
         f"to {show(last_s, 's', 4)}",
-        "time origin": "pulse on the wall" if scan.legs is None else "pulse leaves the laser",
+        "time origin": "pulse on the wall" if scan.time_origin == "wall" else "pulse leaves the laser",
         "content": "expectation values" if scan.expectation else kind,
     }
     live_s = float(np.nansum(scan.live_time_s))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -25,12 +26,18 @@ class Options:
         ``wall`` or ``laser``.
     fade_from_s
         Rectified time before which the record holds the wall's own light.
+    delays
+        File with the time of flight to each position.
+    bounces
+        Which entries of a bounce axis to add up, counted from one.
     """
 
     bin_width_s: float | None = None
     wall_size_m: float | None = None
     time_origin: str | None = None
     fade_from_s: float | None = None
+    delays: Path | None = None
+    bounces: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,8 @@ class Content:
         Type of the counts; floating where they are no photon numbers.
     blocks
         (n, bins) arrays that together give the P positions in order.
-    legs
-        None where time is rectified.
+    legs, delay_s
+        None where time is rectified; else the legs, or the (P,) delay of each position.
     fade_from_s
         Rectified time before which the record holds the wall's own light.
     instrument_response_s
@@ -69,6 +76,7 @@ class Content:
     legs: Legs | None = None
     fade_from_s: float | None = None
     instrument_response_s: float | None = None
+    delay_s: NDArray[np.float64] | None = None
     simulated: bool = False
     assumed: Sequence[str] = ()
 

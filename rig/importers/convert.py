@@ -13,12 +13,38 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
 from rig.files.atomic import appearing
-from rig.importers import ahn, cc_socr, cc_socr_cube, lct, liu2019, neutral, tal, wu2021, xiao
+from rig.importers import (
+    ahn,
+    cc_socr,
+    cc_socr_cube,
+    lct,
+    lindell2019,
+    liu2019,
+    liu2020,
+    neutral,
+    tal,
+    wu2021,
+    xiao,
+    znlos,
+)
 from rig.importers.content import Content, Options
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
-LAYOUTS: tuple[ModuleType, ...] = (neutral, tal, liu2019, lct, ahn, xiao, wu2021, cc_socr, cc_socr_cube)
+LAYOUTS: tuple[ModuleType, ...] = (
+    neutral,
+    tal,
+    znlos,
+    liu2019,
+    liu2020,
+    lct,
+    lindell2019,
+    ahn,
+    xiao,
+    wu2021,
+    cc_socr,
+    cc_socr_cube,
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +78,8 @@ def import_scan(
     wall_size_m: float | None = None,
     time_origin: str | None = None,
     fade_from_s: float | None = None,
+    delays: str | Path | None = None,
+    bounces: tuple[int, ...] | None = None,
 ) -> ImportReport:
     """Read a file of a known layout, told by its content, and write it as a scan file.
 
@@ -59,7 +87,7 @@ def import_scan(
     ----------
     source, target
         The file to read, and the scan file to make.
-    bin_width_s, wall_size_m, time_origin, fade_from_s
+    bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces
         What the file may lack; see `rig.importers.content.Options`.
 
     Raises
@@ -72,7 +100,8 @@ def import_scan(
     source, target = Path(source), Path(target)
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
-    options = Options(bin_width_s, wall_size_m, time_origin, fade_from_s)
+    delays = None if delays is None else Path(delays)
+    options = Options(bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces)
     with open_source(source) as opened:
         layout = _recognise(opened)
         content = layout.read(opened, options)
@@ -81,7 +110,7 @@ def import_scan(
         layout=layout.NAME,
         positions=len(content.laser_m),
         bins=content.bins,
-        time_origin="wall" if content.legs is None else "laser",
+        time_origin="wall" if content.legs is None and content.delay_s is None else "laser",
         assumed=tuple(content.assumed),
     )
 
@@ -114,6 +143,7 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         bin_width_s=content.bin_width_s,
         first_bin_s=content.first_bin_s,
         legs=content.legs,
+        delay_s=content.delay_s,
         simulated=content.simulated,
         command=f"rig import {source.name}",
         fade_from_s=fade_from_s,

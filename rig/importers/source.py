@@ -58,6 +58,22 @@ class Source:
         with reading_matlab(self.path):
             return scipy.io.loadmat(self.path, variable_names=[name])[name]
 
+    def matlab_shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
+        shape = self.shapes[name] or ()
+        return shape if self.matlab5 else shape[::-1]
+
+    def matlab_array(self, name: str) -> NDArray:
+        """Return an array whole, its axes as MATLAB counts them, whichever version the file has.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing or damaged.
+        """
+        value = np.asarray(self.read(name))
+        return value if self.matlab5 else value.T
+
     def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
         """Return a numeric variable as float64 of this shape; -1 stands for any size.
 

@@ -14,24 +14,20 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
-from rig.files import Legs
 from rig.files.check import reading
 from rig.importers.content import Content, Options, stored_dtype
+from rig.importers.pairs import each_with_each
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
 
 NAME = "TAL"
 SIGN = "HDF5 with H and H_format"
-#: TAL's HFormat codes that give one histogram for each sensor point.
-_GRID, _LIST = 1, 3
-_REFUSED = {
-    2: "T_Lx_Ly_Sx_Sy (each laser with each sensor point)",
-    4: "T_Li_Si (each laser with each sensor point)",
-    10: "frequency domain",
-    11: "frequency domain",
-    12: "frequency domain",
-    13: "frequency domain",
-}
+#: Axes of H by TAL's HFormat code: T_Sx_Sy and T_Si, one histogram for each sensor point; T_Lx_Ly_Sx_Sy and
+#: T_Li_Si, each laser point with each sensor point.
+_AXES = {1: 3, 2: 5, 3: 2, 4: 3}
+_EXHAUSTIVE = {2, 4}
+#: Codes from here on are in the frequency domain.
+_FREQUENCIES = 10
 #: Bytes of H read at once.
 _BLOCK_BYTES = 2**26
 
@@ -49,23 +45,26 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the file does not say whether its time includes the legs, and it was not given.
     DataFileError
-        If ``H`` has a form that is not one histogram for each sensor point, or arrays do not fit together.
+        If ``H`` is in the frequency domain, or arrays do not fit together.
     """
     assert source.hdf5 is not None
     code = int(source.numbers("H_format", 1)[0])
     shape = source.shapes["H"]
-    if code in _REFUSED or code not in {_GRID, _LIST}:
+    if code not in _AXES:
+        what = f"{code}, frequency domain" if code >= _FREQUENCIES else str(code)
         raise DataFileError(
-            f"{source.path}: H_format is {_REFUSED.get(code, code)}; only T_Sx_Sy and T_Si can be imported. "
-            "In y-tal, get_single_subdata_from_laser_point takes one laser point out"
+            f"{source.path}: H_format is {what}; transients over time are needed: T_Sx_Sy, T_Si, "
+            "T_Lx_Ly_Sx_Sy or T_Li_Si"
         )
     sensor_m = source.numbers("sensor_grid_xyz", -1, 3)
     laser_m = source.numbers("laser_grid_xyz", -1, 3)
-    if shape is None or len(shape) != (3 if code == _GRID else 2) or np.prod(shape[1:]) != len(sensor_m):
+    histograms = len(sensor_m) * (len(laser_m) if code in _EXHAUSTIVE else 1)
+    if shape is None or len(shape) != _AXES[code] or np.prod(shape[1:]) != histograms:
         raise DataFileError(
             f"{source.path}: H has shape {shape}, but there are {len(sensor_m)} sensor points"
+            + (f" and {len(laser_m)} laser points" if code in _EXHAUSTIVE else "")
         )
-    if len(laser_m) not in {1, len(sensor_m)}:
+    if code not in _EXHAUSTIVE and len(laser_m) not in {1, len(sensor_m)}:
         raise DataFileError(
             f"{source.path}: {len(laser_m)} laser points for {len(sensor_m)} sensor points; "
             "one, or as many, are needed"
@@ -85,25 +84,25 @@ def read(source: Source, options: Options) -> Content:
         frame = WallFrame.of(sensor_m, None if normals is None else normals.mean(axis=0), towards_m)
     except DataFileError as error:
         raise DataFileError(f"{source.path}: {error}") from None
-    scanned_m, still_m = frame.bring(sensor_m), frame.bring(laser_m)
-    legs = None
-    if legs_inside and sensor_head_m is not None and laser_head_m is not None:
-        # the scanned side is our laser, by reciprocity, so TAL's sensor is our laser's head
-        legs = Legs(frame.bring(sensor_head_m), frame.bring(laser_head_m))
+    heads_m = (sensor_head_m, laser_head_m) if legs_inside else (None, None)
+    spots = each_with_each(
+        frame.bring(sensor_m),
+        frame.bring(laser_m),
+        *(None if head_m is None else frame.bring(head_m) for head_m in heads_m),
+        confocal=code not in _EXHAUSTIVE and len(laser_m) == len(sensor_m),
+        laser_outer=True,
+    )
     dataset = source.hdf5["H"]
     return Content(
-        laser_m=scanned_m,
-        detector_m=still_m,
+        laser_m=spots.laser_m,
+        detector_m=spots.detector_m,
         bins=shape[0],
         bin_width_s=delta_m / C_M_PER_S,
         first_bin_s=0.0 if start_m is None else start_m[0] / C_M_PER_S,
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
-        legs=legs,
-        assumed=(
-            "by reciprocity, TAL's sensor points are the scanned laser spots, and its laser is the detector",
-            frame.in_words(),
-        ),
+        legs=spots.legs,
+        assumed=(*spots.assumed, frame.in_words()),
     )
 
 

@@ -100,7 +100,8 @@ def test_tal_wall_elsewhere_is_moved_without_mirroring(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "said"),
     [
-        ({"H_format": ("H", {"x": 2}, 2), "H": np.zeros((20, 2, 2, 3, 4))}, DataFileError, "T_Lx_Ly_Sx_Sy"),
+        ({"H_format": ("H", {"x": 2}, 2), "H": np.zeros((20, 2, 2, 3, 4))}, DataFileError, "1 laser points"),
+        ({"H_format": ("H", {"x": 7}, 7)}, DataFileError, "H_format is 7;.*T_Lx_Ly_Sx_Sy"),
         ({"H_format": ("H", {"x": 10}, 10)}, DataFileError, "frequency domain"),
         ({"H": np.zeros((20, 3, 5), "f4")}, DataFileError, "12 sensor points"),
         ({"laser_grid_xyz": np.zeros((5, 3))}, DataFileError, "5 laser points"),

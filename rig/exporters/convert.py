@@ -1,0 +1,68 @@
+"""From a scan or volume file to a file of another layout, which its ending names."""
+
+from pathlib import Path
+from types import ModuleType
+
+from rig.errors import DataFileError, UsageError
+from rig.exporters import mat, npz, tal, tiff, transients_mat, vti
+from rig.files import ScanFile, read_volume
+from rig.files.atomic import appearing
+from rig.files.volume import is_volume
+
+#: Layouts of a volume: modules with NAME, ENDINGS and write(path, volume).
+VOLUME_LAYOUTS: tuple[ModuleType, ...] = (npz, mat, vti, tiff)
+#: Layouts of transients: modules with NAME, ENDINGS and write(path, scan).
+SCAN_LAYOUTS: tuple[ModuleType, ...] = (tal, transients_mat)
+
+
+def export(source: str | Path, target: str | Path) -> str:
+    """Write a scan or volume file in another layout, whole or not at all.
+
+    Parameters
+    ----------
+    source
+        A scan or volume file of this program.
+    target
+        The file to make; its ending names the layout.
+
+    Returns
+    -------
+    str
+        Name of the layout.
+
+    Raises
+    ------
+    UsageError
+        If the ending is not known for this kind of file, ``target`` exists, or the layout cannot hold what
+        the file holds.
+    DataFileError
+        If ``source`` cannot be read, or ``target`` not be written.
+    """
+    source, target = Path(source), Path(target)
+    if target.exists():
+        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    if is_volume(source):
+        layout = _by_ending(target, VOLUME_LAYOUTS, "a volume")
+        _write(target, layout, read_volume(source))
+    else:
+        with ScanFile(source) as scan:
+            layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
+            _write(target, layout, scan)
+    return str(layout.NAME)
+
+
+def _by_ending(target: Path, layouts: tuple[ModuleType, ...], what: str) -> ModuleType:
+    ending = target.suffix.lower()
+    for layout in layouts:
+        if ending in layout.ENDINGS:
+            return layout
+    known = "; ".join(f"{', '.join(layout.ENDINGS)} ({layout.NAME})" for layout in layouts)
+    raise UsageError(f"{target}: {what} cannot be written as '{ending}'; its endings are {known}")
+
+
+def _write(target: Path, layout: ModuleType, held: object) -> None:
+    try:
+        with appearing(target) as partial:
+            layout.write(partial, held)
+    except OSError as error:
+        raise DataFileError(f"cannot write {target}: {error}; check free space and permissions") from error

@@ -1,0 +1,59 @@
+"""Cubes (a, b, t) in MATLAB's order of axes, from either version of its files."""
+
+from collections.abc import Iterator
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError
+from rig.files.check import reading
+from rig.importers.content import as_counts, stored_dtype
+from rig.importers.source import Source
+
+#: Bytes of the cube read at once.
+_BLOCK_BYTES = 2**26
+
+
+def cube_shape(source: Source, name: str) -> tuple[int, int, int]:
+    """Return the cube's shape as MATLAB counts its axes.
+
+    Raises
+    ------
+    DataFileError
+        If it is no cube, or empty.
+    """
+    shape = source.matlab_shape(name)
+    if len(shape) != 3 or 0 in shape:
+        raise DataFileError(
+            f"{source.path}: {name} has shape {shape}; a cube with time as its last axis is needed"
+        )
+    return shape[0], shape[1], shape[2]
+
+
+def cube_blocks(source: Source, name: str) -> tuple[np.dtype, Iterator[NDArray]]:
+    """Return type and (positions, bins) blocks, the second axis of the cube fastest.
+
+    Raises
+    ------
+    DataFileError
+        If the cube does not hold real numbers, or is damaged.
+    """
+    if source.hdf5 is not None:
+        dataset = source.hdf5[name]
+        return stored_dtype(dataset), _lines(source, dataset)
+    cube = source.matlab_array(name)
+    if cube.dtype.kind not in "uifb":
+        raise DataFileError(f"{source.path}: {name} has type {cube.dtype}, not real numbers")
+    counts = as_counts(cube.reshape(-1, cube.shape[2]))
+    return counts.dtype, iter([counts])
+
+
+def _lines(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
+    """Yield lines along the cube's second axis; HDF5 shows MATLAB's axes reversed, (t, b, a)."""
+    bins, inner, outer = dataset.shape
+    step = max(1, _BLOCK_BYTES // (bins * inner * dataset.dtype.itemsize))
+    for start in range(0, outer, step):
+        with reading(source.path):
+            block = dataset[:, :, start : start + step]
+        yield block.transpose(2, 1, 0).reshape(-1, bins)
