@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
+from rig.presets import Table, merged
 from rig.quantities import Hertz, Metres, Radians, Seconds, Volts
 
 _UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
@@ -205,8 +206,13 @@ def built_in() -> RigConfig:
     return RigConfig(simulation=SimulationConfig())
 
 
-def load(path: Path) -> RigConfig:
-    """Read a configuration file.
+def built_in_with(changes: Table) -> RigConfig:
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are."""
+    return RigConfig.model_validate(merged({"simulation": {}}, changes))
+
+
+def load(path: Path, changes: Table | None = None) -> RigConfig:
+    """Read a configuration file, and make ``changes``, written as a file's tables are, to it.
 
     Raises
     ------
@@ -222,7 +228,7 @@ def load(path: Path) -> RigConfig:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
     try:
-        return RigConfig.model_validate(table)
+        return RigConfig.model_validate(merged(table, changes or {}))
     except ValidationError as error:
         raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
 
