@@ -7,8 +7,10 @@ import typer
 import rig
 from rig.commands.doctor import doctor
 from rig.commands.importing import import_
+from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.scan import scan
+from rig.commands.stats import stats
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
 and image what is hidden.
@@ -45,5 +47,7 @@ def _root(
 
 app.command("scan")(scan)
 app.command("recon")(recon)
+app.command("stats")(stats)
+app.command("plot")(plot)
 app.command("import")(import_)
 app.command("doctor")(doctor)
