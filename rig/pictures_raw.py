@@ -109,8 +109,13 @@ def _draw_streak(figure: Figure, axes: Axes, image: Streak) -> None:
         interpolation="nearest",
     )
     figure.colorbar(drawn, ax=axes, label="log10 of counts a bin, block means (grey: none)")
+    filled = np.flatnonzero(np.nansum(image.counts, axis=0))  # after the gate closes there is nothing to see
+    last = min(filled[-1] + 2, len(image.time_s) - 1) if len(filled) else -1
     axes.set(
-        title="all counts", xlabel="time after the pulse on the wall (ns)", ylabel="position, as scanned"
+        title="all counts",
+        xlabel="time after the pulse on the wall (ns)",
+        ylabel="position, as scanned",
+        xlim=(image.time_s[0] * 1e9, image.time_s[last] * 1e9),
     )
 
 

@@ -46,8 +46,8 @@ def stats(
     console.print_table(header, [_row(name, statistics) for name, statistics in found.items()])
     console.say(
         f"Counted in bins that begin {from_s * 1e9:.4g} ns after the pulse on the wall, or later: all "
-        "photons, their mean over all these bins of all measured positions, the largest count of one bin, and "
-        "the mean over positions."
+        "photons, their mean over all these bins of all measured positions, the largest count of one bin, "
+        "and the mean over positions."
     )
 
 
