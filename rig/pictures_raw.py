@@ -114,7 +114,7 @@ def _draw_streak(figure: Figure, axes: Axes, image: Streak) -> None:
     axes.set(
         title="all counts",
         xlabel="time after the pulse on the wall (ns)",
-        ylabel="position, as scanned",
+        ylabel="position, line by line",
         xlim=(image.time_s[0] * 1e9, image.time_s[last] * 1e9),
     )
 

@@ -145,7 +145,7 @@ class Streak:
     time_s
         (columns + 1,) rectified time of the pixels' edges.
     positions
-        Positions P, divided evenly among the rows.
+        Positions P, line by line of the wall from the bottom up, divided evenly among the rows.
     """
 
     counts: NDArray[np.float64]
@@ -167,13 +167,20 @@ def streak(capture: Capture, *, rows: int = 600, columns: int = 900, stop_s: flo
     columns = max(1, min(columns, int((end_s - start_s) / width_s)))
     rows = min(rows, capture.positions)
     time_s = np.linspace(start_s, end_s, columns + 1)
-    row_of = np.arange(capture.positions) * rows // capture.positions
+    row_of = _line_by_line(capture.laser_m) * rows // capture.positions
     total, bins = np.zeros((2, rows, columns))
     for block, edge, summed in _summed(capture, time_s):
         np.add.at(total, row_of[block], np.diff(summed, axis=1))
         np.add.at(bins, row_of[block], np.diff(edge, axis=1))
     with np.errstate(invalid="ignore"):
         return Streak(total / bins, time_s, capture.positions)
+
+
+def _line_by_line(laser_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return (P,) the rank of each position by y, then x, whatever the order of the scan."""
+    rank = np.empty(len(laser_m), np.int64)
+    rank[np.lexsort((laser_m[:, 0], np.round(laser_m[:, 1], 6)))] = np.arange(len(laser_m))
+    return rank
 
 
 def _summed(capture: Capture, time_s: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray, NDArray]]:

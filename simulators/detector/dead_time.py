@@ -143,7 +143,7 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
         kept += 1
         if hold >= 0.0:
             ready_pulse, ready_time = p, t + hold
-        if rng.random() < probability:
+        if probability > 0.0 and rng.random() < probability:
             release = rng.exponential() * decay
             if release >= hold:
                 j = late  # into its place among the pending ones
