@@ -9,9 +9,9 @@ from simulators.bench import Detections, LightState, Photons
 
 Spot = tuple[float, float, float]
 
-#: Steps towards the wanted rate. Each divides what is missing by ten or more, because the counted rate is
-#: nearly proportional to the light: hold-off and background are a few per cent of it.
-STEPS = 6
+#: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
+#: proportional to the light; bright light, of which the hold-off hides much, takes more.
+STEPS = 25
 
 
 @dataclass(frozen=True)
