@@ -116,6 +116,7 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
     kept_pulse, kept_time, kept = np.empty(size, np.int64), np.empty(size), 0
     late_pulse, late_time, late, first = np.empty(size, np.int64), np.empty(size), 0, 0
     ready_pulse, ready_time, i = pulse[0] - 1, -1e9 * period, 0
+    per_s = 1.0 / period
     while i < len(pulse) or first < late:
         own = first >= late
         if not own and i < len(pulse):
@@ -128,7 +129,8 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
             first += 1
         since = (p - ready_pulse) * period + t - ready_time  # since the detector is ready
         if width >= 0.0:
-            into = (t - opening) % period
+            into = t - opening
+            into -= np.floor(into * per_s) * period  # % takes five times as long
             if into <= width:  # its gate must have begun to open after that
                 since -= into
             elif not own:
