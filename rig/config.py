@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
+from rig.presets import Table, merged
 from rig.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts
 
 _UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
@@ -119,13 +120,51 @@ class ScanConfig(_Section):
     """Side of the square around the detector's spot that is not scanned."""
 
 
+class FaultsConfig(_Section):
+    """What the simulated detector and timing do wrong; where a number is 0, that effect is off.
+
+    Sources, and what is unconfirmed: ``docs/faults.md``.
+    """
+
+    dark_counts_hz: Hertz = Field(10.0, ge=0)
+    ambient_light_hz: Hertz = Field(500.0, ge=0)
+    """Counts a second from room light while the detector is sensitive."""
+    hold_off: bool = True
+    """Whether a detection keeps the detector off for spad.hold_off, and the next gate closed."""
+    afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
+    afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
+    gate_ringing: float = Field(0.07, ge=0, le=1)
+    """Overshoot of the sensitivity when the gate opens."""
+    gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
+    memory: float = Field(0.0, ge=0, le=1)
+    """Fraction of the gated-off first bounce that comes back inside the gate."""
+    memory_decay_s: Seconds = Field(30e-9, gt=0)
+    reflections_per_pulse: float = Field(0.0, ge=0)
+    """Detections a pulse from each stray reflection of the first bounce."""
+    failed_gates: float = Field(0.0, ge=0, le=1)
+    """Fraction of positions where the gate does not block the first bounce."""
+    failed_gate_radius_m: Metres = Field(0.0, ge=0)
+    """Distance from the detector's spot up to which it does not either."""
+    dead_time_s: Seconds = Field(80e-9, ge=0)
+    """Of the timing instrument."""
+    nonlinearity: float = Field(0.0, ge=0, lt=0.02)
+    """Differential non-linearity of the timing instrument, root mean square."""
+    drift_per_minute_s: Seconds = 0.0
+    """How much later counts come with each minute."""
+    largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
+    """Where a bin of the timing instrument is full."""
+
+
 class SimulationConfig(_Section):
     """The simulated bench, when there is no hardware."""
 
     scene: str = "letters"
+    count_rate_hz: Hertz | None = Field(None, gt=0)
+    """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
+    faults: FaultsConfig = FaultsConfig()
 
 
 class RigConfig(_Section):
@@ -181,8 +220,13 @@ def recorded(text: str) -> RigConfig:
         raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
 
-def load(path: Path) -> RigConfig:
-    """Read a configuration file.
+def built_in_with(changes: Table) -> RigConfig:
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are."""
+    return RigConfig.model_validate(merged({"simulation": {}}, changes))
+
+
+def load(path: Path, changes: Table | None = None) -> RigConfig:
+    """Read a configuration file, and make ``changes``, written as a file's tables are, to it.
 
     Raises
     ------
@@ -198,7 +242,7 @@ def load(path: Path) -> RigConfig:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
     try:
-        return RigConfig.model_validate(table)
+        return RigConfig.model_validate(merged(table, changes or {}))
     except ValidationError as error:
         raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
 

@@ -4,18 +4,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.clock import SystemClock
 from drivers.galvo import OptotuneMirror
 from drivers.hydraharp import HHLib, HydraHarp, load_library
 from drivers.laser import KatanaLaser
 from drivers.spad import Id120Spad
-from rig.config import RigConfig, SimulationConfig
+from rig.config import RigConfig
 from rig.devices import Clock
 from rig.engine import Devices
-from rig.errors import ConfigError, UsageError
 
 
 @contextmanager
@@ -55,49 +51,17 @@ class _Wires:
 @contextmanager
 def _simulated(config: RigConfig) -> Iterator[_Wires]:
     """Build the simulated bench and put its devices at the ends of the wires."""
-    from simulators.bench import Bench, BenchGeometry
-    from simulators.clock import BenchClock
-    from simulators.photons import Detector, Optics, ThreeBouncePhotons
-    from simulators.scenes import scene
-    from simulators.wire.rack import Rack
+    from rig.simulated import rack as build
 
-    simulation = config.simulation or SimulationConfig()
-    geometry = BenchGeometry(
-        galvo_m=config.galvo.position_m,
-        detector_head_m=config.spad.position_m,
-        detector_spot_m=config.spad.spot_m,
-        electronics_delay_s=config.timing.electronics_delay_s,
-    )
-    try:
-        hidden = scene(simulation.scene)
-    except ValueError as error:
-        raise ConfigError(f"simulation.scene: {error}") from None
-    photons = ThreeBouncePhotons(hidden, geometry, Optics(), Detector())
-    clock = BenchClock(real_time=simulation.real_time)
-    with Rack(Bench(photons, geometry, seed=simulation.seed, clock=clock)) as rack:
+    bench, rack = build(config)
+    with rack:
         yield _Wires(
             galvo=rack.galvo_url,
             laser=rack.laser_url,
             usb_backend=rack.usb_backend,
             hhlib=HHLib(rack.hhlib),
-            clock=clock,
+            clock=bench.clock,
         )
-
-
-def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
-
-    Raises
-    ------
-    UsageError
-        If there is no such scene.
-    """
-    from simulators.scenes import scene
-
-    try:
-        return scene(name).depth_map(x_m, y_m)
-    except ValueError as error:
-        raise UsageError(f"scene:{name}: {error}") from None
 
 
 def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:

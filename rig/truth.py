@@ -42,7 +42,7 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
         If the file is damaged or lacks what is needed.
     """
     if source.startswith("scene:"):
-        from rig.session import scene_depth
+        from rig.simulated import scene_depth
 
         return scene_depth(source.removeprefix("scene:"), x_m, y_m)
     path = Path(source)

@@ -82,6 +82,30 @@ class LightState:
     hold_off_s: float = 100e-9
 
 
+@dataclass(frozen=True)
+class Detections:
+    """Detections in order of arrival, as the timing input gets them.
+
+    Attributes
+    ----------
+    pulse
+        (n,) int64, the sync pulse that each follows, counted from the beginning of the exposure.
+    time_s
+        (n,) time after that pulse [s].
+    """
+
+    pulse: NDArray[np.int64]
+    time_s: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+
+def no_detections() -> Detections:
+    """Return an empty record."""
+    return Detections(np.empty(0, np.int64), np.empty(0))
+
+
 class Photons(Protocol):
     """The physics of what is detected while nothing changes."""
 
@@ -91,8 +115,8 @@ class Photons(Protocol):
         light: LightState,
         duration_s: float,
         rng: np.random.Generator,
-    ) -> NDArray[np.float64]:
-        """Draw the detections of ``duration_s``: unordered times after sync at the timing input [s]."""
+    ) -> Detections:
+        """Draw the detections of ``duration_s``, times after sync folded into one period."""
         ...
 
     def rate_hz(self, laser_spot_m: tuple[float, float, float], light: LightState) -> float:
@@ -156,13 +180,10 @@ class Bench:
         spot = self.geometry.laser_spot_m(self.mirror.position(self.clock.now_s()))
         return self.photons.rate_hz(spot, self.light)
 
-    def detections(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
+    def detections(self, start_s: float, stop_s: float) -> Detections:
         """Draw what the detector saw between two bench times, the mirror and all switches followed.
 
-        Returns
-        -------
-        ndarray
-            Times after the sync pulse at the timing input [s], in no particular order.
+        At each change, and at each step of a moving mirror, the detector begins anew, ready.
         """
         target = self.mirror.target
         visit = self._visits.get(target, 0)
@@ -175,9 +196,13 @@ class Bench:
             light = self._light_at(begin_s)
             for middle_s, duration_s in self._steps(begin_s, end_s):
                 spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
-                pieces.append(self.photons.detections(spot, light, duration_s, rng))
+                piece = self.photons.detections(spot, light, duration_s, rng)
+                first = round((middle_s - duration_s / 2 - start_s) * light.repetition_hz)
+                pieces.append((piece.pulse + first, piece.time_s))
         self._forget_before(start_s)
-        return np.concatenate(pieces) if pieces else np.empty(0)
+        if not pieces:
+            return no_detections()
+        return Detections(*(np.concatenate(part) for part in zip(*pieces, strict=True)))
 
     def _changes_between(self, start_s: float, stop_s: float) -> list[float]:
         switches = [at for at, _ in self._light if start_s < at < stop_s]

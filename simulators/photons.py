@@ -5,9 +5,10 @@ from math import dist
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import BenchGeometry, LightState
+from simulators.bench import BenchGeometry, Detections, LightState
 from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
+from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.geometry import cut
 from simulators.optics import Optics
 from simulators.scenes import Scene
@@ -31,7 +32,7 @@ class ThreeBouncePhotons:
     ``tail_fraction * tail_s``. The whole electronics delay is counted before the light leaves the galvo, so
     that the time at the detector, which the gate goes by, is that at the timing input but for the response.
 
-    Left out so far: more bounces, dead time and pile-up, afterpulses, ringing of the gate.
+    Left out so far: more bounces.
 
     Parameters
     ----------
@@ -43,6 +44,8 @@ class ThreeBouncePhotons:
         Laser, wall and lens.
     detector
         Detector and electronics.
+    first_bounce
+        What the first bounce leaves in the record although the gate is closed; by default nothing.
     """
 
     def __init__(
@@ -51,10 +54,12 @@ class ThreeBouncePhotons:
         geometry: BenchGeometry | None = None,
         optics: Optics | None = None,
         detector: Detector | None = None,
+        first_bounce: FirstBounce | None = None,
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         self.optics = optics or Optics()
         self.detector = detector or Detector()
+        self.first_bounce = first_bounce or FirstBounce()
         self._bounces = ThreeBounces(cut(scene), scene.triangles_m, self.geometry.detector_spot_m)
         per_photon_m2 = self.optics.collection_m2(self.geometry) * self.detector.efficiency
         self._detections_m2_hz = self.optics.photons_per_s * per_photon_m2
@@ -62,36 +67,57 @@ class ThreeBouncePhotons:
 
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Draw the detections of ``duration_s``: times after sync at the timing input [s], shuffled."""
-        if not light.biased:
-            return np.empty(0)
-        background = rng.poisson(self.detector.background_hz(light) * duration_s)
-        times_s = [self.detector.background_times(background, light, rng)]
-        if light.emitting and light.power > 0:
-            arrivals_s = np.concatenate(
-                [
-                    self._three_bounces_s(laser_spot_m, light, duration_s, rng),
-                    self._stray_s(laser_spot_m, light, duration_s, rng),
-                ]
-            )
-            seen_s = arrivals_s[rng.random(len(arrivals_s)) < self.detector.sensitivity(arrivals_s, light)]
-            times_s.append(seen_s + self.detector.delays(len(seen_s), rng))
-        shuffled_s = np.concatenate(times_s)
-        rng.shuffle(shuffled_s)
-        return shuffled_s % (1 / light.repetition_hz)
+    ) -> Detections:
+        """Draw the detections of ``duration_s``, times after sync folded into one period [s]."""
+        seen_s = [self.detector.background_times(light, duration_s, rng)]
+        if light.biased and light.emitting and light.power > 0:
+            peak = self.detector.ringing.peak if light.gated else 1.0
+            arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
+            passed = rng.random(len(arrivals_s)) * peak < self.detector.sensitivity(arrivals_s, light)
+            seen_s.append(arrivals_s[passed])
+            if light.gated:
+                seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
+        return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)
 
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second; the gate's edges are met at the patches' centres."""
-        rate_hz = self.detector.background_hz(light)
-        if not (light.biased and light.emitting):
-            return rate_hz
+        seen_hz = self.detector.background_hz(light)
+        if light.biased and light.emitting:
+            seen_hz += self._light_hz(laser_spot_m, light)
+        return self.detector.detected_hz(seen_hz, light)
+
+    def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         weight_per_m2, path_m = self._from_spot(laser_spot_m)
         arrival_s = self._legs_s(laser_spot_m) + path_m / C_M_PER_S
         seen_per_m2 = float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
         stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
-        return rate_hz + light.power * (self._detections_m2_hz * seen_per_m2 + stray_hz)
+        light_hz = light.power * (self._detections_m2_hz * seen_per_m2 + stray_hz)
+        if light.gated:
+            light_hz += self.first_bounce.rate_hz(
+                laser_spot_m, self.geometry, light, self.detector.sensitivity
+            )
+        return light_hz
+
+    def _arrivals_s(
+        self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw all light that the gate has yet to pass."""
+        arrivals_s = [self._three_bounces_s(spot_m, light, duration_s, rng)]
+        arrivals_s.append(self._stray_s(spot_m, light, duration_s, rng))
+        if light.gated:
+            pulses = duration_s * light.repetition_hz * light.power
+            late_s = self.first_bounce.arrivals(spot_m, self.geometry, pulses, rng)
+            arrivals_s.append(late_s + self._pulse_s(len(late_s), rng))
+        return np.concatenate(arrivals_s)
+
+    def _past_the_gate_s(
+        self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw the first bounce where the gate fails."""
+        pulses = duration_s * light.repetition_hz * light.power
+        early_s = self.first_bounce.passing_the_gate(spot_m, self.geometry, pulses, rng)
+        return early_s + self._pulse_s(len(early_s), rng)
 
     def _three_bounces_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -131,5 +157,4 @@ class ThreeBouncePhotons:
 
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
         """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""
-        path_m = dist(self.geometry.galvo_m, spot_m) + dist(spot_m, self.geometry.detector_head_m)
-        return np.array(self.geometry.electronics_delay_s + path_m / C_M_PER_S)
+        return np.array(direct_s(spot_m, self.geometry))

@@ -9,9 +9,11 @@ from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
 from rig.commands.measure import measure
+from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.resume import resume
 from rig.commands.scan import scan
+from rig.commands.stats import stats
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
 and image what is hidden.
@@ -50,6 +52,8 @@ app.command("scan")(scan)
 app.command("resume")(resume)
 app.command("recon")(recon)
 app.command("measure")(measure)
+app.command("stats")(stats)
+app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("doctor")(doctor)

@@ -44,6 +44,17 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
     console.print(table)
 
 
+def print_table(header: "Sequence[str]", rows: "Sequence[Sequence[str]]") -> None:
+    """Print rows of text under a header on stdout; all columns but the first hold numbers."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for number, name in enumerate(header):
+        table.add_column(name, justify="right" if number else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*map(escape, row))
+    widest = sum(max(map(len, column)) + 2 for column in zip(header, *rows, strict=True))
+    Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
+
+
 def print_findings(findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
     colours = {"ok": "green", "warning": "yellow", "missing": "red"}

@@ -31,6 +31,10 @@ def scan(
         str | None,
         typer.Option(metavar="NAME", help="Hidden scene of the simulated rig. [dim]\\[letters][/dim]"),
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
+    ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")
     ] = None,
@@ -53,6 +57,8 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
+      rig scan --preset office-10ms          a dataset of the paper
+
       rig scan --config lab.toml --dry-run   what would be done
 
     Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
@@ -63,7 +69,10 @@ def scan(
     from rig.plan import ScanPlan
     from rig.quantities import parse
 
-    rig_config = _configuration(config, scene, seed)
+    if preset == "list":
+        _show_presets(as_json)
+        return
+    rig_config = _configuration(config, preset, scene, seed)
     columns, rows = _columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.from_config(
         rig_config,
@@ -82,11 +91,25 @@ def scan(
     run(lambda progress, stop: acquire(plan, rig_config, target, progress, stop), plan, target, as_json)
 
 
-def _configuration(path: Path | None, scene: str | None, seed: int | None) -> "RigConfig":
-    from rig.config import built_in, load
-    from rig.errors import UsageError
+def _show_presets(as_json: bool) -> None:
+    from rig.commands import console
+    from rig.presets import about
 
-    config = load(path) if path else built_in()
+    if as_json:
+        console.print_json({"presets": about()})
+    else:
+        console.print_facts("presets: the datasets of Liu et al. 2019", about())
+
+
+def _configuration(path: Path | None, preset: str | None, scene: str | None, seed: int | None) -> "RigConfig":
+    from rig.config import built_in_with, load
+    from rig.errors import UsageError
+    from rig.presets import preset as changes_of
+
+    overlay = changes_of(preset) if preset else {}
+    if path and preset and not load(path).simulated:
+        raise UsageError(f"--preset is for the simulated rig, and {path} names real devices; leave it out")
+    config = load(path, overlay) if path else built_in_with(overlay)
     changes = {name: value for name, value in (("scene", scene), ("seed", seed)) if value is not None}
     if not changes:
         return config

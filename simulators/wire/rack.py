@@ -6,7 +6,7 @@ from typing import Self
 
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.hydraharp import HydraHarpSimulator, Timing
 from simulators.wire.laser import KatanaHead
 from simulators.wire.serial_url.protocol_sim import attach, detach
 from simulators.wire.spad import SpadInstrument
@@ -18,6 +18,13 @@ _numbers = count(1)
 class Rack:
     """The devices of one rig, reachable while entered.
 
+    Parameters
+    ----------
+    bench
+        What they act on.
+    timing, count_depth
+        Faults of the timing instrument's clock, and the largest count of its bins.
+
     Attributes
     ----------
     galvo_url, laser_url
@@ -28,11 +35,11 @@ class Rack:
         Object with the 44 HHLib functions as attributes.
     """
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, *, timing: Timing | None = None, count_depth: int = 2**32 - 1) -> None:
         self._bench = bench
         self._name = f"bench{next(_numbers)}"
         self.usb_backend = UsbBackend([SpadInstrument(bench)])
-        self._harp = HydraHarpSimulator(bench)
+        self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
         self.hhlib = self._harp.functions
 
     def __enter__(self) -> Self:

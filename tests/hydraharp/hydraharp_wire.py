@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from simulators.bench import Bench
+from simulators.bench import Bench, Detections, no_detections
 
 #: The functions as the vendor's header declares them.
 HEADER = """
@@ -120,8 +120,9 @@ class SteadyLight:
 
     def detections(self, laser_spot_m, light, duration_s, rng):
         if not (light.emitting or self.ambient):
-            return np.empty(0)
-        return np.resize(self.times_s, round(self.rate * duration_s))
+            return no_detections()
+        times_s = np.resize(self.times_s, round(self.rate * duration_s))
+        return Detections(np.arange(len(times_s)), times_s)
 
     def rate_hz(self, laser_spot_m, light):
         return self.rate if light.emitting or self.ambient else 0.0

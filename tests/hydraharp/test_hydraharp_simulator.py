@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
+from simulators.wire.hydraharp.timing import Nonlinearity
 
 HISTOGRAM, T2, T3, CONTINUOUS = 0, 2, 3, 8
 
@@ -427,12 +428,14 @@ def test_bins_of(times_fs, divider, shift_ps, offset_ns, width_ps, length):
         expected.append(min(max(time_fs // (2000 * width_ps) + 1, 0), length + 1))
     got = bins_of(
         (2 * np.array(times_fs) + 1) * 0.5e-15,
+        np.arange(len(times_fs)),
         period_s=100e-9,
         divider=divider,
         shift_s=shift_ps * 1e-12,
         offset_s=offset_ns * 1e-9,
         bin_width_s=width_ps * 1e-12,
         length=length,
+        clock=Nonlinearity(),
     )
     assert got.tolist() == expected
 

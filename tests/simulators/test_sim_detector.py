@@ -9,6 +9,7 @@ from scipy.stats import chi2, exponnorm, kstest, norm
 
 from simulators.bench import LightState
 from simulators.detector import Detector
+from simulators.detector.response import delays
 from simulators.optics import Optics
 
 SIGMA = 1 / (2 * sqrt(2 * log(2)))
@@ -37,7 +38,9 @@ def test_the_whole_system_is_65_ps_wide_with_its_peak_in_place():
 
 def test_delays_follow_the_response():
     """Chi-square of a million draws against the closed form; one failure in a million, seed fixed."""
-    delays_s = Detector().delays(1_000_000, np.random.default_rng(3))
+    d = Detector()
+    core_s = (d.jitter_fwhm_s, d.electronics_fwhm_s)
+    delays_s = delays(1_000_000, core_s, d.tail_s, d.tail_fraction, np.random.default_rng(3))
     edges_s = np.arange(-100e-12, 500e-12, 5e-12)
     drawn, _ = np.histogram(delays_s, edges_s)
     fine_s = np.linspace(edges_s[0], edges_s[-1], 20 * (len(edges_s) - 1) + 1)
@@ -46,7 +49,6 @@ def test_delays_follow_the_response():
     enough = expected > 20
     statistic = ((drawn - expected)[enough] ** 2 / expected[enough]).sum()
     assert statistic < chi2.isf(1e-6, enough.sum())
-    d = Detector()
     assert delays_s.mean() == pytest.approx(d.tail_fraction * d.tail_s, abs=5 * delays_s.std() / 1e3)
 
 
@@ -93,9 +95,10 @@ def test_free_running_is_always_open_and_unbiased_never():
 def test_background_is_even_over_the_period_or_has_the_shape_of_the_gate():
     rng = np.random.default_rng(8)
     detector = Detector()
-    free_s = detector.background_times(20_000, OPEN, rng)
+    free_s = detector.background_times(OPEN, 40.0, rng)
     assert kstest(free_s / 100e-9, "uniform").pvalue > 1e-6
-    gated_s = detector.background_times(200_000, GATED, rng)
+    gated_s = detector.background_times(GATED, 1000.0, rng)
+    assert len(gated_s) == pytest.approx(204_000, abs=5 * np.sqrt(204_000))
     t_s = np.arange(32.5e-9, 73.5e-9, 1e-12)
     below = np.cumsum(detector.sensitivity(t_s, GATED)) * 1e-12 / 40e-9
     assert kstest(gated_s, lambda t: np.interp(t, t_s + 0.5e-12, below)).pvalue > 1e-6

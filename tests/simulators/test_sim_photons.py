@@ -72,7 +72,7 @@ def test_in_the_dark_only_background_is_counted(photons):
     for light, duty in ((replace(FREE, emitting=False), 1.0), (replace(GATED, emitting=False), 0.4)):
         expected = 510 * 100 * duty
         assert photons.rate_hz(SPOT, light) == pytest.approx(510 * duty)
-        times_s = photons.detections(SPOT, light, 100.0, rng(4))
+        times_s = photons.detections(SPOT, light, 100.0, rng(4)).time_s
         assert len(times_s) == pytest.approx(expected, abs=5 * np.sqrt(expected))
         assert times_s.min() >= 0
         assert times_s.max() < 100e-9
@@ -97,7 +97,7 @@ def test_arrival_is_electronics_and_all_legs_of_the_way():
     """Every photon of the 2 cm patch, within the spread of its corners."""
     geometry = BenchGeometry((-0.3, 0.1, 2.4), (0.25, -0.2, 2.6), (0.1, 0.05, 0.0), 7e-9)
     point = ThreeBouncePhotons(scene("point"), geometry, replace(NO_STRAY, power_w=500.0), EXACT)
-    times_s = point.detections(SPOT, FREE, 1.0, rng())
+    times_s = point.detections(SPOT, FREE, 1.0, rng()).time_s
     legs_m = dist(geometry.galvo_m, SPOT) + dist(geometry.detector_spot_m, geometry.detector_head_m)
     corners = [(x, y, 1.0) for x in (-0.01, 0.01) for y in (-0.01, 0.01)]
     through_m = [dist(SPOT, q) + dist(q, geometry.detector_spot_m) for q in corners]
@@ -110,8 +110,8 @@ def test_arrival_is_electronics_and_all_legs_of_the_way():
 def test_times_beyond_a_period_are_folded_into_it():
     late = BenchGeometry(electronics_delay_s=12.3e-9 + 3e-7)
     args = {"optics": NO_STRAY, "detector": EXACT}
-    folded = ThreeBouncePhotons(scene("letters"), late, **args).detections(SPOT, FREE, 1e-2, rng())
-    usual = ThreeBouncePhotons(scene("letters"), **args).detections(SPOT, FREE, 1e-2, rng())
+    folded = ThreeBouncePhotons(scene("letters"), late, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
+    usual = ThreeBouncePhotons(scene("letters"), **args).detections(SPOT, FREE, 1e-2, rng()).time_s
     assert folded == pytest.approx(usual, abs=1e-18)
 
 
@@ -123,7 +123,7 @@ def test_draws_follow_the_expected_transient(exact):
     expected = expected_transient(cut(built), built.triangles_m, *spots, edges_s)[0]
     legs_m = dist(geometry.galvo_m, SPOT) + dist(geometry.detector_spot_m, geometry.detector_head_m)
     shift_s = geometry.electronics_delay_s + legs_m / C_M_PER_S
-    drawn, _ = np.histogram(exact.detections(SPOT, FREE, 2.0, rng(6)), edges_s + shift_s)
+    drawn, _ = np.histogram(exact.detections(SPOT, FREE, 2.0, rng(6)).time_s, edges_s + shift_s)
     expected *= drawn.sum() / expected.sum()
     enough = expected > 20
     assert drawn.sum() > 2e5
@@ -134,8 +134,8 @@ def test_draws_follow_the_expected_transient(exact):
 def test_the_gate_passes_photons_only_inside_and_all_of_them_there(exact):
     """A gate of 1 ns in the middle of the scene: edges of 333 ps in full, half of it outside each way."""
     light = replace(GATED, gate_delay_s=36.5e-9, gate_width_s=1e-9)
-    free_s = exact.detections(SPOT, FREE, 1.0, rng(1))
-    gated_s = exact.detections(SPOT, light, 1.0, rng(2))
+    free_s = exact.detections(SPOT, FREE, 1.0, rng(1)).time_s
+    gated_s = exact.detections(SPOT, light, 1.0, rng(2)).time_s
     half_s = 200e-12 / 0.6 / 2
     assert len(gated_s) > 1000
     assert gated_s.min() >= 36.5e-9 - half_s
@@ -156,10 +156,14 @@ def test_pulse_spreads_light_before_the_gate_and_response_after_it():
         len(ThreeBouncePhotons(built, optics=bright, detector=late).detections(SPOT, light, 1.0, rng())) == 0
     )
     long = replace(bright, pulse_fwhm_s=20e-9)
-    times_s = ThreeBouncePhotons(built, optics=long, detector=EXACT).detections(SPOT, light, 1.0, rng())
+    times_s = (
+        ThreeBouncePhotons(built, optics=long, detector=EXACT).detections(SPOT, light, 1.0, rng()).time_s
+    )
     assert len(times_s) > 100
     assert times_s.min() > 49.8e-9
-    blurred_s = ThreeBouncePhotons(built, optics=long, detector=late).detections(SPOT, light, 1.0, rng())
+    blurred_s = (
+        ThreeBouncePhotons(built, optics=long, detector=late).detections(SPOT, light, 1.0, rng()).time_s
+    )
     assert blurred_s.min() < 49.8e-9
 
 
@@ -170,7 +174,7 @@ def test_stray_light_stands_at_the_direct_path_unless_the_gate_keeps_it_out():
     g = empty.geometry
     path_m = dist(g.galvo_m, SPOT) + dist(SPOT, g.detector_head_m)
     direct_s = g.electronics_delay_s + path_m / C_M_PER_S
-    times_s = empty.detections(SPOT, FREE, 0.1, rng())
+    times_s = empty.detections(SPOT, FREE, 0.1, rng()).time_s
     assert times_s == pytest.approx(direct_s, abs=1e-18)
     assert len(times_s) == pytest.approx(20_000, abs=5 * np.sqrt(20_000))  # 0.02 of 1e6 pulses
     assert len(empty.detections(SPOT, GATED, 0.1, rng())) == 0
@@ -183,7 +187,7 @@ def test_the_response_of_the_whole_system_is_65_ps_wide():
     """Stray light is a single path: its histogram is the response. 1e6 photons, 1 ps bins smoothed over 5."""
     quiet = Detector(dark_hz=0, ambient_hz=0)
     empty = ThreeBouncePhotons(scene("empty"), optics=Optics(stray_per_pulse=0.1), detector=quiet)
-    times_s = empty.detections((0.0, 0.0, 0.0), FREE, 1.0, rng(2))
+    times_s = empty.detections((0.0, 0.0, 0.0), FREE, 1.0, rng(2)).time_s
     g = empty.geometry
     path_m = dist(g.galvo_m, (0, 0, 0)) + dist((0, 0, 0), g.detector_head_m)
     counts, edges_s = np.histogram(
@@ -197,17 +201,22 @@ def test_the_response_of_the_whole_system_is_65_ps_wide():
 
 
 def test_the_same_seed_gives_the_same_photons_whatever_was_asked_before(photons):
-    first = photons.detections(SPOT, GATED, 1e-3, rng(5))
+    first = photons.detections(SPOT, GATED, 1e-3, rng(5)).time_s
     photons.rate_hz((-0.5, 0.1, 0.0), FREE)
     photons.detections((-0.5, 0.1, 0.0), FREE, 1e-3, rng(9))
-    assert np.array_equal(photons.detections(SPOT, GATED, 1e-3, rng(5)), first)
-    assert not np.array_equal(photons.detections(SPOT, GATED, 1e-3, rng(6)), first)
+    assert np.array_equal(photons.detections(SPOT, GATED, 1e-3, rng(5)).time_s, first)
+    assert not np.array_equal(photons.detections(SPOT, GATED, 1e-3, rng(6)).time_s, first)
 
 
-def test_detections_come_in_random_order(photons):
-    """The rank of a detection says nothing of its time: correlation below 5 / sqrt(n), stray too."""
-    times_s = photons.detections(SPOT, FREE, 0.1, rng(3))
-    assert abs(np.corrcoef(times_s, np.arange(len(times_s)))[0, 1]) < 5 / np.sqrt(len(times_s))
+def test_detections_come_in_order_over_all_pulses(photons):
+    """Times rise but for the response, and pulses are met evenly: chi-square over 100 parts."""
+    seen = photons.detections(SPOT, FREE, 0.1, rng(3))
+    assert (np.diff(seen.pulse * 100e-9 + seen.time_s) > -2e-9).all()
+    assert seen.pulse.min() >= 0
+    assert seen.pulse.max() < 10**6 + 1
+    parts, _ = np.histogram(seen.pulse, np.linspace(0, 10**6, 101))
+    statistic = ((parts - parts.mean()) ** 2 / parts.mean()).sum()
+    assert statistic < chi2.isf(1e-6, 99)
 
 
 @pytest.mark.benchmark

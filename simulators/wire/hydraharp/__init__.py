@@ -14,8 +14,8 @@ Not simulated
 -------------
 - T2, T3 and continuous mode deliver no data: `HH_ReadFiFo` and `HH_GetContModeBlock` answer with nothing.
 - Control inputs and markers: no pulse ever comes at C1, and a measurement that waits for one never begins.
-- Discriminators, dead time, jitter and differential non-linearity of the instrument. Whatever the bench
-  detects arrives; the bench's photons already have the time resolution of the whole system.
+- Discriminators and jitter of the instrument: the bench's photons already have the time resolution of the
+  whole system. Dead time, differential non-linearity and drift are in `timing`, off unless asked for.
 - The time that commands and readout take on USB: no bench time passes in them.
 - A sync that goes and returns within one measurement: only its begin and end are looked at.
 - Fluctuation of the rates: they are the expected ones.
@@ -24,5 +24,6 @@ Not simulated
 """
 
 from simulators.wire.hydraharp.simulator import HydraHarpSimulator
+from simulators.wire.hydraharp.timing import Nonlinearity, Timing
 
-__all__ = ["HydraHarpSimulator"]
+__all__ = ["HydraHarpSimulator", "Nonlinearity", "Timing"]

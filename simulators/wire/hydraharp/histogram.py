@@ -4,10 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.wire.hydraharp.codes import LONGEST_HISTOGRAM
+from simulators.wire.hydraharp.timing import Nonlinearity
 
 
 def bins_of(
     times_s: NDArray[np.float64],
+    pulse: NDArray[np.int64],
     *,
     period_s: float,
     divider: int,
@@ -15,6 +17,7 @@ def bins_of(
     offset_s: float,
     bin_width_s: float,
     length: int,
+    clock: Nonlinearity,
 ) -> NDArray[np.int64]:
     """Return the bin that each detection falls into, counted from 1; 0 and ``length`` + 1 are outside.
 
@@ -22,13 +25,15 @@ def bins_of(
     photon from far away, or a late dark count) is measured from a later pulse than the one that made it, and
     a time that a channel offset made negative from an earlier one: times fold into [0, period). A divider
     hides all but every n-th pulse, so the period of the start edges is n pulses, and the photons of the n
-    pulses between two edges, equally likely, appear side by side. Only then is the offset subtracted; what is
+    pulses between two edges appear side by side. Only then is the offset subtracted; what is
     then left of the first bin or right of the last is lost, since the instrument has nowhere to count it.
 
     Parameters
     ----------
     times_s
         (photons,) times after the sync pulse at the timing input [s].
+    pulse
+        (photons,) which sync pulse that is.
     period_s
         Time between sync pulses [s].
     divider
@@ -37,6 +42,8 @@ def bins_of(
         Offset of the input less that of the sync input [s].
     offset_s, bin_width_s, length
         Left edge of the first bin, width of all, and their number.
+    clock
+        How unequal the bins really are.
 
     Returns
     -------
@@ -45,12 +52,13 @@ def bins_of(
     """
     times_s = times_s + shift_s
     if divider > 1:
-        times_s += period_s * (np.arange(len(times_s)) % divider)
+        times_s += period_s * (pulse % divider)
         period_s *= divider
     if times_s.min() < 0 or times_s.max() >= period_s:
         times_s -= np.floor(times_s / period_s) * period_s  # np.mod takes ten times as long
     times_s -= offset_s - bin_width_s  # one bin up, so that cutting off the fraction rounds down for all
     times_s /= bin_width_s
+    times_s = clock.counted(times_s)
     np.clip(times_s, 0, length + 1, out=times_s)
     return times_s.astype(np.int64)
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from simulators.bench import Bench
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
 from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
+from simulators.wire.hydraharp.timing import Timing
 
 #: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
 RATE_GATE_S = 0.1
@@ -66,10 +67,15 @@ class Instrument:
         The input that the detector is connected to.
     count_depth
         Largest count of a bin.
+    timing
+        Faults of its clock.
     """
 
-    def __init__(self, bench: Bench, inputs: int, photon_input: int, count_depth: int) -> None:
+    def __init__(
+        self, bench: Bench, inputs: int, photon_input: int, count_depth: int, timing: Timing
+    ) -> None:
         self.bench = bench
+        self.timing = timing
         self.inputs = inputs
         self.photon_input = photon_input
         self.memory = HistogramMemory(count_depth)
@@ -197,30 +203,30 @@ class Instrument:
             return
         if not run.sync_hz:
             return  # without a start there is nothing to time a stop against
-        times_s = self.bench.detections(run.start_s, stop_s)
-        if not len(times_s):
+        period_s = 1 / run.sync_hz
+        arrived = self.bench.detections(run.start_s, stop_s)
+        counted = self.timing.registered(arrived, period_s, run.start_s)
+        if not len(counted):
             return
         settings = self.settings
         bins = bins_of(
-            times_s,
-            period_s=1 / run.sync_hz,
+            counted.time_s,
+            counted.pulse,
+            period_s=period_s,
             divider=settings.sync_divider,
             shift_s=(settings.input_offset_ps[self.photon_input] - settings.sync_offset_ps) * 1e-12,
             offset_s=settings.offset_ns * 1e-9,
             bin_width_s=settings.resolution_ps * 1e-12,
             length=settings.length,
+            clock=self.timing.nonlinearity,
         )
         if settings.stop_overflow:
             bins = self._stopped_by_overflow(run, bins)
         self.memory.add(bins, settings.length)
 
     def _stopped_by_overflow(self, run: Measurement, bins: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Cut the measurement off where a bin reaches the stop count.
-
-        The bench gives no order of arrival; a fixed shuffle stands for it, evenly spread over the run.
-        """
+        """Cut the measurement off where a bin reaches the stop count; photons count as evenly spread."""
         settings = self.settings
-        bins = np.random.default_rng(0).permutation(bins)
         photons = self.memory.photons_until(bins, settings.length, settings.stop_count)
         if photons is None:
             return bins

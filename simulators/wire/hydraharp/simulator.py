@@ -7,6 +7,7 @@ from simulators.wire.hydraharp import information, measuring, setting
 from simulators.wire.hydraharp.codes import DEVICES, Code, Slot
 from simulators.wire.hydraharp.exports import Exports, as_c_functions, require
 from simulators.wire.hydraharp.instrument import Instrument
+from simulators.wire.hydraharp.timing import Timing
 
 
 class HydraHarpSimulator:
@@ -24,6 +25,8 @@ class HydraHarpSimulator:
         The input that the detector is connected to, counted from 0.
     count_depth
         Largest count of a bin: 2**32 - 1 in the instrument. 65535 gives the saturation of 16-bit data.
+    timing
+        Faults of its clock; by default none.
     sync_period_unit_s
         Unit of `HH_GetSyncPeriod`: 1.0 as the vendor's C demo takes it, or 1e-12 as the manual says. Which of
         the two a real instrument gives is unconfirmed.
@@ -46,6 +49,7 @@ class HydraHarpSimulator:
         inputs: int = 2,
         photon_input: int = 0,
         count_depth: int = 2**32 - 1,
+        timing: Timing | None = None,
         sync_period_unit_s: float = 1.0,
     ) -> None:
         if len(serial) > 7:
@@ -56,7 +60,7 @@ class HydraHarpSimulator:
         self.sync_period_unit_s = sync_period_unit_s
         self.connected = True
         self.busy = False
-        self.instrument = Instrument(bench, inputs, photon_input, count_depth)
+        self.instrument = Instrument(bench, inputs, photon_input, count_depth, timing or Timing())
         self.slots = [Slot.UNTOUCHED] * DEVICES
         self._pending: list[BaseException] = []
         exports = Exports([*information.EXPORTS, *setting.EXPORTS, *measuring.EXPORTS])

@@ -1,0 +1,63 @@
+"""``rig plot``: pictures of scans and volumes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="A scan, a volume, or several scans to compare.")
+    ],
+    image: Annotated[
+        Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[FILE-plot.png][/dim]")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+) -> None:
+    """Draw the raw data of scans, or the projections of a volume.
+
+    A scan is drawn as one image of all its counts, and as the histograms of three positions: that with the
+    most photons, the median one, and that with the largest bin. Of several scans these are compared.
+
+    [bold]Examples[/bold]
+
+      rig plot scan.h5
+
+      rig plot office-10ms.h5 office-5ms.h5 office-1ms.h5 --image compared.png
+    """
+    from rig.commands import console
+    from rig.pictures import save
+
+    picture = image or files[0].with_name(f"{files[0].stem}-plot.png")
+    with console.Working("drawing"):
+        save(_figure(files), picture)
+    if as_json:
+        console.print_json({"picture": str(picture), "files": [str(path) for path in files]})
+    else:
+        console.print_facts(str(picture), {"of": ", ".join(map(str, files))})
+
+
+def _figure(files: list[Path]) -> "Figure":
+    from rig.errors import UsageError
+    from rig.files.scan import ScanFile
+    from rig.files.volume import is_volume, read_volume
+    from rig.pictures import volume_figure
+    from rig.pictures_raw import comparison_figure, raw_view, scan_figure
+
+    volumes = [path for path in files if is_volume(path)]
+    if volumes and len(files) > 1:
+        raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
+    if volumes:
+        return volume_figure(read_volume(files[0]), files[0].name)
+    if len(files) == 1:
+        with ScanFile(files[0]) as scan:
+            return scan_figure(files[0].name, scan.capture())
+    views = []
+    for path in files:
+        with ScanFile(path) as scan:
+            views.append(raw_view(path.name, scan.capture()))
+    return comparison_figure(views)

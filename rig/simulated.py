@@ -1,0 +1,139 @@
+"""The simulated bench that a configuration describes, and the truth of its scenes."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.config import FaultsConfig, RigConfig, SimulationConfig
+from rig.errors import ConfigError, UsageError
+
+if TYPE_CHECKING:
+    from simulators.bench import Bench, BenchGeometry, LightState, Photons
+    from simulators.detector import Detector
+    from simulators.detector.first_bounce import FirstBounce
+    from simulators.wire.rack import Rack
+
+#: The mean rate is taken over so many laser spots along x and y.
+RATE_SPOTS = (9, 6)
+
+
+def rack(config: RigConfig) -> "tuple[Bench, Rack]":
+    """Build the bench and the rack of its devices, which is yet to be entered.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene, or it cannot be made as bright as wanted.
+    """
+    from simulators.bench import Bench, BenchGeometry
+    from simulators.clock import BenchClock
+    from simulators.wire.hydraharp import Nonlinearity, Timing
+    from simulators.wire.rack import Rack
+
+    simulation = config.simulation or SimulationConfig()
+    faults = simulation.faults
+    geometry = BenchGeometry(
+        galvo_m=config.galvo.position_m,
+        detector_head_m=config.spad.position_m,
+        detector_spot_m=config.spad.spot_m,
+        electronics_delay_s=config.timing.electronics_delay_s,
+    )
+    clock = BenchClock(real_time=simulation.real_time)
+    bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
+    timing = Timing(
+        dead_time_s=faults.dead_time_s,
+        nonlinearity=Nonlinearity(rms=faults.nonlinearity, seed=simulation.seed),
+        drift_s_per_s=faults.drift_per_minute_s / 60,
+    )
+    return bench, Rack(bench, timing=timing, count_depth=faults.largest_count)
+
+
+def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
+
+    Raises
+    ------
+    UsageError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    try:
+        return scene(name).depth_map(x_m, y_m)
+    except ValueError as error:
+        raise UsageError(f"scene:{name}: {error}") from None
+
+
+def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
+    from simulators.brightness import tuned
+    from simulators.optics import Optics
+    from simulators.photons import ThreeBouncePhotons
+    from simulators.scenes import scene
+
+    simulation = config.simulation or SimulationConfig()
+    try:
+        hidden = scene(simulation.scene)
+    except ValueError as error:
+        raise ConfigError(f"simulation.scene: {error}") from None
+    faults = simulation.faults
+    photons = ThreeBouncePhotons(
+        hidden, geometry, Optics(), _detector(faults), _first_bounce(faults, simulation.seed)
+    )
+    if simulation.count_rate_hz is None:
+        return photons
+    try:
+        return tuned(photons, _spots(config), _light(config), simulation.count_rate_hz)
+    except ValueError as error:
+        raise ConfigError(f"simulation.count_rate: {error}; choose another rate or scene") from None
+
+
+def _detector(faults: FaultsConfig) -> "Detector":
+    from simulators.detector import Afterpulsing, Detector, Ringing
+
+    return Detector(
+        dark_hz=faults.dark_counts_hz,
+        ambient_hz=faults.ambient_light_hz,
+        ringing=Ringing(faults.gate_ringing, faults.gate_ringing_decay_s),
+        holds_off=faults.hold_off,
+        afterpulsing=Afterpulsing(faults.afterpulse_probability, faults.afterpulse_decay_s),
+    )
+
+
+def _first_bounce(faults: FaultsConfig, seed: int) -> "FirstBounce":
+    from simulators.detector.first_bounce import FirstBounce
+
+    return FirstBounce(
+        memory=faults.memory,
+        memory_decay_s=faults.memory_decay_s,
+        reflection_per_pulse=faults.reflections_per_pulse,
+        failed_fraction=faults.failed_gates,
+        failed_radius_m=faults.failed_gate_radius_m,
+        seed=seed,
+    )
+
+
+def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
+    """Return spots in the middles of equal parts of the scanned wall, those at the detector's left out."""
+    scan, (columns, rows) = config.scan, RATE_SPOTS
+    x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
+    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
+    x_c, y_c, _ = config.spad.spot_m
+    away_m = max(scan.skip_m / 2, (config.simulation or SimulationConfig()).faults.failed_gate_radius_m)
+    return [(float(x), float(y), 0.0) for x in x_m for y in y_m if np.hypot(x - x_c, y - y_c) > away_m]
+
+
+def _light(config: RigConfig) -> "LightState":
+    from simulators.bench import LightState
+
+    spad, laser = config.spad, config.laser
+    return LightState(
+        emitting=True,
+        power=laser.power_setpoint / 10,
+        repetition_hz=laser.repetition_hz,
+        biased=True,
+        gated=spad.gated,
+        gate_delay_s=spad.gate_delay_s,
+        gate_width_s=spad.gate_width_s,
+        hold_off_s=spad.hold_off_s,
+    )

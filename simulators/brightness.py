@@ -1,0 +1,59 @@
+"""Light made brighter or weaker by one factor, so that a bench counts as many photons as a real one did."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simulators.bench import Detections, LightState, Photons
+
+Spot = tuple[float, float, float]
+
+#: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
+#: proportional to the light; bright light, of which the hold-off hides much, takes more.
+STEPS = 25
+
+
+@dataclass(frozen=True)
+class Brightened:
+    """Photons of a bench whose laser, mirrors and lenses pass ``factor`` times the light."""
+
+    photons: Photons
+    factor: float
+
+    def detections(
+        self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
+    ) -> Detections:
+        """Draw the detections of ``duration_s``."""
+        return self.photons.detections(laser_spot_m, self._scaled(light), duration_s, rng)
+
+    def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
+        """Return the expected detections a second."""
+        return self.photons.rate_hz(laser_spot_m, self._scaled(light))
+
+    def _scaled(self, light: LightState) -> LightState:
+        return replace(light, power=light.power * self.factor)
+
+
+def tuned(photons: Photons, spots_m: Sequence[Spot], light: LightState, rate_hz: float) -> Brightened:
+    """Choose the factor with which the mean rate over some laser spots is ``rate_hz``.
+
+    Raises
+    ------
+    ValueError
+        If no factor does: nothing but background is counted, or the background alone, or the hold-off, is in
+        the way.
+    """
+    factor = 1.0
+    for _ in range(STEPS):
+        bright = Brightened(photons, factor)
+        mean_hz = float(np.mean([bright.rate_hz(spot, light) for spot in spots_m]))
+        dark_hz = photons.rate_hz(spots_m[0], replace(light, emitting=False))
+        if mean_hz <= dark_hz * (1 + 1e-9) or rate_hz <= dark_hz:
+            break
+        if abs(mean_hz / rate_hz - 1) < 1e-3:
+            return bright
+        factor *= (rate_hz - dark_hz) / (mean_hz - dark_hz)
+    raise ValueError(
+        f"no brightness gives {rate_hz:g} counts a second: {mean_hz:g} are counted, {dark_hz:g} in the dark"
+    )

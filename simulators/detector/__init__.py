@@ -1,0 +1,8 @@
+"""The gated single-photon detector: each effect in its own module, put together in `Detector`."""
+
+from simulators.detector.dead_time import Afterpulsing
+from simulators.detector.detector import Detector
+from simulators.detector.gate import Ringing
+from simulators.detector.response import FWHM_PER_SIGMA
+
+__all__ = ["FWHM_PER_SIGMA", "Afterpulsing", "Detector", "Ringing"]

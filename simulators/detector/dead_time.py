@@ -1,0 +1,157 @@
+"""What one detection does to those after it: the hold-off, the first photon of a gate, afterpulses."""
+
+from dataclasses import dataclass
+from math import exp, expm1
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simulators.bench import Detections, LightState
+from simulators.detector.gate import FULL_EDGE, gates, opening_s
+
+
+@dataclass(frozen=True)
+class Afterpulsing:
+    """Carriers trapped in an avalanche, which set off another when they are released.
+
+    Attributes
+    ----------
+    probability
+        That an avalanche leaves a carrier behind (0.02; 0.01 to 0.03, unconfirmed). 0 is off.
+    decay_s
+        Mean time until it is released [s] (40 ns; 30 to 50 ns, unconfirmed). What is released while the
+        detector is held off, or the gate closed, is lost.
+    """
+
+    probability: float = 0.0
+    decay_s: float = 40e-9
+
+    def after(self, hold_off_s: float) -> float:
+        """Return the probability that a carrier outlasts the hold-off."""
+        return self.probability * exp(-hold_off_s / self.decay_s)
+
+
+def in_order(
+    times_s: NDArray[np.float64], pulses: int, period_s: float, rng: np.random.Generator
+) -> Detections:
+    """Give each time after sync a sync pulse, evenly drawn out of ``pulses``, and sort by arrival."""
+    pulse = rng.integers(0, pulses, len(times_s))
+    order = np.argsort(pulse * period_s + times_s)
+    return Detections(pulse[order], times_s[order])
+
+
+def avalanches(
+    events: Detections,
+    light: LightState,
+    edge_s: float,
+    *,
+    holds_off: bool,
+    afterpulsing: Afterpulsing,
+    rng: np.random.Generator,
+) -> Detections:
+    """Keep what is detected of ``events``, which are in order of arrival, and add afterpulses.
+
+    After a detection the detector is off for ``light.hold_off_s``. A gate that begins to open meanwhile stays
+    closed (so that at 10 MHz a hold-off of 100 ns costs exactly the next gate; that a gate is not opened late
+    is unconfirmed), so there is at most one detection in a gate. Free running, the dead time is not extended
+    by what falls into it.
+
+    Parameters
+    ----------
+    events
+        Photons and dark counts that a ready detector would detect, in order.
+    light
+        Gate, hold-off and repetition rate.
+    edge_s
+        Time that the gate takes from 20 to 80 %.
+    holds_off
+        False: the detector is ready again at once, and the gate may be detected in many times.
+    afterpulsing
+        How often an avalanche sets off another.
+    """
+    if not (holds_off or afterpulsing.probability) or not len(events):
+        return events
+    period_s = 1 / light.repetition_hz
+    pulse, time_s, number = _run(
+        events.pulse,
+        events.time_s,
+        period_s,
+        light.hold_off_s if holds_off else -1.0,
+        opening_s(light, edge_s) if gates(light) else 0.0,
+        light.gate_width_s + edge_s * FULL_EDGE if gates(light) else -1.0,
+        afterpulsing.probability,
+        afterpulsing.decay_s,
+        rng,
+    )
+    return Detections(pulse[:number], time_s[:number])
+
+
+def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpulsing: Afterpulsing) -> float:
+    """Return how many of ``seen_hz`` detectable events a second are detected, afterpulses included.
+
+    Gated, with a mean of m events a gate, 1 - exp(-m) of the gates that open have a detection (Coates 1968),
+    and each of these keeps the next s gates closed: f p / (1 + s p). s is that of events spread evenly over
+    the gate, and afterpulses are left out: too few outlast the closed gates. Free running: r / (1 + r h).
+    """
+    hold_s, period_s = light.hold_off_s, 1 / light.repetition_hz
+    if not gates(light):
+        rate_hz = seen_hz / (1 - afterpulsing.after(hold_s if holds_off else 0.0))
+        return rate_hz / (1 + rate_hz * hold_s) if holds_off else rate_hz
+    if not holds_off:
+        return seen_hz
+    lit = -expm1(-seen_hz * period_s)
+    skipped = np.floor((np.linspace(0, light.gate_width_s, 101) + hold_s) / period_s).mean()
+    return float(lit / period_s / (1 + skipped * lit))
+
+
+@njit(cache=True, error_model="numpy")
+def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  # type: ignore[no-untyped-def]
+    """Merge events and pending afterpulses by time; ``hold`` < 0: no hold-off; ``width`` < 0: no gate.
+
+    Absolute times stay split in pulse and time, so that a long exposure costs no resolution. An event far
+    from the gate that is detected all the same needs only the detector to be ready.
+    """
+    size = 2 * len(pulse) + 16
+    kept_pulse, kept_time, kept = np.empty(size, np.int64), np.empty(size), 0
+    late_pulse, late_time, late, first = np.empty(size, np.int64), np.empty(size), 0, 0
+    ready_pulse, ready_time, i = pulse[0] - 1, -1e9 * period, 0
+    per_s = 1.0 / period
+    while i < len(pulse) or first < late:
+        own = first >= late
+        if not own and i < len(pulse):
+            own = (pulse[i] - late_pulse[first]) * period + time[i] <= late_time[first]
+        if own:
+            p, t = pulse[i], time[i]
+            i += 1
+        else:
+            p, t = late_pulse[first], late_time[first]
+            first += 1
+        since = (p - ready_pulse) * period + t - ready_time  # since the detector is ready
+        if width >= 0.0:
+            into = t - opening
+            into -= np.floor(into * per_s) * period  # % takes five times as long
+            if into <= width:  # its gate must have begun to open after that
+                since -= into
+            elif not own:
+                continue  # released while the gate is closed
+        if hold >= 0.0 and since < 0.0:
+            continue
+        if kept == size:  # chains of afterpulses
+            kept_pulse, kept_time = np.append(kept_pulse, kept_pulse), np.append(kept_time, kept_time)
+            late_pulse, late_time = np.append(late_pulse, late_pulse), np.append(late_time, late_time)
+            size *= 2
+        kept_pulse[kept], kept_time[kept] = p, t
+        kept += 1
+        if hold >= 0.0:
+            ready_pulse, ready_time = p, t + hold
+        if probability > 0.0 and rng.random() < probability:
+            release = rng.exponential() * decay
+            if release >= hold:
+                j = late  # into its place among the pending ones
+                while j > first and (late_pulse[j - 1] - p) * period + late_time[j - 1] > t + release:
+                    late_pulse[j], late_time[j] = late_pulse[j - 1], late_time[j - 1]
+                    j -= 1
+                late_pulse[j], late_time[j] = p, t + release
+                late += 1
+    return kept_pulse, kept_time, kept

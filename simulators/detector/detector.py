@@ -1,0 +1,123 @@
+"""The detector put together: what it counts by itself, what it misses, and how it blurs time."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.bench import Detections, LightState, no_detections
+from simulators.detector import gate
+from simulators.detector.dead_time import Afterpulsing, avalanches, detected_hz, in_order
+from simulators.detector.gate import Ringing
+from simulators.detector.response import delays
+
+
+@dataclass(frozen=True)
+class Detector:
+    """A silicon single-photon avalanche diode and the electronics up to the timing input.
+
+    By default it is ideal but for its gate's edges, its background and its response in time: ringing,
+    hold-off and afterpulses are off.
+
+    Attributes
+    ----------
+    efficiency
+        Photon detection efficiency at 532 nm inside the gate (0.25 to 0.45 for such detectors; unconfirmed).
+    dark_hz
+        Dark counts a second while sensitive (10, the paper).
+    ambient_hz
+        Counts a second from room light while sensitive (unconfirmed; up to 1e5 with the lights on).
+    jitter_fwhm_s
+        Gaussian core of the detector's response [s] (30 ps, the paper).
+    tail_s, tail_fraction
+        Exponential tail of the response: time constant [s] (53 ps; Renna et al., IEEE Photonics J. 2020) and
+        the fraction of detections delayed by it (0.07, unconfirmed).
+    electronics_fwhm_s
+        Gaussian response of sync, electronics and timing together [s]: what pulse and detector lack to the
+        paper's 65 ps for the whole system.
+    gate_edge_s
+        Time that sensitivity takes from 20 to 80 %, opening and closing; the edges are taken as linear
+        (200 ps; 110 to 300 ps published for such detectors).
+    ringing
+        Of the sensitivity after the gate opens.
+    holds_off
+        Whether the detector is off for `LightState.hold_off_s` after a detection (the paper's dead time is
+        100 ns), so that the first photon of a gate wins.
+    afterpulsing
+        Carriers trapped in an avalanche.
+    """
+
+    efficiency: float = 0.30
+    dark_hz: float = 10.0
+    ambient_hz: float = 500.0
+    jitter_fwhm_s: float = 30e-12
+    tail_s: float = 53e-12
+    tail_fraction: float = 0.07
+    electronics_fwhm_s: float = 46e-12
+    gate_edge_s: float = 200e-12
+    ringing: Ringing = field(default_factory=Ringing)
+    holds_off: bool = False
+    afterpulsing: Afterpulsing = field(default_factory=Afterpulsing)
+
+    def sensitivity(self, arrival_s: NDArray[np.float64], light: LightState) -> NDArray[np.float64]:
+        """Return what part of the photons arriving at the detector at these times after sync may be detected.
+
+        The gate repeats with the sync. Its sensitivity is one half at ``gate_delay_s`` and
+        ``gate_delay_s + gate_width_s``, exactly zero further than half an edge outside and one further than
+        half an edge inside, where ringing makes it a little more or less, at most ``ringing.peak``.
+        """
+        return gate.sensitivity(arrival_s, light, self.gate_edge_s, self.ringing)
+
+    def background_hz(self, light: LightState) -> float:
+        """Return dark and ambient counts a second, over open and closed times."""
+        if not light.biased:
+            return 0.0
+        width_s = light.gate_width_s + self.ringing.added_s
+        duty = width_s * light.repetition_hz if gate.gates(light) else 1.0
+        return (self.dark_hz + self.ambient_hz) * duty
+
+    def background_times(
+        self, light: LightState, duration_s: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw when dark and ambient counts fall, after the sync [s]: evenly while sensitive."""
+        if not light.biased:
+            return np.empty(0)
+        duty = light.gate_width_s * light.repetition_hz if gate.gates(light) else 1.0
+        expected = (self.dark_hz + self.ambient_hz) * duty * duration_s
+        if not self.ringing.overshoot or not gate.gates(light):
+            return gate.times_inside(rng.poisson(expected), light, self.gate_edge_s, rng)
+        peak = self.ringing.peak
+        times_s = gate.times_inside(rng.poisson(expected * peak), light, self.gate_edge_s, rng)
+        open_s = times_s - gate.opening_s(light, self.gate_edge_s) - self.gate_edge_s * gate.FULL_EDGE
+        return times_s[rng.random(len(times_s)) * peak < self.ringing.factor(open_s)]
+
+    def detect(
+        self, seen_s: NDArray[np.float64], light: LightState, duration_s: float, rng: np.random.Generator
+    ) -> Detections:
+        """Make detections out of what a ready detector would detect in ``duration_s``.
+
+        Parameters
+        ----------
+        seen_s
+            (n,) times after the sync pulse [s] of photons that passed the gate, and of background.
+        """
+        if not len(seen_s):
+            return no_detections()
+        period_s = 1 / light.repetition_hz
+        events = in_order(seen_s, max(round(duration_s / period_s), 1), period_s, rng)
+        events = avalanches(
+            events,
+            light,
+            self.gate_edge_s,
+            holds_off=self.holds_off,
+            afterpulsing=self.afterpulsing,
+            rng=rng,
+        )
+        core_s = (self.jitter_fwhm_s, self.electronics_fwhm_s)
+        times_s = events.time_s + delays(len(events), core_s, self.tail_s, self.tail_fraction, rng)
+        later = np.floor(times_s / period_s)
+        return Detections(events.pulse + later.astype(np.int64), times_s - later * period_s)
+
+    def detected_hz(self, seen_hz: float, light: LightState) -> float:
+        """Return the detections a second out of ``seen_hz`` that a ready detector would detect."""
+        return detected_hz(seen_hz, light, holds_off=self.holds_off, afterpulsing=self.afterpulsing)

@@ -1,0 +1,129 @@
+"""Light of the first bounce that gets past the gate: trapped carriers, stray reflections, failed gates.
+
+The paper (Methods, raw data of the office scene) names these as the likely sources of its artefacts. All
+strengths here are unconfirmed; each is off where it is 0.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import dist, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.bench import BenchGeometry, LightState
+from simulators.constants import C_M_PER_S
+
+Spot = tuple[float, float, float]
+
+#: What part of the photons arriving at some times after sync is detected.
+Sensitivity = Callable[[NDArray[np.float64], LightState], NDArray[np.float64]]
+
+#: Positions are told apart by cells of the wall of this size [m].
+CELL_M = 0.01
+
+
+@dataclass(frozen=True)
+class FirstBounce:
+    """What the first bounce leaves in the record.
+
+    Attributes
+    ----------
+    per_pulse
+        Detections that a full-power pulse's first bounce would make in a linear detector without a gate: 1e4
+        to 1e5 times the 0.02 of the hidden scene (1000; order of magnitude). It scales the memory.
+    memory
+        Fraction of the carriers of gated-off light that come to the junction later (1e-6 to 1e-4; Dalla Mora
+        et al., J. Appl. Phys. 2015, for the effect): a pedestal that decays inside the gate.
+    memory_decay_s
+        Time constant of the pedestal [s] (30 ns; tens of ns).
+    reflection_per_pulse
+        Detections a pulse from each stray reflection, 1 m from the laser spot, before the gate.
+    reflectors_m
+        Places outside the wall that reflect the laser spot into the lens. Their delay grows nearly linearly
+        across the wall: straight lines in the raw data.
+    failed_fraction
+        Fraction of positions at which the gate does not block the first bounce, drawn by cells of the wall.
+    failed_radius_m
+        It also fails at this distance from the detector's spot, and nearer [m].
+    failed_per_pulse
+        Detections a pulse where it fails: a peak that fills a 16-bit counter within 1 s.
+    seed
+        Seed of the map of failures.
+    """
+
+    per_pulse: float = 1000.0
+    memory: float = 0.0
+    memory_decay_s: float = 30e-9
+    reflection_per_pulse: float = 0.0
+    reflectors_m: tuple[Spot, ...] = ((1.6, -0.4, 0.8), (-1.5, 0.7, 0.4), (0.3, -1.4, 1.1))
+    failed_fraction: float = 0.0
+    failed_radius_m: float = 0.0
+    failed_per_pulse: float = 0.2
+    seed: int = 0
+
+    def arrivals(
+        self, spot_m: Spot, geometry: BenchGeometry, pulses: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw arrivals of reflections and memory for so many full-power pulses [s after sync].
+
+        The gate has yet to pass them; neither the pulse's width nor the response is in them.
+        """
+        times_s = [
+            np.full(rng.poisson(per_pulse * pulses), arrival_s)
+            for arrival_s, per_pulse in self._reflections(spot_m, geometry)
+        ]
+        trapped = rng.poisson(self.per_pulse * self.memory * pulses)
+        waits_s = self.memory_decay_s * rng.standard_exponential(trapped)
+        times_s.append(direct_s(spot_m, geometry) + waits_s)
+        return np.concatenate(times_s)
+
+    def passing_the_gate(
+        self, spot_m: Spot, geometry: BenchGeometry, pulses: float, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw the first bounce itself where the gate fails to block it [s after sync]."""
+        number = rng.poisson(self.failed_per_pulse * pulses) if self.fails(spot_m, geometry) else 0
+        return np.full(number, direct_s(spot_m, geometry))
+
+    def fails(self, spot_m: Spot, geometry: BenchGeometry) -> bool:
+        """Return whether the gate fails at this laser spot."""
+        x_c, y_c, _ = geometry.detector_spot_m
+        if hypot(spot_m[0] - x_c, spot_m[1] - y_c) <= self.failed_radius_m:
+            return self.failed_radius_m > 0
+        if not self.failed_fraction:
+            return False
+        cell = [round(spot_m[axis] / CELL_M + 0.25) % 2**32 for axis in (0, 1)]  # a grid is on no edge
+        return np.random.default_rng((self.seed, *cell)).random() < self.failed_fraction
+
+    def rate_hz(
+        self, spot_m: Spot, geometry: BenchGeometry, light: LightState, sensitivity: Sensitivity
+    ) -> float:
+        """Return what a ready detector detects a second of all of it, through a gate of this sensitivity."""
+        per_pulse = self.failed_per_pulse if self.fails(spot_m, geometry) else 0.0
+        for arrival_s, strength in self._reflections(spot_m, geometry):
+            per_pulse += strength * float(sensitivity(np.array(arrival_s), light))
+        if self.memory:
+            # as many waits as are fine enough to see the gate's edges
+            waits_s = -self.memory_decay_s * np.log1p(-(np.arange(4000) + 0.5) / 4000)
+            seen = sensitivity(direct_s(spot_m, geometry) + waits_s, light).mean()
+            per_pulse += self.per_pulse * self.memory * float(seen)
+        return per_pulse * light.repetition_hz * light.power
+
+    def _reflections(self, spot_m: Spot, geometry: BenchGeometry) -> list[tuple[float, float]]:
+        """Return arrival [s] and detections a pulse of each reflection, which fall with distance squared."""
+        if not self.reflection_per_pulse:
+            return []
+        there_m = dist(geometry.galvo_m, spot_m)
+        found = []
+        for place_m in self.reflectors_m:
+            from_spot_m = dist(spot_m, place_m)
+            path_m = there_m + from_spot_m + dist(place_m, geometry.detector_head_m)
+            arrival_s = geometry.electronics_delay_s + path_m / C_M_PER_S
+            found.append((arrival_s, self.reflection_per_pulse / max(from_spot_m, 0.1) ** 2))
+        return found
+
+
+def direct_s(spot_m: Spot, geometry: BenchGeometry) -> float:
+    """Return when light straight from the laser spot to the lens arrives [s after sync]."""
+    path_m = dist(geometry.galvo_m, spot_m) + dist(spot_m, geometry.detector_head_m)
+    return geometry.electronics_delay_s + path_m / C_M_PER_S

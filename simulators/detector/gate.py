@@ -1,0 +1,88 @@
+"""When the gate lets the detector detect: linear edges, and the ringing of the excess bias after opening."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulators.bench import LightState
+
+#: A linear edge takes this many times as long from 0 to 1 as from 0.2 to 0.8.
+FULL_EDGE = 1 / 0.6
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """Sensitivity 1 + a exp(-t/d) sin(2 pi f t), a time t after the gate is fully open.
+
+    Attributes
+    ----------
+    overshoot
+        a: envelope of the ringing where the gate is fully open (0.07; 0.05 to 0.10, unconfirmed). 0 is off.
+    decay_s
+        d: time constant [s] (1.5 ns; 1 to 2 ns, unconfirmed).
+    frequency_hz
+        f [Hz] (500 MHz, unconfirmed).
+    """
+
+    overshoot: float = 0.0
+    decay_s: float = 1.5e-9
+    frequency_hz: float = 500e6
+
+    @property
+    def peak(self) -> float:
+        """No sensitivity is above this."""
+        return 1 + self.overshoot
+
+    def factor(self, open_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sensitivity at times after the gate is fully open [s]; 1 before."""
+        if not self.overshoot:
+            return np.ones_like(open_s)
+        since_s = np.maximum(open_s, 0.0)
+        swing = np.sin(2 * np.pi * self.frequency_hz * since_s) * np.exp(-since_s / self.decay_s)
+        return 1 + self.overshoot * swing
+
+    @property
+    def added_s(self) -> float:
+        """What the ringing adds to the gate's width, for a gate much longer than it [s]."""
+        turns = 2 * np.pi * self.frequency_hz * self.decay_s
+        return float(self.overshoot * self.decay_s * turns / (1 + turns**2))
+
+
+def gates(light: LightState) -> bool:
+    """Return whether there is a gate that is ever closed."""
+    return light.gated and light.gate_width_s * light.repetition_hz < 1
+
+
+def opening_s(light: LightState, edge_s: float) -> float:
+    """Return when the gate begins to open after the sync pulse [s]."""
+    return light.gate_delay_s - edge_s * FULL_EDGE / 2
+
+
+def sensitivity(
+    arrival_s: NDArray[np.float64], light: LightState, edge_s: float, ringing: Ringing
+) -> NDArray[np.float64]:
+    """Return what part of the photons arriving at these times after sync may be detected; see `Detector`."""
+    if not light.biased:
+        return np.zeros_like(arrival_s)
+    if not gates(light):
+        return np.ones_like(arrival_s)
+    full_s, period_s = edge_s * FULL_EDGE, 1 / light.repetition_hz
+    into = (arrival_s - opening_s(light, edge_s)) % period_s  # since the edge began to open
+    beyond = into + period_s - light.gate_width_s  # since it began to close, one period before
+    opening, closing = into / full_s, (into - light.gate_width_s) / full_s
+    shape = np.clip(opening, 0, 1) - np.clip(closing, 0, 1) + 1 - np.clip(beyond / full_s, 0, 1)
+    return shape * ringing.factor(into - full_s) if ringing.overshoot else shape
+
+
+def times_inside(
+    number: int, light: LightState, edge_s: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw times after the sync [s] with the shape of the gate, or evenly over the period without one.
+
+    Without laser pulses the gate runs on at the laser's repetition rate.
+    """
+    if not gates(light):
+        return rng.random(number) / light.repetition_hz
+    inside, edge = rng.random((2, number))  # two boxes convolved: the gate's trapezium
+    return light.gate_delay_s + inside * light.gate_width_s + (edge - 0.5) * edge_s * FULL_EDGE

@@ -1,0 +1,30 @@
+"""How detector and electronics blur time."""
+
+from math import log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Full width at half maximum of a Gaussian of unit standard deviation.
+FWHM_PER_SIGMA = 2 * sqrt(2 * log(2))
+
+
+def delays(
+    number: int, fwhms_s: tuple[float, ...], tail_s: float, tail_fraction: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw delays from arrival to timing input [s]: a Gaussian core about zero, and a tail after it.
+
+    Parameters
+    ----------
+    number
+        How many.
+    fwhms_s
+        Full widths at half maximum of the Gaussian parts of the core [s].
+    tail_s, tail_fraction
+        Time constant of the exponential tail [s], and the fraction of detections delayed by it.
+    """
+    sigma_s = sqrt(sum(width_s**2 for width_s in fwhms_s)) / FWHM_PER_SIGMA
+    delays_s = sigma_s * rng.standard_normal(number)
+    late = np.flatnonzero(rng.random(number) < tail_fraction)
+    delays_s[late] += tail_s * rng.standard_exponential(len(late))
+    return delays_s
