@@ -10,7 +10,7 @@ from typing import Any
 from recon import advice
 from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
-from recon.imaging import Image, Solver, image
+from recon.imaging import Image, image
 from recon.preparation import Fades
 from recon.wave import VirtualPulse
 from rig.files.scan import ScanFile
@@ -27,7 +27,7 @@ DEPTH_THRESHOLD = 0.05
 class Request:
     """What was asked for; None leaves the choice to the program."""
 
-    solver: Solver = "rsd"
+    solver: str = "rsd"
     wavelength_m: float | None = None
     cycles: float = 6.0
     depth_m: tuple[float, float, float] | None = None
