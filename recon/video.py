@@ -1,4 +1,4 @@
-"""Videos of the transient camera, made plane by plane: never all depths, moments and pixels at once in memory.
+"""Videos of the transient camera, plane by plane: never all depths, moments and pixels at once in memory.
 
 For each plane the fields of all frequencies are kept, and one small matrix product turns them into its
 frames; these go to a sink, and into a front view that holds one image for each moment. In memory, for F
