@@ -134,4 +134,4 @@ def frame_times_s(
             "moments must ascend",
             "Write them as first:last:step, e.g. 2ns:20ns:0.2ns.",
         )
-    return first_s + step_s * np.arange(int((last_s - first_s) / step_s + 1e-6) + 1)
+    return first_s + step_s * np.arange(int((last_s - first_s) / step_s + 1e-6) + 1, dtype=np.float64)

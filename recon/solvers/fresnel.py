@@ -18,12 +18,36 @@ import numpy as np
 from ducc0.fft import dct
 from numpy.typing import NDArray
 
-from recon.capture import C_M_PER_S
+from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan
 from recon.solvers.rsd import LatticePropagator, _Workspace, propagator
 from recon.solvers.spectral import spectral
+
+#: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
+LARGEST_FIGURE = 0.1
+
+
+def figure(capture: Capture, wavelength_m: float, depth_m: float) -> float:
+    """Return d^4/(4 L^3 lambda) of S.18 for the half diagonal d of the wall; confocal data have lambda/2."""
+    extent_m = np.ptp(capture.laser_m[:, :2], axis=0)
+    radius_m = float(np.hypot(*extent_m)) / 2
+    return (2 if capture.confocal else 1) * radius_m**4 / (4 * depth_m**3 * wavelength_m)
+
+
+def warnings(capture: Capture, wavelength_m: float, grid: VoxelGrid) -> list[str]:
+    """Say if the approximation is poor somewhere in a volume, and from which depth on it is good."""
+    near_m = float(grid.z_m[0])
+    found = figure(capture, wavelength_m, near_m)
+    if found <= LARGEST_FIGURE:
+        return []
+    good_m = near_m * (found / LARGEST_FIGURE) ** (1 / 3)
+    return [
+        f"the Fresnel approximation needs d^4/(4 L^3 lambda) << 1, and it is {found:.2g} at a depth of "
+        f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is good from "
+        f"{good_m:.1f} m on, or use --solver rsd, which is exact"
+    ]
 
 
 class FresnelPropagator(LatticePropagator):
