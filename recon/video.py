@@ -22,8 +22,8 @@ from recon.preparation import Fades
 from recon.reach import path_limits_m
 from recon.wave import VirtualPulse
 
-#: How depths are put into one picture: the greatest intensity, or the sum of all.
-Over = Literal["max", "sum"]
+#: How depths are put into one picture: the greatest intensity, or the sum of all, or what is on the surface.
+Over = Literal["max", "sum", "surface"]
 #: Takes the number of a plane and its frames, (T, y, x) float32 intensity.
 Sink = Callable[[int, NDArray[np.float32]], None]
 #: Frames in a pulse's full width at half maximum.
@@ -43,7 +43,7 @@ class Video:
     intensity
         (T, y, x) float32, over depth as `over` says.
     over
-        The greatest intensity over depth, or its sum.
+        The greatest intensity over depth, its sum, or that at the surface.
     """
 
     grid: VoxelGrid
@@ -60,6 +60,7 @@ def video(
     *,
     solver: str = "rsd",
     over: Over = "max",
+    surface_m: NDArray[np.float64] | NDArray[np.float32] | None = None,
     sink: Sink | None = None,
     fades: Fades | None = None,
     progress: Progress | None = None,
@@ -73,7 +74,12 @@ def video(
     camera
         Which moments to show.
     over
-        How depths are put into one picture.
+        How depths are put into one picture. A camera with one aperture tells depth by focus alone: light of
+        one place is seen at all depths, out of focus, dz/c earlier or later. "max" and "sum" show all of
+        that; "surface" shows each pixel at the depth where something is.
+    surface_m
+        (y, x) depth of the surface for "surface", NaN where there is none, e.g. `recon.depth.depth_map` of
+        the confocal camera's image.
     sink
         Takes every plane of voxels as it is made, in order of depth.
 
@@ -82,17 +88,30 @@ def video(
     GeometryError, ReachError, ParameterError
         As of `recon.imaging.image`.
     """
+    if (surface_m is None) == (over == "surface"):
+        raise ParameterError(
+            "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
+        )
     task = plan(capture, pulse, grid, camera, fades or Fades(), progress)
+    plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(task, solver)):
         frames = (fields.real**2 + fields.imag**2).astype(np.float32)
         if sink:
             sink(index, frames)
-        if over == "max":
+        if plane_of_surface is not None:
+            seen += frames * (plane_of_surface == index)
+        elif over == "max":
             np.maximum(seen, frames, out=seen)
         else:
             seen += frames
     return Video(grid, np.asarray(camera.times_s, np.float64), seen, over)
+
+
+def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:
+    """Return the plane nearest to the surface at each pixel, -1 where there is none."""
+    nearest = np.abs(z_m[:, None, None] - np.nan_to_num(surface_m)).argmin(axis=0)
+    return np.where(np.isfinite(surface_m), nearest, -1)
 
 
 def frame_times_s(

@@ -17,6 +17,8 @@ from rig.quantities import show_length
 #: Pictures in a row, and in a sheet.
 COLUMNS, MOST = 4, 12
 _DPI = 100
+#: Amplitude, by the maximum of the video, from which a frame counts as lit.
+LEAST_LIGHT = 0.05
 COLOURS = "inferno"
 
 
@@ -36,11 +38,14 @@ def refocus_figure(volume: Volume) -> Figure:
 def frames_figure(volume: Volume, compensation: str = "") -> Figure:
     """Draw frames of a transient camera's video as a contact sheet, all to one scale.
 
+    Frames are taken evenly between the first and the last in which there is light.
     `compensation` says what the intensity was multiplied with against its fall-off, for the label.
     """
     amplitude = video_amplitude(volume)
     assert volume.t_s is not None
-    chosen = _spread(len(amplitude))
+    lit = np.flatnonzero(amplitude.max(axis=(1, 2)) >= LEAST_LIGHT)
+    first, last = (int(lit[0]), int(lit[-1])) if len(lit) else (0, len(amplitude) - 1)
+    chosen = first + _spread(last - first + 1)
     return sheet(
         amplitude[chosen], [stamp(t_s) for t_s in volume.t_s[chosen]], volume, video_label(compensation)
     )
@@ -56,7 +61,7 @@ def video_amplitude(volume: Volume) -> NDArray[np.float32]:
 
 def video_label(compensation: str) -> str:
     """Say what the colours of a video mean."""
-    return "amplitude / maximum of the video" + (f", intensity times {compensation}" if compensation else "")
+    return "amplitude / maximum of the video" + (f",\nintensity times {compensation}" if compensation else "")
 
 
 def stamp(time_s: float) -> str:

@@ -71,15 +71,19 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
     """Draw frame by frame: (height, width, 3), sides even, as MP4 wants them."""
     assert volume.t_s is not None
     amplitude = video_amplitude(volume)
-    aspect = np.ptp(volume.y_m) / np.ptp(volume.x_m) if len(volume.x_m) > 1 and len(volume.y_m) > 1 else 1.0
-    height_in = 1.5 + (_WIDTH_IN - 2.2) * float(np.clip(aspect, 0.3, 1.5))
-    pixels = round(height_in * _DPI / 2) * 2
-    figure = Figure(figsize=(_WIDTH_IN, pixels / _DPI), dpi=_DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
+    sides = [float(np.ptp(axis)) + 0.02 for axis in (volume.y_m, volume.x_m)]
+    # inches around the picture, for labels, title and the bar
+    left, right, bottom, top = 0.8, 1.4, 0.65, 0.85
+    wide = _WIDTH_IN - left - right
+    pixels = round((bottom + top + wide * min(1.5, sides[0] / sides[1])) * _DPI / 2) * 2
     tall = pixels / _DPI
-    axes = figure.add_axes((0.8 / _WIDTH_IN, 0.65 / tall, 1 - 2.2 / _WIDTH_IN, 1 - 1.5 / tall))
+    figure = Figure(figsize=(_WIDTH_IN, tall), dpi=_DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    high = (tall - bottom - top) / tall
+    axes = figure.add_axes((left / _WIDTH_IN, bottom / tall, wide / _WIDTH_IN, high))
     drawn = draw_front(axes, amplitude[0], volume.x_m, volume.y_m, COLOURS, Normalize(0.0, 1.0))
-    figure.colorbar(drawn, ax=axes, label=video_label(compensation))
+    bar = figure.add_axes(((left + wide + 0.2) / _WIDTH_IN, bottom / tall, 0.16 / _WIDTH_IN, high))
+    figure.colorbar(drawn, cax=bar, label=video_label(compensation))
     figure.text(0.5, 1 - 0.25 / tall, f"{volume.scan}: {parameters_line(volume)}", ha="center")
     for image, time_s in zip(amplitude, volume.t_s, strict=True):
         drawn.set_data(image)  # type: ignore[attr-defined]

@@ -51,7 +51,7 @@ class Request:
     voxel_m: float | None = None
     fade_from_s: float | None = None
     frames_s: tuple[float, float, float] | None = None
-    over: Over = "max"
+    over: Over = "surface"
     all_depths: bool = False
 
 
@@ -184,8 +184,20 @@ def reconstruct(
             volume = _with(volume, over_depth=request.over)
             still = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
             volume = dataclasses.replace(volume, intensity=still, t_s=camera.times_s)
+            if request.over == "surface":
+                found = image(capture, pulse, grid, **asked).intensity
+                volume = dataclasses.replace(volume, depth_m=_depths(found, grid.z_m))
             with _sink(volume_path, volume, request.all_depths) as sink:
-                film = video(capture, pulse, grid, camera, over=request.over, sink=sink, **asked)
+                film = video(
+                    capture,
+                    pulse,
+                    grid,
+                    camera,
+                    over=request.over,
+                    surface_m=volume.depth_m,
+                    sink=sink,
+                    **asked,
+                )
             volume = dataclasses.replace(volume, intensity=film.intensity)
             if not request.all_depths:
                 write_volume(volume_path, volume)
@@ -193,7 +205,8 @@ def reconstruct(
             focused = image(capture, pulse, grid, camera=camera, **asked)
             volume = dataclasses.replace(volume, intensity=focused.intensity)
             if isinstance(camera, ConfocalCamera):
-                volume = _with_depths(volume)
+                volume = _with(volume, depth_threshold=DEPTH_THRESHOLD)
+                volume = dataclasses.replace(volume, depth_m=_depths(volume.intensity, grid.z_m))
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
@@ -232,9 +245,8 @@ def _with(volume: Volume, **parameters: Any) -> Volume:
     return dataclasses.replace(volume, parameters={**volume.parameters, **parameters})
 
 
-def _with_depths(volume: Volume) -> Volume:
-    depths_m = depth_map(_seen(volume).intensity, volume.z_m, DEPTH_THRESHOLD)
-    return _with(dataclasses.replace(volume, depth_m=depths_m), depth_threshold=DEPTH_THRESHOLD)
+def _depths(intensity: NDArray[np.float32], z_m: NDArray[np.float64]) -> NDArray[np.float32]:
+    return depth_map(compensate_falloff(intensity, z_m, power=FALLOFF), z_m, DEPTH_THRESHOLD)
 
 
 def _seen(volume: Volume) -> Volume:

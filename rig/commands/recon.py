@@ -30,6 +30,7 @@ class Camera(StrEnum):
 class Over(StrEnum):
     """How the depths of a video are put into one picture."""
 
+    SURFACE = "surface"
     MAX = "max"
     SUM = "sum"
 
@@ -84,7 +85,7 @@ def recon(
             help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
         ),
     ] = None,
-    over: Annotated[Over, typer.Option(help="What a video shows of all depths.")] = Over.MAX,
+    over: Annotated[Over, typer.Option(help="What a video shows of all depths.")] = Over.SURFACE,
     all_depths: Annotated[
         bool, typer.Option("--all-depths", help="Store the video of every voxel, (t, z, y, x).")
     ] = False,
