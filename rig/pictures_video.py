@@ -93,6 +93,7 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
 
 
 def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]]) -> None:
+    # Pillow's save() keeps all frames until the last; these two functions of it write one at a time.
     palette = _palette()
     with path.open("xb") as file:
         for number, pixels in enumerate(frames):

@@ -58,6 +58,9 @@ class Request:
 class _Asked(TypedDict):
     """What image and video are both told."""
 
+    capture: Capture
+    pulse: VirtualPulse
+    grid: VoxelGrid
     solver: str
     fades: Fades
     progress: Callable[[float], None] | None
@@ -163,8 +166,6 @@ def reconstruct(
         warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s, camera.light(pulse))
         if request.solver == "fresnel":
             warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
-        fades = Fades(start_s=fade_from_s)
-        asked = _Asked(solver=request.solver, fades=fades, progress=progress)
         volume = Volume(
             intensity=np.empty((0,) * 3, np.float32),
             x_m=grid.x_m,
@@ -180,33 +181,18 @@ def reconstruct(
             scan=scan_path.name,
             scan_digest=scan.digest,
         )
+        asked = _Asked(
+            capture=capture,
+            pulse=pulse,
+            grid=grid,
+            solver=request.solver,
+            fades=Fades(start_s=fade_from_s),
+            progress=progress,
+        )
         if isinstance(camera, TransientCamera):
-            volume = _with(volume, over_depth=request.over)
-            still = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
-            volume = dataclasses.replace(volume, intensity=still, t_s=camera.times_s)
-            if request.over == "surface":
-                found = image(capture, pulse, grid, **asked).intensity
-                volume = dataclasses.replace(volume, depth_m=_depths(found, grid.z_m))
-            with _sink(volume_path, volume, request.all_depths) as sink:
-                film = video(
-                    capture,
-                    pulse,
-                    grid,
-                    camera,
-                    over=request.over,
-                    surface_m=volume.depth_m,
-                    sink=sink,
-                    **asked,
-                )
-            volume = dataclasses.replace(volume, intensity=film.intensity)
-            if not request.all_depths:
-                write_volume(volume_path, volume)
+            volume = _film(asked, camera, request, volume, volume_path)
         else:
-            focused = image(capture, pulse, grid, camera=camera, **asked)
-            volume = dataclasses.replace(volume, intensity=focused.intensity)
-            if isinstance(camera, ConfocalCamera):
-                volume = _with(volume, depth_threshold=DEPTH_THRESHOLD)
-                volume = dataclasses.replace(volume, depth_m=_depths(volume.intensity, grid.z_m))
+            volume = _still(asked, camera, volume)
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
@@ -225,6 +211,33 @@ def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: Voxel
     if request.camera == "transient":
         return TransientCamera(frame_times_s(capture, pulse, grid, request.frames_s))
     return PhotoCamera() if request.camera == "photo" else ConfocalCamera()
+
+
+def _still(asked: _Asked, camera: Camera, volume: Volume) -> Volume:
+    volume = dataclasses.replace(volume, intensity=image(camera=camera, **asked).intensity)
+    if not isinstance(camera, ConfocalCamera):
+        return volume  # depth is told by the pulse alone
+    return dataclasses.replace(
+        _with(volume, depth_threshold=DEPTH_THRESHOLD), depth_m=_depths(volume.intensity, volume.z_m)
+    )
+
+
+def _film(
+    asked: _Asked, camera: TransientCamera, request: Request, volume: Volume, volume_path: Path
+) -> Volume:
+    """Make the video and write its volume file."""
+    frames = np.zeros((len(camera.times_s), *asked["grid"].shape[1:]), np.float32)
+    volume = _with(volume, over_depth=request.over)
+    volume = dataclasses.replace(volume, intensity=frames, t_s=camera.times_s)
+    if request.over == "surface":
+        found = image(**(asked | {"progress": None}))
+        volume = dataclasses.replace(volume, depth_m=_depths(found.intensity, volume.z_m))
+    with _sink(volume_path, volume, request.all_depths) as sink:
+        film = video(camera=camera, over=request.over, surface_m=volume.depth_m, sink=sink, **asked)
+    volume = dataclasses.replace(volume, intensity=film.intensity)
+    if not request.all_depths:
+        write_volume(volume_path, volume)
+    return volume
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan
-from recon.solvers.rsd import LatticePropagator, _Workspace, propagator
+from recon.solvers.rsd import LatticePropagator, Workspace, propagator
 from recon.solvers.spectral import spectral
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
@@ -60,7 +60,7 @@ class FresnelPropagator(LatticePropagator):
         farthest_m = max(abs(voxels_m[-1] - wall_m[0]), abs(wall_m[-1] - voxels_m[0]))
         return super()._wavenumber(wall_m, voxels_m, grid) * min(1.0, farthest_m / float(grid.z_m[0]))
 
-    def _walk(self, z_m: float, work: _Workspace) -> Iterator[int]:
+    def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
         for index in reversed(range(len(self.band))):
             k = self._legs * self.band.frequencies_rad_per_s[index] / C_M_PER_S

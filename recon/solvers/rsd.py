@@ -43,7 +43,7 @@ from recon.wave import Band
 WALL_BYTES = 256 * 2**20
 
 
-class _Workspace:
+class Workspace:
     """Arrays of one thread."""
 
     def __init__(self, y: AxisPlan, x: AxisPlan) -> None:
@@ -156,7 +156,7 @@ class LatticePropagator(Propagator):
         """Return the highest spatial frequency of the field along an axis [rad/m]."""
         return self._legs * self.band.last_rad_per_s / C_M_PER_S
 
-    def _walk(self, z_m: float, work: _Workspace) -> Iterator[int]:
+    def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
         fused.spherical_wave(
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
@@ -186,16 +186,16 @@ class LatticePropagator(Propagator):
         np.add.at(wall.reshape(-1), self._at, self._emitted[index] * scale)
         return c2c(wall, out=wall, nthreads=threads)
 
-    def _rows(self, work: _Workspace) -> NDArray[np.complex64]:
+    def _rows(self, work: Workspace) -> NDArray[np.complex64]:
         """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
         c2c(work.spectrum, axes=(0,), forward=False, out=work.spectrum, nthreads=1)
         fused.read_rows(work.spectrum, self._y.first, self._y.weights, work.rows)
         return c2c(work.rows, axes=(1,), forward=False, out=work.rows, nthreads=1)
 
-    def _workspace(self) -> _Workspace:
+    def _workspace(self) -> Workspace:
         """Return the calling thread's arrays."""
         if not hasattr(self._threads, "work"):
-            self._threads.work = _Workspace(self._y, self._x)
+            self._threads.work = Workspace(self._y, self._x)
         return self._threads.work
 
 

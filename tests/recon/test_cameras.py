@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hidden_points import C, histograms, wall
 
+import recon.solvers.rsd
+import recon.solvers.spectral
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, ParameterError
@@ -198,3 +200,33 @@ def test_pairs_are_served_by_the_solvers_that_take_them(camera):
     if camera.name == "confocal":
         in_time = image(capture, PULSE, GRID, solver="backprojection", camera=camera).field
         assert np.abs(in_time - direct).max() < 1e-2 * np.abs(direct).max()
+
+
+def test_little_memory_gives_the_same_video(monkeypatch):
+    capture = captured(histograms(POINT, LASER, DETECTOR, 2000, BIN))
+    camera = TransientCamera(np.linspace(1e-9, 4e-9, 13))
+    whole = video(capture, PULSE, GRID, camera).intensity
+    monkeypatch.setattr(recon.solvers.rsd, "WALL_BYTES", 3 * 8 * 48 * 40)  # a few of the wall's spectra
+    monkeypatch.setattr(recon.solvers.spectral, "PLANE_BYTES", 1)  # one thread
+    np.testing.assert_allclose(video(capture, PULSE, GRID, camera).intensity, whole, atol=1e-6 * whole.max())
+
+
+def test_a_surface_picks_one_depth_for_each_pixel():
+    capture = captured(histograms(POINT, LASER, DETECTOR, 2000, BIN))
+    camera, planes = TransientCamera(np.linspace(1e-9, 4e-9, 5)), []
+    surface_m = np.full((11, 11), np.nan)
+    surface_m[2, 3], surface_m[4, 5] = 0.56, 0.7
+    film = video(
+        capture,
+        PULSE,
+        GRID,
+        camera,
+        over="surface",
+        surface_m=surface_m,
+        sink=lambda index, frames: planes.append(frames),
+    )
+    wanted = np.zeros_like(film.intensity)
+    wanted[:, 2, 3], wanted[:, 4, 5] = planes[0][:, 2, 3], planes[2][:, 4, 5]
+    np.testing.assert_array_equal(film.intensity, wanted)
+    with pytest.raises(ParameterError, match="a surface goes with 'surface' only"):
+        video(capture, PULSE, GRID, camera, over="surface")
