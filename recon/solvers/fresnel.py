@@ -22,7 +22,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan
-from recon.solvers.rsd import LatticePropagator, Workspace, propagator
+from recon.solvers.rsd import LatticePropagator, Workspace, aperture, propagator
 from recon.solvers.spectral import spectral
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
@@ -76,4 +76,4 @@ def _chirp(axis: AxisPlan, k: float, z_m: float) -> NDArray[np.complex64]:
     return (dct(wave.real, type=1) + 1j * dct(wave.imag, type=1)).astype(np.complex64)
 
 
-focus = spectral(partial(propagator, kind=FresnelPropagator))
+focus = spectral(partial(propagator, kind=FresnelPropagator), check=aperture)

@@ -206,7 +206,12 @@ def propagator(
     grid: VoxelGrid,
     kind: type[LatticePropagator] = LatticePropagator,
 ) -> LatticePropagator:
-    """Make a propagator for a capture's positions.
+    """Make a propagator for a capture's positions; raises as `aperture`."""
+    return kind(aperture(capture), emitted, band, grid, 2 if capture.confocal else 1)
+
+
+def aperture(capture: Capture) -> Aperture:
+    """Find the lattice of a capture's positions.
 
     Raises
     ------
@@ -220,7 +225,7 @@ def propagator(
             f"there are {len(capture.detector_m)} detector spots apart from the laser's",
             "Use the direct or the back-projection solver, which take any pairs.",
         )
-    return kind(recognise(capture.laser_m), emitted, band, grid, 2 if capture.confocal else 1)
+    return recognise(capture.laser_m)
 
 
-focus = spectral(propagator)
+focus = spectral(propagator, check=aperture)

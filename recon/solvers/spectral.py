@@ -79,7 +79,9 @@ def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
 
 
 def spectral(
-    propagator: Callable[[Capture, Any, Band, VoxelGrid], Propagator], dtype: DTypeLike = np.complex64
+    propagator: Callable[[Capture, Any, Band, VoxelGrid], Propagator],
+    dtype: DTypeLike = np.complex64,
+    check: Callable[[Capture], object] | None = None,
 ) -> Solver:
     """Make a solver of a kind of propagator.
 
@@ -90,10 +92,14 @@ def spectral(
         voxels, for each slab.
     dtype
         Type of spectra and fields.
+    check
+        Called before the record is read; raises if the propagator cannot take these positions.
     """
 
     def focus(task: Task) -> Iterator[Field]:
         capture, grid = task.capture, task.grid
+        if check:
+            check(capture)
         found = spectra(capture, task.slabs, task.fades, lambda part: task.progress(READING * part), dtype)
         done = 0
         for slab in task.slabs:

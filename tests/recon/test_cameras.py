@@ -230,3 +230,16 @@ def test_a_surface_picks_one_depth_for_each_pixel():
     np.testing.assert_array_equal(film.intensity, wanted)
     with pytest.raises(ParameterError, match="a surface goes with 'surface' only"):
         video(capture, PULSE, GRID, camera, over="surface")
+
+
+@pytest.mark.parametrize("solver", ["rsd", "fresnel", "backprojection"])
+def test_what_cannot_be_is_refused_before_the_record_is_read(solver):
+    class Unread(ArrayHistograms):
+        def blocks(self, bins=slice(None)):
+            raise AssertionError("read")
+
+    irregular = LASER + np.random.default_rng(1).uniform(0, 0.01, LASER.shape) * [1, 1, 0]
+    laser_m, camera = (LASER, PhotoCamera()) if solver == "backprojection" else (irregular, ConfocalCamera())
+    capture = Capture(Unread(np.zeros((480, 2000))), BIN, np.zeros(1), laser_m, DETECTOR[None])
+    with pytest.raises((GeometryError, ParameterError)):
+        image(capture, PULSE, GRID, solver=solver, camera=camera)
