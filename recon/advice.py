@@ -12,7 +12,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.reach import path_limits_m
-from recon.wave import VirtualPulse
+from recon.wave import ContinuousWave, Light, VirtualPulse
 
 #: Full width at half maximum of a Gaussian in standard deviations.
 FWHM_SIGMAS = 2.355
@@ -129,9 +129,16 @@ def depths(capture: Capture) -> tuple[float, float]:
 
 
 def warnings(
-    capture: Capture, pulse: VirtualPulse, grid: VoxelGrid, response_fwhm_s: float | None = None
+    capture: Capture,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    response_fwhm_s: float | None = None,
+    light: Light | None = None,
 ) -> list[str]:
-    """List what will spoil the image, each with its remedy; empty if nothing is known to."""
+    """List what will spoil the image, each with its remedy; empty if nothing is known to.
+
+    `light` is the camera's, where that is not the pulse: one frequency has no reach to warn about.
+    """
     found = []
     pitch_m = spacing_m(capture)
     least = 4 if capture.confocal else 2
@@ -153,6 +160,8 @@ def warnings(
             f"the wall is only {extent_m / pulse.wavelength_m:.1f} wavelengths wide: at a depth of its own "
             f"width nothing smaller than {0.61 * pulse.wavelength_m * 100:.3g} cm is resolved"
         )
+    if isinstance(light, ContinuousWave):
+        return found
     shortest_m, longest_m = path_limits_m(capture, grid)
     begin_m = float(capture.first_bin_s.max()) * C_M_PER_S
     end_m = (float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s) * C_M_PER_S

@@ -95,3 +95,8 @@ class Capture:
         return self.detector_m.shape == self.laser_m.shape and bool(
             np.allclose(self.detector_m, self.laser_m, atol=1e-4)
         )
+
+    @property
+    def round_trip(self) -> bool:
+        """Whether each position has a detector spot of its own: the same spot, or another of a pair."""
+        return len(self.detector_m) > 1 or self.confocal

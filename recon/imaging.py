@@ -1,26 +1,32 @@
-"""From a capture to an image: the confocal time-gated camera with a choice of solver."""
+"""From a capture to an image or a video: a choice of camera, and a choice of solver.
 
-from collections.abc import Callable
+The camera says what (`recon.camera`), the solver how (`recon.solvers.task`); `SOLVERS` is the table of all.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.aperture import recognise
+from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
-from recon.errors import GeometryError, ParameterError, ReachError
+from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
-from recon.reach import Slab, path_limits_m, slabs
-from recon.solvers import backprojection, rsd
-from recon.spectrum import spectra
+from recon.reach import CONFOCAL, Slab, path_limits_m, slabs
+from recon.solvers import backprojection, direct, fresnel, rsd
+from recon.solvers.task import Solver, Task, ignore
 from recon.wave import VirtualPulse
 
 Progress = Callable[[float], None]
-Solver = Literal["rsd", "backprojection"]
-#: Part of the progress that reading the record makes up.
-READING = 0.3
+#: All solvers, by name.
+SOLVERS: dict[str, Solver] = {
+    "rsd": rsd.focus,
+    "fresnel": fresnel.focus,
+    "direct": direct.focus,
+    "backprojection": backprojection.focus,
+}
 
 
 @dataclass(frozen=True)
@@ -33,19 +39,19 @@ class Image:
         Its voxels.
     field
         (z, y, x) complex64 field U.
-    solver, pulse, fades
+    solver, pulse, fades, camera
         What was asked.
     slabs
-        Which bins and frequencies imaged which planes (RSD solver); empty for the back-projection solver,
-        which uses the pulse itself.
+        Which bins and frequencies image which planes; the back-projection solver uses the pulse itself.
     """
 
     grid: VoxelGrid
     field: NDArray[np.complex64]
-    solver: Solver
+    solver: str
     pulse: VirtualPulse
     fades: Fades
     slabs: tuple[Slab, ...]
+    camera: Camera = CONFOCAL
 
     @property
     def intensity(self) -> NDArray[np.float32]:
@@ -58,16 +64,18 @@ def image(
     pulse: VirtualPulse,
     grid: VoxelGrid,
     *,
-    solver: Solver = "rsd",
+    solver: str = "rsd",
+    camera: Camera = CONFOCAL,
     fades: Fades | None = None,
     progress: Progress | None = None,
 ) -> Image:
-    """Focus the virtual camera on every voxel.
+    """Focus a virtual camera on every voxel.
 
-    U(v) = sum_omega g(omega) exp(i omega r_c(v)/c) sum_p H^(p, omega) exp(i omega r_p(v)/c) / r_p(v) for one
-    detector spot, and sum_omega g(omega) sum_p H^(p, omega) exp(2 i omega r_p(v)/c) / r_p(v) for confocal
-    data (paper, equations 4 and S.19 to S.22, in one sign convention: H^ = sum H exp(-i omega t)). Sums over
-    omega are normalised as in `VirtualPulse.band`, so that both solvers give the same numbers.
+    With the confocal camera U(v) = sum_omega g(omega) exp(i omega r_c(v)/c) sum_p H^(p, omega)
+    exp(i omega r_p(v)/c) / r_p(v) for one detector spot, and sum_omega g(omega) sum_p H^(p, omega)
+    exp(2 i omega r_p(v)/c) / r_p(v) for confocal data (paper, equations 4 and S.19 to S.22, in one sign
+    convention: H^ = sum H exp(-i omega t)). Sums over omega are normalised as in `VirtualPulse.band`, so that
+    all solvers give the same numbers.
 
     Parameters
     ----------
@@ -78,8 +86,11 @@ def image(
     grid
         Voxels, any pitch, offset and extent in front of the wall.
     solver
-        "rsd": by FFT, for a regular grid of positions on the plane z = 0; "backprojection": in time, for any
-        positions, slow.
+        A key of `SOLVERS`. "rsd": by FFT, for a regular grid of positions on the plane z = 0; "fresnel": the
+        same with the paraxial wave; "direct": term by term in double precision, any positions, very slow;
+        "backprojection": in time, any positions, slow.
+    camera
+        What to see; one that shows one frame.
     fades
         Soft edges of the record; by default only its end is softened.
     progress
@@ -88,13 +99,35 @@ def image(
     Raises
     ------
     GeometryError
-        If the solver cannot take these positions.
+        If the solver or the camera cannot take these positions.
     ReachError
         If no path to the volume falls inside the record.
     ParameterError
-        If the volume is not in front of the wall, or the solver is unknown.
+        If the volume is not in front of the wall, the solver is unknown or cannot serve the camera, or the
+        camera shows more than one frame.
     """
     fades = fades or Fades()
+    task = plan(capture, pulse, grid, camera, fades, progress)
+    frames = len(task.times_s(0))
+    if frames != 1:
+        raise ParameterError(
+            f"{camera.name} camera", "an image", f"it shows {frames} frames", "Ask for a video."
+        )
+    field = np.empty(grid.shape, np.complex64)
+    for index, plane in enumerate(planes(task, solver)):
+        field[index] = plane[0]
+    return Image(grid, field, solver, pulse, fades, task.slabs, camera)
+
+
+def plan(
+    capture: Capture,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    camera: Camera,
+    fades: Fades,
+    progress: Progress | None = None,
+) -> Task:
+    """Choose bins and frequencies for a volume; raises as `image`."""
     if grid.size == 0 or grid.z_m[0] <= 0:
         raise ParameterError(
             "volume",
@@ -102,50 +135,24 @@ def image(
             "voxels must be in front of the wall",
             "Begin at z > 0.",
         )
-    parts = slabs(capture, pulse, grid)
+    light = camera.light(pulse)
+    parts = tuple(slabs(capture, light, grid, camera))
     if not any(part.reached for part in parts):
-        raise _unreached(capture, grid)
-    if solver == "rsd":
-        field = _by_rsd(capture, grid, parts, fades, progress)
-        return Image(grid, field, solver, pulse, fades, tuple(parts))
-    if solver == "backprojection":
-        field = backprojection.focus(capture, pulse, grid, fades, progress)
-        return Image(grid, field, solver, pulse, fades, ())
-    raise ParameterError("solver", repr(solver), "there is no such solver", "Choose rsd or backprojection.")
+        raise _unreached(capture, grid, camera)
+    return Task(capture, grid, camera, light, parts, fades, progress or ignore)
 
 
-def _by_rsd(
-    capture: Capture, grid: VoxelGrid, parts: list[Slab], fades: Fades, progress: Progress | None
-) -> NDArray[np.complex64]:
-    confocal = capture.confocal
-    if not confocal and len(capture.detector_m) != 1:
-        raise GeometryError(
-            "solver rsd",
-            "one detector spot, or each position lit and seen at the same spot",
-            f"there are {len(capture.detector_m)} detector spots apart from the laser's",
-            "Use the back-projection solver, which takes any pairs.",
+def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
+    """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
+    if solver not in SOLVERS:
+        raise ParameterError(
+            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
         )
-    aperture = recognise(capture.laser_m)
-    reading = (lambda part: progress(READING * part)) if progress else None
-    spectra_of_slabs = spectra(capture, parts, fades, reading)
-    field = np.zeros(grid.shape, np.complex64)
-    for part, spectrum in zip(parts, spectra_of_slabs, strict=True):
-        if not part.reached:
-            continue
-        planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[part.planes])
-
-        def focusing(fraction: float, part: Slab = part) -> None:
-            through = part.planes.start + fraction * (part.planes.stop - part.planes.start)
-            if progress:
-                progress(READING + (1 - READING) * through / len(grid.z_m))
-
-        detector_m = None if confocal else capture.detector_m[0]
-        field[part.planes] = rsd.focus_slab(aperture, spectrum, part.band, planes, detector_m, focusing)
-    return field
+    return SOLVERS[solver](task)
 
 
-def _unreached(capture: Capture, grid: VoxelGrid) -> ReachError:
-    shortest_m, longest_m = path_limits_m(capture, grid)
+def _unreached(capture: Capture, grid: VoxelGrid, camera: Camera) -> ReachError:
+    shortest_m, longest_m = path_limits_m(capture, grid, camera)
     begin_s = float(capture.first_bin_s.min())
     end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
     return ReachError(

@@ -7,9 +7,12 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.wave import Band, VirtualPulse
+from recon.wave import Band, Light
+
+CONFOCAL = ConfocalCamera()
 
 
 @dataclass(frozen=True)
@@ -36,15 +39,29 @@ class Slab:
         return self.bins.stop > self.bins.start
 
 
-def path_limits_m(capture: Capture, grid: VoxelGrid) -> tuple[float, float]:
-    """Bound the length of wall to voxel to wall over all voxels and positions.
+def plane_times_s(capture: Capture, grid: VoxelGrid, camera: Camera, z_m: float) -> NDArray[np.float64]:
+    """Return the moments at which a camera reads the plane at `z_m`: (T, ny or 1, nx or 1)."""
+    detector_m = None if capture.round_trip else capture.detector_m[0]
+    return camera.reading_times_s(grid.x_m[None], grid.y_m[:, None], float(z_m), detector_m)
 
-    The two legs are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is
-    nearest to, and one farthest from, both ends.
+
+def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) -> tuple[float, float]:
+    """Bound the path, times c the delay, at which a record is read over all voxels, positions and frames.
+
+    For the confocal camera that is the length of wall to voxel to wall. The aperture's leg and the reading
+    times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is nearest
+    to, and one farthest from, both ends.
     """
-    laser = _leg_limits_m(capture.laser_m, grid)
-    detector = laser if capture.confocal else _leg_limits_m(capture.detector_m, grid)
-    return laser[0] + detector[0], laser[1] + detector[1]
+    times_s = [plane_times_s(capture, grid, camera, z_m) for z_m in grid.z_m]
+    shortest_m = C_M_PER_S * min(float(plane.min()) for plane in times_s)
+    longest_m = C_M_PER_S * max(float(plane.max()) for plane in times_s)
+    legs = [capture.laser_m]
+    if capture.round_trip:
+        legs.append(capture.laser_m if capture.confocal else capture.detector_m)
+    for spots_m in legs:
+        least_m, greatest_m = _leg_limits_m(spots_m, grid)
+        shortest_m, longest_m = shortest_m + least_m, longest_m + greatest_m
+    return shortest_m, longest_m
 
 
 def _leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
@@ -56,12 +73,13 @@ def _leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float,
     return float(np.linalg.norm(outside, axis=1).min()), float(np.linalg.norm(farthest, axis=1).max())
 
 
-def slabs(capture: Capture, pulse: VirtualPulse, grid: VoxelGrid) -> list[Slab]:
+def slabs(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONFOCAL) -> list[Slab]:
     """Cut the volume into slabs over depth.
 
     A single plane is seen in a short part of the record, so it needs few frequencies; every slab costs a
     pass of the Fourier sum over the record. Slabs as thick as half a pulse are a good balance, since the
-    pulse's own length has to be added to the part of the record in any case.
+    pulse's own length has to be added to the part of the record in any case; for a video, as thick as light
+    goes between its first and its last frame, for the same reason.
 
     Returns
     -------
@@ -69,20 +87,22 @@ def slabs(capture: Capture, pulse: VirtualPulse, grid: VoxelGrid) -> list[Slab]:
         In order of depth, covering all planes.
     """
     z_m = grid.z_m
-    thickness_m = pulse.half_length_s * C_M_PER_S
+    lasts_s = float(np.ptp(plane_times_s(capture, grid, camera, z_m[0]), axis=0).max())
+    thickness_m = max(light.half_length_s, lasts_s) * C_M_PER_S
     count = max(1, ceil((z_m[-1] - z_m[0]) / thickness_m))
     edges = np.linspace(0, len(z_m), min(count, len(z_m)) + 1).round().astype(int)
-    return [_slab(capture, pulse, grid, slice(int(a), int(b))) for a, b in pairwise(edges)]
+    return [_slab(capture, light, grid, camera, slice(int(a), int(b))) for a, b in pairwise(edges)]
 
 
-def _slab(capture: Capture, pulse: VirtualPulse, grid: VoxelGrid, planes: slice) -> Slab:
-    shortest_m, longest_m = path_limits_m(capture, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]))
+def _slab(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, planes: slice) -> Slab:
+    shortest_m, longest_m = path_limits_m(capture, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera)
     earliest_s, latest_s = shortest_m / C_M_PER_S, longest_m / C_M_PER_S
-    margin_s, width_s = pulse.half_length_s, capture.bin_width_s
+    margin_s, width_s = light.half_length_s, capture.bin_width_s
     begin_s, end_s = float(capture.first_bin_s.min()), float(capture.first_bin_s.max())
-    first = min(max(0, floor((earliest_s - margin_s - end_s) / width_s)), capture.bins)
-    stop = max(first, min(capture.bins, ceil((latest_s + margin_s - begin_s) / width_s)))
+    # Clipped before rounding: the margin of a continuous wave is infinite.
+    first = floor(min(max(0, (earliest_s - margin_s - end_s) / width_s), capture.bins))
+    stop = max(first, ceil(min(capture.bins, (latest_s + margin_s - begin_s) / width_s)))
     # A count at t adds to voxels at delay tau a pulse at tau - t, and its copies one period away: these must
     # stay a pulse's half-length away from every voxel.
     longest_lag_s = max(end_s + stop * width_s - earliest_s, latest_s - begin_s - first * width_s)
-    return Slab(planes, slice(first, stop), pulse.band(longest_lag_s + margin_s))
+    return Slab(planes, slice(first, stop), light.band(longest_lag_s + margin_s))

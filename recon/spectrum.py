@@ -8,7 +8,7 @@ of the first bin, which may differ between positions, is a phase on its result.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
 from recon.preparation import Fades
@@ -16,8 +16,12 @@ from recon.reach import Slab
 
 
 def spectra(
-    capture: Capture, slabs: Sequence[Slab], fades: Fades, progress: Callable[[float], None] | None = None
-) -> list[NDArray[np.complex64]]:
+    capture: Capture,
+    slabs: Sequence[Slab],
+    fades: Fades,
+    progress: Callable[[float], None] | None = None,
+    dtype: DTypeLike = np.complex64,
+) -> list[NDArray[np.complexfloating]]:
     """Take the spectra of all positions, for every slab, in one pass over the record.
 
     Parameters
@@ -30,28 +34,31 @@ def spectra(
         Soft edges.
     progress
         Called with the fraction that is done.
+    dtype
+        complex64, or complex128 for reference.
 
     Returns
     -------
     list of ndarray
-        (F, P) complex64 for each slab.
+        (F, P) of `dtype` for each slab.
     """
-    results = [np.zeros((len(slab.band.weights), capture.positions), np.complex64) for slab in slabs]
+    real = np.empty(0, dtype).real.dtype
+    results = [np.zeros((len(slab.band.weights), capture.positions), dtype) for slab in slabs]
     wanted = [slab.bins for slab in slabs if slab.reached]
     if not wanted:
         return results
     bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
     end = fades.end_weights(capture.bins, capture.bin_width_s)
-    matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins]) for slab in slabs]
+    matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins], dtype) for slab in slabs]
     for block, counts in capture.histograms.blocks(bins):
-        faded = np.array(counts, dtype=np.float32)
+        faded = np.array(counts, dtype=real)
         first_bin_s = capture.first_bin_s if len(capture.first_bin_s) == 1 else capture.first_bin_s[block]
         start = fades.start_weights(first_bin_s, bins, capture.bin_width_s)
         faded[:, : start.shape[1]] *= start
         for slab, matrix, result in zip(slabs, matrices, results, strict=True):
             part = faded[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
             if slab.reached:
-                result[:, block] = (part @ matrix).view(np.complex64).T
+                result[:, block] = (part @ matrix).view(dtype).T
         if progress:
             progress(block.stop / capture.positions)
     for slab, result in zip(slabs, results, strict=True):
@@ -59,8 +66,10 @@ def spectra(
     return results
 
 
-def _fourier_matrix(slab: Slab, bin_width_s: float, weights: NDArray[np.float64]) -> NDArray[np.float32]:
+def _fourier_matrix(
+    slab: Slab, bin_width_s: float, weights: NDArray[np.float64], dtype: DTypeLike
+) -> NDArray[np.floating]:
     """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
     centres_s = (np.arange(slab.bins.start, slab.bins.stop) + 0.5) * bin_width_s
     factors = np.exp(-1j * np.multiply.outer(centres_s, slab.band.frequencies_rad_per_s))
-    return (factors * weights[:, None]).astype(np.complex64).view(np.float32)
+    return (factors * weights[:, None]).astype(dtype).view(np.empty(0, dtype).real.dtype)

@@ -4,7 +4,8 @@ Symbols: lambda ``wavelength_m``, omega_0 ``carrier_rad_per_s``, sigma_t ``sigma
 """
 
 from dataclasses import dataclass
-from math import ceil, floor, pi
+from math import ceil, floor, inf, pi
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ class Band:
     step_rad_per_s: float
     weights: NDArray[np.float64]
 
+    def __len__(self) -> int:
+        return len(self.weights)
+
     @property
     def frequencies_rad_per_s(self) -> NDArray[np.float64]:
         """(F,) angular frequencies, ascending."""
@@ -44,15 +48,6 @@ class Band:
     def last_rad_per_s(self) -> float:
         """Highest angular frequency."""
         return self.first_rad_per_s + self.step_rad_per_s * (len(self.weights) - 1)
-
-    def __getitem__(self, part: slice) -> "Band":
-        """Return a run of neighbouring frequencies."""
-        start, _, stride = part.indices(len(self.weights))
-        if stride != 1:
-            raise ValueError("a band is cut into runs of neighbours only")
-        return Band(
-            self.first_rad_per_s + start * self.step_rad_per_s, self.step_rad_per_s, self.weights[part]
-        )
 
 
 @dataclass(frozen=True)
@@ -81,10 +76,7 @@ class VirtualPulse:
     cycles: float = 6.0
 
     def __post_init__(self) -> None:
-        if not self.wavelength_m > 0:
-            raise ParameterError(
-                "virtual pulse", f"wavelength {self.wavelength_m} m", "it is not positive", "Try 4 cm."
-            )
+        _check_wavelength("virtual pulse", self.wavelength_m)
         if not self.cycles >= 2:
             raise ParameterError(
                 "virtual pulse", f"{self.cycles} cycles", "a pulse needs 2 or more", "The usual number is 6."
@@ -129,3 +121,40 @@ class VirtualPulse:
         offsets = step * np.arange(-reach, reach + 1)
         weights = np.exp(-((offsets * self.sigma_s) ** 2) / 2)
         return Band(self.carrier_rad_per_s - reach * step, step, weights / weights.sum())
+
+
+@dataclass(frozen=True)
+class ContinuousWave:
+    """One frequency: a pulse without end.
+
+    Attributes
+    ----------
+    wavelength_m
+        Wavelength lambda.
+    half_length_s
+        Infinite: all of a record acts on every voxel, at any moment.
+
+    Raises
+    ------
+    ParameterError
+        If the wavelength is not positive.
+    """
+
+    wavelength_m: float
+    half_length_s: ClassVar[float] = inf
+
+    def __post_init__(self) -> None:
+        _check_wavelength("continuous wave", self.wavelength_m)
+
+    def band(self, period_s: float) -> Band:
+        """Return the one frequency, with weight one, whatever the period."""
+        return Band(2 * pi * C_M_PER_S / self.wavelength_m, 0.0, np.ones(1))
+
+
+#: The virtual illumination: it has a `band` and a `half_length_s`.
+Light = VirtualPulse | ContinuousWave
+
+
+def _check_wavelength(thing: str, wavelength_m: float) -> None:
+    if not wavelength_m > 0:
+        raise ParameterError(thing, f"wavelength {wavelength_m} m", "it is not positive", "Try 4 cm.")

@@ -1,33 +1,48 @@
-"""From a scan file to a volume file and a picture: choose what was not asked for, focus, find depths."""
+"""From a scan file to a volume file and pictures: choose what was not asked for, focus, find depths."""
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from recon import advice
+from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
-from recon.imaging import Image, Solver, image
+from recon.grid import VoxelGrid
+from recon.imaging import image
 from recon.preparation import Fades
+from recon.solvers import fresnel
+from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import VirtualPulse
+from rig.errors import UsageError
 from rig.files.scan import ScanFile
-from rig.files.volume import Volume, write_volume
+from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.pictures import save, volume_figure
-from rig.quantities import show_length
+from rig.pictures_sheet import frames_figure, refocus_figure
+from rig.pictures_video import check_video, save_video
+from rig.quantities import show, show_length
 
 #: A pixel has a depth where its intensity, compensated for the fall-off with depth, is at least this part of
 #: the greatest.
 DEPTH_THRESHOLD = 0.05
+#: Power of depth, or of time since the flash, with which pictures undo the fall-off of the intensity.
+FALLOFF = 4.0
 
 
 @dataclass(frozen=True)
 class Request:
     """What was asked for; None leaves the choice to the program."""
 
-    solver: Solver = "rsd"
+    camera: str = "confocal"
+    solver: str = "rsd"
     wavelength_m: float | None = None
     cycles: float = 6.0
     depth_m: tuple[float, float, float] | None = None
@@ -35,6 +50,20 @@ class Request:
     height_m: float | None = None
     voxel_m: float | None = None
     fade_from_s: float | None = None
+    frames_s: tuple[float, float, float] | None = None
+    over: Over = "surface"
+    all_depths: bool = False
+
+
+class _Asked(TypedDict):
+    """What image and video are both told."""
+
+    capture: Capture
+    pulse: VirtualPulse
+    grid: VoxelGrid
+    solver: str
+    fades: Fades
+    progress: Callable[[float], None] | None
 
 
 @dataclass(frozen=True)
@@ -63,12 +92,15 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
+        volume = self.volume
+        moments = {} if volume.t_s is None else {"frames": len(volume.t_s)}
         return {
-            **self.volume.parameters,
-            "scan": self.volume.scan,
-            "scan_digest": self.volume.scan_digest,
+            **volume.parameters,
+            "scan": volume.scan,
+            "scan_digest": volume.scan_digest,
             "positions": self.positions,
-            "voxels": self.volume.intensity.shape[::-1],
+            "voxels": (len(volume.x_m), len(volume.y_m), len(volume.z_m)),
+            **moments,
             "wavelength_reason": self.reason,
             "warnings": list(self.warnings),
             "took_s": round(self.took_s, 2),
@@ -77,12 +109,18 @@ class Result:
     def summary(self) -> dict[str, str]:
         """Return the result as a person reads it."""
         volume, parameters = self.volume, self.volume.parameters
-        depth, height, width = volume.intensity.shape
+        width, height, depth = len(volume.x_m), len(volume.y_m), len(volume.z_m)
+        moments = {}
+        if volume.t_s is not None:
+            first, last = (show(float(t_s), "s") for t_s in (volume.t_s[0], volume.t_s[-1]))
+            moments = {"frames": f"{len(volume.t_s)}, {first} to {last} after the flash"}
         return {
+            "camera": parameters["camera"],
             "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
             "solver": f"{parameters['solver']}, {parameters['cycles']:g} cycles",
             "positions": f"{self.positions:,}",
             "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
+            **moments,
             "took": f"{self.took_s:.1f} s",
         }
 
@@ -93,17 +131,24 @@ def reconstruct(
     volume_path: Path,
     picture_path: Path,
     progress: Callable[[float], None] | None = None,
+    video_path: Path | None = None,
 ) -> Result:
-    """Image a scan with the confocal time-gated camera; write the volume file and the picture.
+    """Image a scan with a virtual camera; write the volume file, the picture and, if asked, the video.
 
     Raises
     ------
+    rig.errors.UsageError
+        If a video cannot be written as asked.
     rig.errors.DataFileError
         If the scan cannot be read.
     recon.errors.ReconError
         If it cannot be imaged as asked.
     """
     began_s = time.monotonic()
+    if video_path:
+        check_video(video_path)
+        if request.camera != "transient":
+            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
     with ScanFile(scan_path) as scan:
         capture = scan.capture()
         choice = _wavelength(request, capture, scan.instrument_response_s)
@@ -117,13 +162,41 @@ def reconstruct(
             depth_m=request.depth_m,
         )
         fade_from_s = scan.fade_from_s if request.fade_from_s is None else request.fade_from_s
-        warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s)
-        focused = image(
-            capture, pulse, grid, solver=request.solver, fades=Fades(start_s=fade_from_s), progress=progress
+        camera = _camera(request, capture, pulse, grid)
+        warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s, camera.light(pulse))
+        if request.solver == "fresnel":
+            warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
+        volume = Volume(
+            intensity=np.empty((0,) * 3, np.float32),
+            x_m=grid.x_m,
+            y_m=grid.y_m,
+            z_m=grid.z_m,
+            parameters={
+                "camera": camera.name,
+                "solver": request.solver,
+                "wavelength_m": pulse.wavelength_m,
+                "cycles": pulse.cycles,
+                "fade_from_s": fade_from_s,
+            },
+            scan=scan_path.name,
+            scan_digest=scan.digest,
         )
-        volume = _volume(focused, scan_path.name, scan.digest)
-    write_volume(volume_path, volume)
+        asked = _Asked(
+            capture=capture,
+            pulse=pulse,
+            grid=grid,
+            solver=request.solver,
+            fades=Fades(start_s=fade_from_s),
+            progress=progress,
+        )
+        if isinstance(camera, TransientCamera):
+            volume = _film(asked, camera, request, volume, volume_path)
+        else:
+            volume = _still(asked, camera, volume)
+            write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
+    if video_path:
+        save_video(_seen(volume), video_path, compensation="t⁴")
     took_s = time.monotonic() - began_s
     return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
 
@@ -134,29 +207,74 @@ def _wavelength(request: Request, capture: Capture, response_s: float | None) ->
     return advice.wavelength(capture, response_s)
 
 
-def _volume(focused: Image, scan: str, digest: str) -> Volume:
-    grid, intensity = focused.grid, focused.intensity
-    seen = compensate_falloff(intensity, grid.z_m, power=4.0)
-    return Volume(
-        intensity=intensity,
-        x_m=grid.x_m,
-        y_m=grid.y_m,
-        z_m=grid.z_m,
-        depth_m=depth_map(seen, grid.z_m, DEPTH_THRESHOLD),
-        parameters={
-            "camera": "confocal",
-            "solver": focused.solver,
-            "wavelength_m": focused.pulse.wavelength_m,
-            "cycles": focused.pulse.cycles,
-            "fade_from_s": focused.fades.start_s,
-            "depth_threshold": DEPTH_THRESHOLD,
-        },
-        scan=scan,
-        scan_digest=digest,
+def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: VoxelGrid) -> Camera:
+    if request.camera == "transient":
+        return TransientCamera(frame_times_s(capture, pulse, grid, request.frames_s))
+    return PhotoCamera() if request.camera == "photo" else ConfocalCamera()
+
+
+def _still(asked: _Asked, camera: Camera, volume: Volume) -> Volume:
+    volume = dataclasses.replace(volume, intensity=image(camera=camera, **asked).intensity)
+    if not isinstance(camera, ConfocalCamera):
+        return volume  # depth is told by the pulse alone
+    return dataclasses.replace(
+        _with(volume, depth_threshold=DEPTH_THRESHOLD), depth_m=_depths(volume.intensity, volume.z_m)
     )
 
 
-def _picture(volume: Volume) -> Any:
-    """Draw the volume with its fall-off compensated, so that far objects are seen beside near ones."""
-    seen = dataclasses.replace(volume, intensity=compensate_falloff(volume.intensity, volume.z_m, power=4.0))
-    return volume_figure(seen, compensation="z⁴")
+def _film(
+    asked: _Asked, camera: TransientCamera, request: Request, volume: Volume, volume_path: Path
+) -> Volume:
+    """Make the video and write its volume file."""
+    frames = np.zeros((len(camera.times_s), *asked["grid"].shape[1:]), np.float32)
+    volume = _with(volume, over_depth=request.over)
+    volume = dataclasses.replace(volume, intensity=frames, t_s=camera.times_s)
+    if request.over == "surface":
+        found = image(**(asked | {"progress": None}))
+        volume = dataclasses.replace(volume, depth_m=_depths(found.intensity, volume.z_m))
+    with _sink(volume_path, volume, request.all_depths) as sink:
+        film = video(camera=camera, over=request.over, surface_m=volume.depth_m, sink=sink, **asked)
+    volume = dataclasses.replace(volume, intensity=film.intensity)
+    if not request.all_depths:
+        write_volume(volume_path, volume)
+    return volume
+
+
+@contextmanager
+def _sink(path: Path, volume: Volume, all_depths: bool) -> Iterator[Sink | None]:
+    """Open the volume file for planes, if all depths are to be kept."""
+    if not all_depths:
+        yield None
+        return
+    with volume_by_planes(path, volume) as dataset:
+
+        def write(plane: int, frames: NDArray[np.float32]) -> None:
+            dataset[:, plane] = frames
+
+        yield write
+
+
+def _with(volume: Volume, **parameters: Any) -> Volume:
+    return dataclasses.replace(volume, parameters={**volume.parameters, **parameters})
+
+
+def _depths(intensity: NDArray[np.float32], z_m: NDArray[np.float64]) -> NDArray[np.float32]:
+    return depth_map(compensate_falloff(intensity, z_m, power=FALLOFF), z_m, DEPTH_THRESHOLD)
+
+
+def _seen(volume: Volume) -> Volume:
+    """Compensate the fall-off, so that far objects are seen beside near ones: with depth, or with time."""
+    if volume.t_s is None:
+        return dataclasses.replace(
+            volume, intensity=compensate_falloff(volume.intensity, volume.z_m, power=FALLOFF)
+        )
+    rise = (np.maximum(volume.t_s, 0) / volume.t_s[-1]) ** FALLOFF
+    return dataclasses.replace(volume, intensity=volume.intensity * rise.astype(np.float32)[:, None, None])
+
+
+def _picture(volume: Volume) -> Figure:
+    if volume.t_s is not None:
+        return frames_figure(_seen(volume), compensation="t⁴")
+    if volume.parameters["camera"] == "photo":
+        return refocus_figure(volume)
+    return volume_figure(_seen(volume), compensation="z⁴")

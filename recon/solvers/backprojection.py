@@ -1,8 +1,9 @@
 """The back-projection solver: the same image in the time domain, for any positions (paper, supplement D.2).
 
-Each histogram is convolved with the virtual pulse and read at the delay (r_p + r_c)/c of each voxel:
+Each histogram is convolved with the virtual pulse and read at the delay r_p/c + t(v) of each voxel, t being
+the moment at which the camera reads it (D.3), with r_c/c added where each position has its own detector spot:
 
-    U(v) = sum_p 1/r_p sum_n H[p, n] pulse((r_p + r_c)/c - t_n),   pulse(t) = exp(i omega_0 t - t^2/(2
+    U(v, t) = sum_p a_p/r_p sum_n H[p, n] pulse(r_p/c + t - t_n),   pulse(t) = exp(i omega_0 t - t^2/(2
     sigma_t^2))
 
 The carrier is kept apart. What is stored is the baseband B_p(tau) = sum_n H[p, n] exp(-i omega_0 t_n)
@@ -10,21 +11,22 @@ exp(-(tau - t_n)^2/(2 sigma_t^2)), as smooth as the envelope: at 8 nodes for eac
 four nodes is right to 9/384 (1/8)^4 max|B''''| sigma_t^4 = 2e-5 of the peak, and the carrier's phase is
 applied exactly.
 
-Work is positions x voxels. This is the slow, independent check of the other solver, and shares nothing with
-it but the pulse and the fades; it uses the pulse whole, where the other cuts its spectrum at three sigmas.
+Work is positions x voxels x frames. This is the slow, independent check of the other solvers, and shares
+nothing with them but the pulse and the fades; it uses the pulse whole, where the others cut its spectrum at
+three sigmas.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from math import ceil, floor
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.capture import C_M_PER_S, Capture
-from recon.grid import VoxelGrid
-from recon.preparation import Fades
+from recon.capture import C_M_PER_S
+from recon.errors import ParameterError
 from recon.reach import path_limits_m
+from recon.solvers.task import Task
 from recon.wave import VirtualPulse
 
 #: Nodes of the baseband for each sigma_t.
@@ -33,34 +35,29 @@ NODES_PER_SIGMA = 8
 CUT_SIGMAS = 5.0
 
 
-def focus(
-    capture: Capture,
-    pulse: VirtualPulse,
-    grid: VoxelGrid,
-    fades: Fades,
-    progress: Callable[[float], None] | None = None,
-) -> NDArray[np.complex64]:
-    """Image a volume.
+def focus(task: Task) -> Iterator[NDArray[np.complex64]]:
+    """Image a volume: positions may lie anywhere, with one detector spot or one for each.
 
-    Parameters
-    ----------
-    capture
-        Histograms and geometry; positions may lie anywhere, with one detector spot or one for each.
-    pulse
-        The virtual illumination.
-    grid
-        Voxels.
-    fades
-        Soft edges of the record.
-    progress
-        Called with the fraction that is done.
-
-    Returns
-    -------
+    Yields
+    ------
     ndarray
-        (z, y, x) complex64 field U.
+        (T, y, x) complex64 field U of each plane.
+
+    Raises
+    ------
+    ParameterError
+        If the camera's light is no pulse.
     """
-    shortest_m, longest_m = path_limits_m(capture, grid)
+    if not isinstance(task.light, VirtualPulse):
+        raise ParameterError(
+            "solver backprojection",
+            f"the {task.camera.name} camera",
+            "its light is one frequency, an infinitely long pulse, which has no moment at which to read a "
+            "histogram",
+            "Use the rsd, fresnel or direct solver.",
+        )
+    capture, grid, pulse = task.capture, task.grid, task.light
+    shortest_m, longest_m = path_limits_m(capture, grid, task.camera)
     spacing_s = pulse.sigma_s / NODES_PER_SIGMA
     begin_s = shortest_m / C_M_PER_S - 2 * spacing_s
     nodes = ceil((longest_m - shortest_m) / C_M_PER_S / spacing_s) + 5
@@ -68,30 +65,34 @@ def focus(
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     bins = slice(0, capture.bins)
-    end = fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
+    end = task.fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
     for block, counts in capture.histograms.blocks():
         faded = np.array(counts, dtype=np.float32) * end
-        start = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
+        start = task.fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
         faded[:, : start.shape[1]] *= start
         baseband[block] = _baseband(faded, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
-    field = np.zeros(grid.shape, np.complex64)
-    detector_m = np.broadcast_to(capture.detector_m, capture.laser_m.shape)
+    baseband *= task.weights.astype(np.float32)[:, None]
+    laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
+    detector_m = np.ascontiguousarray(capture.detector_m if capture.round_trip else np.empty((0, 3)))
     for index, z_m in enumerate(grid.z_m):
-        _project(
-            baseband,
-            np.ascontiguousarray(capture.laser_m, np.float64),
-            np.ascontiguousarray(detector_m, np.float64),
-            grid.x_m,
-            grid.y_m,
-            float(z_m),
-            begin_s * C_M_PER_S,
-            1 / (spacing_s * C_M_PER_S),
-            1 / pulse.wavelength_m,
-            field[index],
-        )
-        if progress:
-            progress((index + 1) / len(grid.z_m))
-    return field
+        times_s = task.times_s(index)
+        fields = np.zeros((len(times_s), *grid.shape[1:]), np.complex64)
+        for field, moments_s in zip(fields, times_s, strict=True):
+            _project(
+                baseband,
+                laser_m,
+                detector_m,
+                np.ascontiguousarray(np.broadcast_to(moments_s * C_M_PER_S, field.shape)),
+                grid.x_m,
+                grid.y_m,
+                float(z_m),
+                begin_s * C_M_PER_S,
+                1 / (spacing_s * C_M_PER_S),
+                1 / pulse.wavelength_m,
+                field,
+            )
+        yield fields
+        task.progress((index + 1) / len(grid.z_m))
 
 
 def _baseband(
@@ -130,6 +131,7 @@ def _project(
     baseband: NDArray[np.complex64],
     laser_m: NDArray[np.float64],
     detector_m: NDArray[np.float64],
+    read_m: NDArray[np.float64],
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
     z_m: float,
@@ -140,11 +142,14 @@ def _project(
 ) -> None:
     """Sum the basebands at each voxel's delays into a plane (y, x).
 
-    Along a row of voxels delays change little, so that the baseband is read from cache; what needs no lookup
-    is a loop of its own, which vectorises.
+    The path is r_p + `read_m`, (y, x), and r_c of the position's own detector spot where there are any. Along
+    a row of voxels delays change little, so that the baseband is read from cache; what needs no lookup is
+    loops of its own, which vectorise.
     """
     count = len(x_m)
     for j in prange(len(y_m)):
+        path_m = np.empty(count, np.float64)
+        radius_m = np.empty(count, np.float64)
         node = np.empty(count, np.int32)
         part = np.empty(count, np.float32)
         cosine = np.empty(count, np.float32)
@@ -153,14 +158,18 @@ def _project(
         imaginary = np.zeros(count, np.float64)
         for p in range(len(laser_m)):
             to_laser = (laser_m[p, 1] - y_m[j]) ** 2 + (laser_m[p, 2] - z_m) ** 2
-            to_detector = (detector_m[p, 1] - y_m[j]) ** 2 + (detector_m[p, 2] - z_m) ** 2
             for i in range(count):
-                r_p = np.sqrt(to_laser + (laser_m[p, 0] - x_m[i]) ** 2)
-                path_m = r_p + np.sqrt(to_detector + (detector_m[p, 0] - x_m[i]) ** 2)
-                at = (path_m - begin_m) * nodes_per_m
+                radius_m[i] = np.sqrt(to_laser + (laser_m[p, 0] - x_m[i]) ** 2)
+                path_m[i] = radius_m[i] + read_m[j, i]
+            if len(detector_m) > 0:
+                to_detector = (detector_m[p, 1] - y_m[j]) ** 2 + (detector_m[p, 2] - z_m) ** 2
+                for i in range(count):
+                    path_m[i] += np.sqrt(to_detector + (detector_m[p, 0] - x_m[i]) ** 2)
+            for i in range(count):
+                at = (path_m[i] - begin_m) * nodes_per_m
                 node[i] = np.int32(at)
                 part[i] = at - np.floor(at)
-                turns = path_m * turns_per_m
+                turns = path_m[i] * turns_per_m
                 # exp(2 pi i turns) from Taylor series of half the angle, at most pi/2, to 1e-7.
                 angle = np.float32((turns - np.floor(turns + 0.5)) * np.pi)
                 q = angle * angle
@@ -168,8 +177,8 @@ def _project(
                 s = angle * (1 - q * (1 / 6 - q * (1 / 120 - q * (1 / 5040 - q * (1 / 362880 * s)))))
                 c = 1 - q * (1 / 132 - q * (1 / 24024))
                 c = 1 - q * (0.5 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (1 / 3628800 * c)))))
-                cosine[i] = (1 - 2 * s * s) / r_p
-                sine[i] = 2 * s * c / r_p
+                cosine[i] = (1 - 2 * s * s) / radius_m[i]
+                sine[i] = 2 * s * c / radius_m[i]
             row = baseband[p]
             for i in range(count):
                 n, f = node[i], part[i]

@@ -56,17 +56,13 @@ def spherical_wave(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def phase(
-    y_m: F64, x_m: F64, z_m: float, turns_per_m: float, step_turns_per_m: float, base: C64, step: C64
-) -> None:
-    """Evaluate exp(2 pi i a r) into `base` and exp(2 pi i b r) into `step`, both (y, x)."""
-    for j in range(len(y_m)):
-        across = y_m[j] * y_m[j] + z_m * z_m
-        for i in range(len(x_m)):
-            r = np.sqrt(across + x_m[i] * x_m[i])
-            c, s = _unit(turns_per_m * r)
+def phase(times_s: F64, turns_per_s: float, step_turns_per_s: float, base: C64, step: C64) -> None:
+    """Evaluate exp(2 pi i a t) into `base` and exp(2 pi i b t) into `step`, all (y, x)."""
+    for j in range(times_s.shape[0]):
+        for i in range(times_s.shape[1]):
+            c, s = _unit(turns_per_s * times_s[j, i])
             base[j, i] = complex(c, s)
-            c, s = _unit(step_turns_per_m * r)
+            c, s = _unit(step_turns_per_s * times_s[j, i])
             step[j, i] = complex(c, s)
 
 
@@ -126,3 +122,21 @@ def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> Non
                 for t in range(1, weights.shape[1]):
                     field += weights[i, t] * rows[j, first[i] + t]
                 total[j, i] = total[j, i] * step[j, i] + field
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def spread_rows(rows: C64, first: INT, weights: F32, lattice: C64) -> None:
+    """Add (rows, width) onto (lattice rows, width): the adjoint of `read_rows`."""
+    for j in range(len(first)):
+        for t in range(weights.shape[1]):
+            for i in range(rows.shape[1]):
+                lattice[first[j] + t, i] += weights[j, t] * rows[j, i]
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def outer(y: C64, x: C64, kernel: F32) -> None:
+    """Multiply two axes' transforms into a kernel's, (2, y, x)."""
+    for j in range(len(y)):
+        for i in range(len(x)):
+            kernel[0, j, i] = y[j].real * x[i].real - y[j].imag * x[i].imag
+            kernel[1, j, i] = y[j].real * x[i].imag + y[j].imag * x[i].real

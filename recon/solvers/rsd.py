@@ -14,16 +14,15 @@ How it is made quick, per plane and frequency, for an FFT of N points and V voxe
   multiplications; single precision loses 1e-7 a step);
 - one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read);
 - the inverse FFT along y takes all columns, the one along x only the rows that are read (3/4 of an FFT of N);
-- the detector's phase and the sum over frequencies are one pass of Horner's rule,
-  total <- total * exp(i d_omega r_c/c) + field (V multiplications).
+- the phase of the moment t(v) at which a voxel is read and the sum over frequencies are one pass of Horner's
+  rule, total <- total * exp(i d_omega t) + field (V multiplications).
 
-That is 1.25 FFTs of N points for each plane and frequency, against the 2 of kernel and inverse. For confocal
-data no phase depends on both voxel and frequency, the sum is taken before the inverse FFT, and 0.5 FFTs
-remain. Planes are shared out to threads; each thread's working set stays within its cache.
+That is 1.25 FFTs of N points for each plane and frequency, against the 2 of kernel and inverse. Where all
+voxels of a plane are read at one moment, as in confocal data, the sum is taken before the inverse FFT, and
+0.5 FFTs remain. Planes are shared out to threads; each thread's working set stays within its cache.
 """
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterator
 from os import cpu_count
 from threading import local
 
@@ -31,18 +30,20 @@ import numpy as np
 from ducc0.fft import c2c, dct
 from numpy.typing import NDArray
 
-from recon.aperture import Aperture
-from recon.capture import C_M_PER_S
+from recon.aperture import Aperture, recognise
+from recon.capture import C_M_PER_S, Capture
+from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan, plan_axis
+from recon.solvers.spectral import Field, Propagator, spectral
 from recon.wave import Band
 
-#: Memory for the wall's spectra; more frequencies than fit are taken in turns.
+#: Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
 WALL_BYTES = 256 * 2**20
 
 
-class _Workspace:
+class Workspace:
     """Arrays of one thread."""
 
     def __init__(self, y: AxisPlan, x: AxisPlan) -> None:
@@ -54,169 +55,177 @@ class _Workspace:
         self.rows = np.empty((len(y.first), x.length), np.complex64)
 
 
-class PlanePropagator:
-    """Takes the field on the wall, at the frequencies of one band, to planes of voxels.
+class LatticePropagator(Propagator):
+    """Convolves with the spherical wave on a lattice.
 
     Parameters
     ----------
     aperture
         The wall's lattice.
-    spectra
+    emitted
         (F, P) complex64: what each position emits at each frequency.
     band
-        The frequencies and their weights g.
+        The frequencies.
     grid
-        Axes x and y are used.
+        Voxels; all depths that will be asked for.
     legs
         Legs of the path that the kernel stands for: 1, or 2 for confocal data.
-    plans
-        Lattice along y and along x, for these frequencies or higher ones.
     """
 
     def __init__(
-        self,
-        aperture: Aperture,
-        spectra: NDArray[np.complex64],
-        band: Band,
-        grid: VoxelGrid,
-        legs: int,
-        plans: tuple[AxisPlan, AxisPlan],
+        self, aperture: Aperture, emitted: NDArray[np.complex64], band: Band, grid: VoxelGrid, legs: int
     ) -> None:
-        self._band = band
-        self._grid = grid
+        self.band = band
+        self._emitted = emitted
+        self._shape = grid.shape[1:]
         self._legs = legs
-        self._y, self._x = plans
-        self._walls = _wall_spectra(aperture, spectra, band, self._y, self._x)
+        self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
+        self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
+        self._at = (self._y.wall[aperture.row] * self._x.length + self._x.wall[aperture.column]).astype(
+            np.intp
+        )
+        kept = max(1, WALL_BYTES // (8 * self._y.length * self._x.length))
+        self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
+        for index, wall in enumerate(self._walls):
+            self._transform(index, wall, cpu_count() or 1)
         self._threads = local()
 
-    def focus(self, z_m: float, detector_m: NDArray[np.float64] | None) -> NDArray[np.complex64]:
-        """Sum the field on the plane at depth `z_m` over all frequencies.
+    def fields(self, z_m: float) -> Field:
+        """Return the fields on the plane at depth `z_m`: (F, y, x) complex64."""
+        work = self._workspace()
+        fields = np.zeros((len(self.band), *self._shape), np.complex64)
+        for index in self._walk(z_m, work):
+            fused.multiply(self._wall(index), work.kernel, work.spectrum, False)
+            fused.add_field(fields[index], fields[index], self._rows(work), self._x.first, self._x.weights)
+        return fields
 
-        Parameters
-        ----------
-        z_m
-            Depth of the plane.
-        detector_m
-            (3,) spot from which each frequency gets the phase exp(i omega r_c/c), or None for no phase.
+    def adjoint(self, z_m: float, fields: Field) -> NDArray[np.complex64]:
+        """Take fields on the plane at depth `z_m` back to the positions: (F, y, x) to (F, P).
 
-        Returns
-        -------
-        ndarray
-            (y, x) complex64.
+        It is the adjoint of what `fields` does to `emitted`: <fields(e), f> = <e, adjoint(f)>.
         """
         work = self._workspace()
-        total = np.zeros(self._grid.shape[1:], np.complex64)
-        if detector_m is None:
+        emitted = np.empty((len(self.band), len(self._at)), np.complex64)
+        for index in self._walk(z_m, work):
+            across = np.zeros((self._x.length, self._shape[0]), np.complex64)
+            fused.spread_rows(
+                np.ascontiguousarray(fields[index].T, np.complex64), self._x.first, self._x.weights, across
+            )
+            lattice = np.zeros_like(work.spectrum)
+            fused.spread_rows(np.ascontiguousarray(across.T), self._y.first, self._y.weights, lattice)
+            c2c(lattice, out=lattice, nthreads=1)
+            np.conjugate(lattice, out=lattice)
+            fused.multiply(lattice, work.kernel, work.spectrum, False)
+            # conj(K^) L is conj(K^ conj(L)), and a transform back of a conjugate is a conjugated transform.
+            c2c(work.spectrum, out=work.spectrum, nthreads=1)
+            emitted[index] = work.spectrum.reshape(-1)[self._at].conj() / work.spectrum.size
+        return emitted
+
+    def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
+        """Sum the fields over all frequencies at moments t: (T, y, x) complex64."""
+        if len(times_s) > 1:
+            return super().focus(z_m, times_s)
+        work = self._workspace()
+        total = np.zeros((1, *self._shape), np.complex64)
+        if times_s.size == 1:
+            turns = np.exp(1j * self.band.frequencies_rad_per_s * times_s.item()).astype(np.complex64)
             work.spectrum[:] = 0
-            for wall in self._walk(z_m, work):
+            for index in self._walk(z_m, work):
+                wall = self._wall(index)
+                wall = wall * turns[index] if turns[index] != 1 else wall
                 fused.multiply(wall, work.kernel, work.spectrum, True)
-            fused.add_field(total, total, self._rows(work), self._x.first, self._x.weights)
+            fused.add_field(total[0], total[0], self._rows(work), self._x.first, self._x.weights)
             return total
-        base, step = np.empty_like(total), np.empty_like(total)
+        base, step = np.empty_like(total[0]), np.empty_like(total[0])
         fused.phase(
-            self._grid.y_m - detector_m[1],
-            self._grid.x_m - detector_m[0],
-            z_m - detector_m[2],
-            self._band.first_rad_per_s / (2 * np.pi * C_M_PER_S),
-            self._band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
+            np.ascontiguousarray(np.broadcast_to(times_s[0], self._shape)),
+            self.band.first_rad_per_s / (2 * np.pi),
+            self.band.step_rad_per_s / (2 * np.pi),
             base,
             step,
         )
-        for wall in self._walk(z_m, work):
-            fused.multiply(wall, work.kernel, work.spectrum, False)
-            fused.add_field(total, step, self._rows(work), self._x.first, self._x.weights)
+        for index in self._walk(z_m, work):
+            fused.multiply(self._wall(index), work.kernel, work.spectrum, False)
+            fused.add_field(total[0], step, self._rows(work), self._x.first, self._x.weights)
         total *= base
         return total
 
-    def _walk(self, z_m: float, work: _Workspace) -> Iterator[NDArray[np.complex64]]:
-        """From the highest frequency down, leave the kernel's transform in `work` and yield the wall's."""
+    def _wavenumber(
+        self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
+    ) -> float:
+        """Return the highest spatial frequency of the field along an axis [rad/m]."""
+        return self._legs * self.band.last_rad_per_s / C_M_PER_S
+
+    def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
+        """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
         fused.spherical_wave(
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
             np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
             z_m,
-            self._legs * self._band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
-            self._legs * self._band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._legs * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._legs * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
             work.wave,
             work.step,
         )
-        for index in reversed(range(len(self._walls))):
+        for index in reversed(range(len(self.band))):
             dct(work.wave, axes=(1, 2), type=1, out=work.kernel, nthreads=1)
-            yield self._walls[index]
+            yield index
             if index:
                 fused.next_frequency(work.wave, work.step)
 
-    def _rows(self, work: _Workspace) -> NDArray[np.complex64]:
+    def _wall(self, index: int) -> NDArray[np.complex64]:
+        """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""
+        if index < len(self._walls):
+            return self._walls[index]
+        return self._transform(index, np.empty_like(self._walls[0]), 1)
+
+    def _transform(self, index: int, wall: NDArray[np.complex64], threads: int) -> NDArray[np.complex64]:
+        """Put positions on the lattice, and transform."""
+        wall[:] = 0
+        scale = np.float32(1 / wall.size)  # the inverse FFT's
+        np.add.at(wall.reshape(-1), self._at, self._emitted[index] * scale)
+        return c2c(wall, out=wall, nthreads=threads)
+
+    def _rows(self, work: Workspace) -> NDArray[np.complex64]:
         """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
         c2c(work.spectrum, axes=(0,), forward=False, out=work.spectrum, nthreads=1)
         fused.read_rows(work.spectrum, self._y.first, self._y.weights, work.rows)
         return c2c(work.rows, axes=(1,), forward=False, out=work.rows, nthreads=1)
 
-    def _workspace(self) -> _Workspace:
+    def _workspace(self) -> Workspace:
         """Return the calling thread's arrays."""
         if not hasattr(self._threads, "work"):
-            self._threads.work = _Workspace(self._y, self._x)
+            self._threads.work = Workspace(self._y, self._x)
         return self._threads.work
 
 
-def _wall_spectra(
-    aperture: Aperture, spectra: NDArray[np.complex64], band: Band, y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Put positions on the lattice, weight by g, and transform: (F, y, x) complex64."""
-    walls = np.zeros((len(spectra), y.length, x.length), np.complex64)
-    at = (y.wall[aperture.row] * x.length + x.wall[aperture.column]).astype(np.intp)
-    scale = band.weights / (y.length * x.length)  # the inverse FFT's, once
-    for wall, emitted, factor in zip(walls, spectra, scale, strict=True):
-        np.add.at(wall.reshape(-1), at, emitted * np.complex64(factor))
-        c2c(wall, out=wall, nthreads=cpu_count() or 1)
-    return walls
-
-
-def focus_slab(
-    aperture: Aperture,
-    spectra: NDArray[np.complex64],
+def propagator(
+    capture: Capture,
+    emitted: Field,
     band: Band,
     grid: VoxelGrid,
-    detector_m: NDArray[np.float64] | None,
-    progress: Callable[[float], None] | None = None,
-) -> NDArray[np.complex64]:
-    """Image all planes of a grid with one band.
+    kind: type[LatticePropagator] = LatticePropagator,
+) -> LatticePropagator:
+    """Make a propagator for a capture's positions; raises as `aperture`."""
+    return kind(aperture(capture), emitted, band, grid, 2 if capture.confocal else 1)
 
-    Parameters
-    ----------
-    aperture
-        Where the positions are.
-    spectra
-        (F, P) complex64 spectra of the histograms.
-    band
-        Their frequencies, and the weights of the virtual pulse.
-    grid
-        Voxels.
-    detector_m
-        (3,) detector spot, or None for confocal data.
-    progress
-        Called with the fraction that is done, from the calling thread.
 
-    Returns
-    -------
-    ndarray
-        (z, y, x) complex64 field U.
+def aperture(capture: Capture) -> Aperture:
+    """Find the lattice of a capture's positions.
+
+    Raises
+    ------
+    GeometryError
+        If the positions are on no even grid on z = 0, or each has a detector spot of its own elsewhere.
     """
-    field = np.zeros(grid.shape, np.complex64)
-    legs = 2 if detector_m is None else 1
-    wavenumber = legs * band.last_rad_per_s / C_M_PER_S
-    plans = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
-    many = len(band.weights)
-    at_once = max(1, WALL_BYTES // (8 * plans[0].length * plans[1].length))
-    for start in range(0, many, at_once):
-        part = slice(start, min(start + at_once, many))
-        propagator = PlanePropagator(aperture, spectra[part], band[part], grid, legs, plans)
-        with ThreadPoolExecutor(cpu_count()) as threads:
-            planes = {
-                threads.submit(propagator.focus, float(z_m), detector_m): index
-                for index, z_m in enumerate(grid.z_m)
-            }
-            for done, plane in enumerate(as_completed(planes), 1):
-                field[planes[plane]] += plane.result()
-                if progress:
-                    progress((start + done / len(planes) * (part.stop - start)) / many)
-    return field
+    if capture.round_trip and not capture.confocal:
+        raise GeometryError(
+            "solver by FFT",
+            "one detector spot, or each position lit and seen at the same spot",
+            f"there are {len(capture.detector_m)} detector spots apart from the laser's",
+            "Use the direct or the back-projection solver, which take any pairs.",
+        )
+    return recognise(capture.laser_m)
+
+
+focus = spectral(propagator, check=aperture)

@@ -14,6 +14,8 @@ class Solver(StrEnum):
     """How the image is computed."""
 
     RSD = "rsd"
+    FRESNEL = "fresnel"
+    DIRECT = "direct"
     BACKPROJECTION = "backprojection"
 
 
@@ -21,13 +23,33 @@ class Camera(StrEnum):
     """What the virtual camera does."""
 
     CONFOCAL = "confocal"
+    PHOTO = "photo"
+    TRANSIENT = "transient"
+
+
+class Over(StrEnum):
+    """How the depths of a video are put into one picture."""
+
+    SURFACE = "surface"
+    MAX = "max"
+    SUM = "sum"
 
 
 def recon(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
-    camera: Annotated[Camera, typer.Option(help="What the virtual camera does.")] = Camera.CONFOCAL,
+    camera: Annotated[
+        Camera,
+        typer.Option(
+            help="confocal: the 3-D image. photo: one wavelength, refocused plane by plane. "
+            "transient: a video of a flash."
+        ),
+    ] = Camera.CONFOCAL,
     solver: Annotated[
-        Solver, typer.Option(help="rsd: by FFT, quick. backprojection: any geometry, slow.")
+        Solver,
+        typer.Option(
+            help="rsd: by FFT, quick, exact. fresnel: paraxial, for far scenes. direct: the defining sum, "
+            "very slow. backprojection: any geometry, slow."
+        ),
     ] = Solver.RSD,
     wavelength: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
@@ -56,6 +78,20 @@ def recon(
             metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
         ),
     ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO:STEP",
+            help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
+        ),
+    ] = None,
+    over: Annotated[Over, typer.Option(help="What a video shows of all depths.")] = Over.SURFACE,
+    all_depths: Annotated[
+        bool, typer.Option("--all-depths", help="Store the video of every voxel, (t, z, y, x).")
+    ] = False,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE.gif", help="The video; .mp4 needs ffmpeg.")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="VOLUME.h5", help="The volume. [dim]\\[SCAN-volume.h5][/dim]"),
@@ -73,6 +109,10 @@ def recon(
 
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm --image letters.png
 
+      rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm    refocused from plane to plane
+
+      rig recon scan.h5 --camera transient --video flash.gif    light on its way through the scene
+
       rig recon scan.h5 --solver backprojection --voxel 4cm    the slow independent reference
     """
     from rig.commands import console
@@ -83,10 +123,14 @@ def recon(
         return parse(text, "length") if text else None
 
     request = Request(
+        camera=camera.value,
         solver=solver.value,
         wavelength_m=length(wavelength),
         cycles=cycles,
         depth_m=_depths(depth) if depth else None,
+        frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
+        over=over.value,
+        all_depths=all_depths,
         width_m=length(width),
         height_m=length(height),
         voxel_m=length(voxel),
@@ -95,20 +139,25 @@ def recon(
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")
     with console.Working("imaging") as working:
-        result = reconstruct(scan, request, volume, picture, working)
-    _show(result, volume, picture, as_json)
+        result = reconstruct(scan, request, volume, picture, working, video)
+    _show(result, volume, picture, video, as_json)
 
 
-def _depths(text: str) -> tuple[float, float, float]:
+def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
     from rig.errors import UsageError
     from rig.quantities import parse
 
     parts = text.split(":")
     if len(parts) != 3:
-        raise UsageError(
-            f"'{text}' is not a range of depths; write from, to and step, e.g. --depth 0.5m:3m:2cm"
-        )
-    start_m, stop_m, step_m = (parse(part, "length") for part in parts)
+        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
+    start, stop, step = (parse(part, kind) for part in parts)
+    return start, stop, step
+
+
+def _depths(text: str) -> tuple[float, float, float]:
+    from rig.errors import UsageError
+
+    start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")
     if not (0 < start_m <= stop_m and step_m > 0):
         raise UsageError(
             f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
@@ -116,12 +165,14 @@ def _depths(text: str) -> tuple[float, float, float]:
     return start_m, stop_m, step_m
 
 
-def _show(result: "Result", volume: Path, picture: Path, as_json: bool) -> None:
+def _show(result: "Result", volume: Path, picture: Path, video: Path | None, as_json: bool) -> None:
     from rig.commands import console
 
     if as_json:
-        console.print_json({"volume": str(volume), "picture": str(picture), **result.as_dict()})
+        files = {"volume": str(volume), "picture": str(picture)} | ({"video": str(video)} if video else {})
+        console.print_json({**files, **result.as_dict()})
         return
     for sentence in result.warnings:
         console.warn(sentence)
-    console.print_facts(str(picture), {**result.summary(), "volume": str(volume)})
+    facts = {**result.summary(), "volume": str(volume)}
+    console.print_facts(str(picture), facts | ({"video": str(video)} if video else {}))

@@ -1,7 +1,8 @@
 """Volume files: the reconstructed image, and how it was made."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,14 +75,51 @@ def write_volume(path: str | Path, volume: Volume) -> None:
     ValueError
         If the shapes of the volume do not fit together.
     """
-    path = Path(path)
     if problem := volume.problem():
         raise ValueError(problem)
+    with _creating(Path(path)) as file:
+        _write(file, volume)
+
+
+@contextmanager
+def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]:
+    """Write a video of all voxels plane by plane; it need never be in memory as a whole.
+
+    Parameters
+    ----------
+    path
+        The file, which appears when the block ends well.
+    volume
+        All but the intensity, of which it holds the front view, (nt, ny, nx).
+
+    Yields
+    ------
+    h5py.Dataset
+        (nt, nz, ny, nx) float32, to be filled.
+
+    Raises
+    ------
+    As of `write_volume`.
+    """
+    if volume.t_s is None or volume.intensity.ndim != 3:
+        raise ValueError("only a transient camera's video has planes at several moments")
+    if problem := volume.problem():
+        raise ValueError(problem)
+    with _creating(Path(path)) as file:
+        _write(file, volume)
+        del file["volume/intensity"]
+        shape = (len(volume.t_s), len(volume.z_m), len(volume.y_m), len(volume.x_m))
+        yield file["volume"].create_dataset("intensity", shape, "<f4")
+        describe(file, VOLUME)
+
+
+@contextmanager
+def _creating(path: Path) -> Iterator[h5py.File]:
     if path.exists() and not is_volume(path):
         raise UsageError(f"{path} exists and is no volume file; it is not overwritten. Give another name")
     try:
         with appearing(path) as partial, h5py.File(partial, "x") as file:
-            _write(file, volume)
+            yield file
     except OSError as error:
         raise DataFileError(f"cannot write {path}: {error}; check free space and permissions") from error
 

@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.aperture import LatticeAxis, recognise
+from recon.camera import ConfocalCamera
 from recon.grid import VoxelGrid
 from recon.solvers.lattice import plan_axis
-from recon.solvers.rsd import focus_slab
+from recon.solvers.rsd import LatticePropagator
 from recon.wave import Band
 
 WAVELENGTH = 0.05
@@ -41,7 +42,11 @@ def test_one_frequency_is_the_sum(scene):
     random = np.random.default_rng(seed)
     emitted = random.normal(size=(len(laser_m), 2)).astype(np.float32).view(np.complex64).ravel()
     detector_m = np.array([0.1, -0.2, 0.0])
-    found = focus_slab(recognise(laser_m), emitted[None], BAND, grid, None if confocal else detector_m)
+    propagator = LatticePropagator(recognise(laser_m), emitted[None], BAND, grid, 2 if confocal else 1)
+    times_s = np.zeros((1, 1, 1))
+    if not confocal:
+        times_s = ConfocalCamera().reading_times_s(grid.x_m[None], grid.y_m[:, None], grid.z_m[0], detector_m)
+    found = propagator.focus(grid.z_m[0], times_s)
     y, x = np.meshgrid(grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, np.full_like(x, grid.z_m[0])], axis=-1)
     r_p = np.linalg.norm(voxels[..., None, :] - laser_m, axis=-1)

@@ -43,9 +43,3 @@ def test_band_is_the_pulse_in_time(wavelength_m, cycles, pulse_lengths):
 def test_refuses_nonsense(wavelength_m, cycles):
     with pytest.raises(ParameterError, match="virtual pulse"):
         VirtualPulse(wavelength_m, cycles)
-
-
-def test_a_run_of_a_band_keeps_its_frequencies():
-    band = VirtualPulse(0.04).band(20e-9)
-    np.testing.assert_allclose(band[4:9].frequencies_rad_per_s, band.frequencies_rad_per_s[4:9])
-    np.testing.assert_array_equal(band[4:9].weights, band.weights[4:9])

@@ -1,0 +1,88 @@
+"""The direct solver: the sum that defines the image, term by term in double precision, for any positions.
+
+Work is positions x voxels x frequencies. It is the reference that the quick solvers are held against.
+"""
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from recon.capture import C_M_PER_S, Capture
+from recon.grid import VoxelGrid
+from recon.solvers.spectral import Field, Propagator, spectral
+from recon.wave import Band
+
+
+class DirectPropagator(Propagator):
+    """Sums over all positions.
+
+    Parameters
+    ----------
+    capture
+        Where the positions are; with a detector spot for each, the phase is that of both legs.
+    emitted
+        (F, P) complex128: what each position emits at each frequency.
+    band
+        The frequencies.
+    grid
+        Axes x and y are used.
+    """
+
+    def __init__(
+        self, capture: Capture, emitted: NDArray[np.complex128], band: Band, grid: VoxelGrid
+    ) -> None:
+        self.band = band
+        self._emitted = np.ascontiguousarray(emitted.T)
+        self._grid = grid
+        self._laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
+        self._detector_m = np.ascontiguousarray(
+            capture.detector_m if capture.round_trip else np.empty((0, 3))
+        )
+
+    def fields(self, z_m: float) -> Field:
+        """Return the fields on the plane at depth `z_m`: (F, y, x) complex128."""
+        fields = np.zeros((*self._grid.shape[1:], len(self.band)), np.complex128)
+        _sum(
+            self._emitted,
+            self._laser_m,
+            self._detector_m,
+            self._grid.x_m,
+            self._grid.y_m,
+            z_m,
+            self.band.first_rad_per_s / C_M_PER_S,
+            self.band.step_rad_per_s / C_M_PER_S,
+            fields,
+        )
+        return np.ascontiguousarray(fields.transpose(2, 0, 1))
+
+
+@njit(nogil=True, cache=True, parallel=True)
+def _sum(
+    emitted: NDArray[np.complex128],
+    laser_m: NDArray[np.float64],
+    detector_m: NDArray[np.float64],
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    z_m: float,
+    k: float,
+    step: float,
+    fields: NDArray[np.complex128],
+) -> None:
+    """Add exp(i k path) emitted/r_p over positions into (y, x, F); k grows by `step` with each frequency."""
+    for j in prange(len(y_m)):
+        for i in range(len(x_m)):
+            for p in range(len(laser_m)):
+                across = (laser_m[p, 0] - x_m[i]) ** 2 + (laser_m[p, 1] - y_m[j]) ** 2
+                r_p = np.sqrt(across + (laser_m[p, 2] - z_m) ** 2)
+                path = r_p
+                if len(detector_m) > 0:
+                    across = (detector_m[p, 0] - x_m[i]) ** 2 + (detector_m[p, 1] - y_m[j]) ** 2
+                    path += np.sqrt(across + (detector_m[p, 2] - z_m) ** 2)
+                wave = np.exp(1j * k * path) / r_p
+                turn = np.exp(1j * step * path)
+                for f in range(emitted.shape[1]):
+                    fields[j, i, f] += wave * emitted[p, f]
+                    wave *= turn
+
+
+focus = spectral(DirectPropagator, np.complex128)

@@ -1,0 +1,61 @@
+"""What a solver is given, and the seam that all of them share.
+
+A solver is a function of a task that yields U(v, t) plane by plane, (T, y, x) complex, in order of depth. It
+asks the camera for light, reading times and aperture weights, and never what camera it is.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import Camera
+from recon.capture import Capture
+from recon.grid import VoxelGrid
+from recon.preparation import Fades
+from recon.reach import Slab, plane_times_s
+from recon.wave import Light
+
+
+def ignore(fraction: float) -> None:
+    """Take progress that nobody asked for."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to image.
+
+    Attributes
+    ----------
+    capture, grid
+        Histograms with their geometry, and voxels.
+    camera, light
+        What to see, and its illumination.
+    slabs
+        Parts of the volume with the bins and frequencies that image them, covering all planes in order.
+    fades
+        Soft edges of the record.
+    progress
+        To be called with the fraction that is done.
+    """
+
+    capture: Capture
+    grid: VoxelGrid
+    camera: Camera
+    light: Light
+    slabs: tuple[Slab, ...]
+    fades: Fades
+    progress: Callable[[float], None] = ignore
+
+    def times_s(self, plane: int) -> NDArray[np.float64]:
+        """(T, y or 1, x or 1) moments at which the plane is read."""
+        return plane_times_s(self.capture, self.grid, self.camera, self.grid.z_m[plane])
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(P,) weight of each position."""
+        return self.camera.aperture_weights(self.capture.laser_m)
+
+
+Solver = Callable[[Task], Iterator[NDArray[np.complexfloating]]]

@@ -1,0 +1,156 @@
+"""Videos of the transient camera, plane by plane: never all depths, moments and pixels at once in memory.
+
+For each plane the fields of all frequencies are kept, and one small matrix product turns them into its
+frames; these go to a sink, and into a front view that holds one image for each moment. In memory, for F
+frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front view and, on each thread, about
+8 (F + 3 T) V bytes; `recon.solvers.spectral.PLANE_BYTES` bounds the latter by running fewer threads.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import TransientCamera
+from recon.capture import C_M_PER_S, Capture
+from recon.errors import ParameterError
+from recon.grid import VoxelGrid
+from recon.imaging import Progress, plan, planes
+from recon.preparation import Fades
+from recon.reach import path_limits_m
+from recon.wave import VirtualPulse
+
+#: How depths are put into one picture: the greatest intensity, or the sum of all, or what is on the surface.
+Over = Literal["max", "sum", "surface"]
+#: Takes the number of a plane and its frames, (T, y, x) float32 intensity.
+Sink = Callable[[int, NDArray[np.float32]], None]
+#: Frames in a pulse's full width at half maximum.
+FRAMES_PER_PULSE = 4
+
+
+@dataclass(frozen=True)
+class Video:
+    """A front view at many moments.
+
+    Attributes
+    ----------
+    grid
+        The voxels that were seen.
+    times_s
+        (T,) moments since the flash of the virtual source.
+    intensity
+        (T, y, x) float32, over depth as `over` says.
+    over
+        The greatest intensity over depth, its sum, or that at the surface.
+    """
+
+    grid: VoxelGrid
+    times_s: NDArray[np.float64]
+    intensity: NDArray[np.float32]
+    over: Over
+
+
+def video(
+    capture: Capture,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    camera: TransientCamera,
+    *,
+    solver: str = "rsd",
+    over: Over = "max",
+    surface_m: NDArray[np.float64] | NDArray[np.float32] | None = None,
+    sink: Sink | None = None,
+    fades: Fades | None = None,
+    progress: Progress | None = None,
+) -> Video:
+    """Film how the flash of one point source travels through the hidden scene.
+
+    Parameters
+    ----------
+    capture, pulse, grid, solver, fades, progress
+        As of `recon.imaging.image`.
+    camera
+        Which moments to show.
+    over
+        How depths are put into one picture. A camera with one aperture tells depth by focus alone: light of
+        one place is seen at all depths, out of focus, dz/c earlier or later. "max" and "sum" show all of
+        that; "surface" shows each pixel at the depth where something is.
+    surface_m
+        (y, x) depth of the surface for "surface", NaN where there is none, e.g. `recon.depth.depth_map` of
+        the confocal camera's image.
+    sink
+        Takes every plane of voxels as it is made, in order of depth.
+
+    Raises
+    ------
+    GeometryError, ReachError, ParameterError
+        As of `recon.imaging.image`.
+    """
+    if (surface_m is None) == (over == "surface"):
+        raise ParameterError(
+            "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
+        )
+    task = plan(capture, pulse, grid, camera, fades or Fades(), progress)
+    plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
+    seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
+    for index, fields in enumerate(planes(task, solver)):
+        frames = (fields.real**2 + fields.imag**2).astype(np.float32)
+        if sink:
+            sink(index, frames)
+        if plane_of_surface is not None:
+            seen += frames * (plane_of_surface == index)
+        elif over == "max":
+            np.maximum(seen, frames, out=seen)
+        else:
+            seen += frames
+    return Video(grid, np.asarray(camera.times_s, np.float64), seen, over)
+
+
+def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:
+    """Return the plane nearest to the surface at each pixel, -1 where there is none."""
+    nearest = np.abs(z_m[:, None, None] - np.nan_to_num(surface_m)).argmin(axis=0)
+    return np.where(np.isfinite(surface_m), nearest, -1)
+
+
+def frame_times_s(
+    capture: Capture, pulse: VirtualPulse, grid: VoxelGrid, frames_s: tuple[float, float, float] | None = None
+) -> NDArray[np.float64]:
+    """Choose the moments of a video.
+
+    Unasked, it begins half a pulse before the source's light reaches the nearest voxel, and goes on for twice
+    the time that light takes to the farthest, so that light by way of other surfaces is seen too, as far as
+    the record goes; a pulse's width takes `FRAMES_PER_PULSE` frames.
+
+    Parameters
+    ----------
+    capture, pulse, grid
+        What will be filmed.
+    frames_s
+        First moment, last, and step.
+
+    Raises
+    ------
+    ParameterError
+        If the moments run backwards.
+    """
+    width_s = pulse.cycles * pulse.wavelength_m / C_M_PER_S
+    if frames_s is None:
+        probe = TransientCamera(np.zeros(1))
+        near_m, _ = path_limits_m(capture, grid, probe)  # of the aperture's leg alone
+        shortest_m, longest_m = path_limits_m(capture, grid)
+        _, far_m = path_limits_m(capture, grid, probe)
+        end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s
+        first_s = (shortest_m - near_m) / C_M_PER_S - width_s / 2
+        last_s = min(2 * (longest_m - far_m) / C_M_PER_S, end_s - near_m / C_M_PER_S)
+        frames_s = (first_s, max(first_s, last_s), width_s / FRAMES_PER_PULSE)
+    first_s, last_s, step_s = frames_s
+    if not (last_s >= first_s and step_s > 0):
+        raise ParameterError(
+            "video",
+            f"frames from {first_s} s to {last_s} s, {step_s} s apart",
+            "moments must ascend",
+            "Write them as first:last:step, e.g. 2ns:20ns:0.2ns.",
+        )
+    return first_s + step_s * np.arange(int((last_s - first_s) / step_s + 1e-6) + 1, dtype=np.float64)
