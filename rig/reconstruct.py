@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from recon import advice
+from recon.baselines.solve import Baseline, BaselineImage, baseline_image
 from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
 from recon.imaging import Image, Solver, image
@@ -27,7 +28,7 @@ DEPTH_THRESHOLD = 0.05
 class Request:
     """What was asked for; None leaves the choice to the program."""
 
-    solver: Solver = "rsd"
+    solver: Solver | Baseline = "rsd"
     wavelength_m: float | None = None
     cycles: float = 6.0
     depth_m: tuple[float, float, float] | None = None
@@ -35,6 +36,7 @@ class Request:
     height_m: float | None = None
     voxel_m: float | None = None
     fade_from_s: float | None = None
+    snr: float | None = None
 
 
 @dataclass(frozen=True)
@@ -78,9 +80,15 @@ class Result:
         """Return the result as a person reads it."""
         volume, parameters = self.volume, self.volume.parameters
         depth, height, width = volume.intensity.shape
+        if "wavelength_m" in parameters:
+            how = {
+                "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
+                "solver": f"{parameters['solver']}, {parameters['cycles']:g} cycles",
+            }
+        else:
+            how = {"solver": str(parameters["solver"])}
         return {
-            "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
-            "solver": f"{parameters['solver']}, {parameters['cycles']:g} cycles",
+            **how,
             "positions": f"{self.positions:,}",
             "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
             "took": f"{self.took_s:.1f} s",
@@ -118,12 +126,18 @@ def reconstruct(
         )
         fade_from_s = scan.fade_from_s if request.fade_from_s is None else request.fade_from_s
         warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s)
-        focused = image(
-            capture, pulse, grid, solver=request.solver, fades=Fades(start_s=fade_from_s), progress=progress
-        )
+        fades = Fades(start_s=fade_from_s)
+        focused: Image | BaselineImage
+        if request.solver == "rsd" or request.solver == "backprojection":
+            focused = image(capture, pulse, grid, solver=request.solver, fades=fades, progress=progress)
+        else:
+            focused = baseline_image(
+                capture, grid, solver=request.solver, fades=fades, snr=request.snr, progress=progress
+            )
+            warnings.extend(focused.notes)
         volume = _volume(focused, scan_path.name, scan.digest)
     write_volume(volume_path, volume)
-    save(_picture(volume), picture_path)
+    save(_picture(volume, focused.falloff_power), picture_path)
     took_s = time.monotonic() - began_s
     return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
 
@@ -134,9 +148,9 @@ def _wavelength(request: Request, capture: Capture, response_s: float | None) ->
     return advice.wavelength(capture, response_s)
 
 
-def _volume(focused: Image, scan: str, digest: str) -> Volume:
+def _volume(focused: Image | BaselineImage, scan: str, digest: str) -> Volume:
     grid, intensity = focused.grid, focused.intensity
-    seen = compensate_falloff(intensity, grid.z_m, power=4.0)
+    seen = compensate_falloff(intensity, grid.z_m, focused.falloff_power)
     return Volume(
         intensity=intensity,
         x_m=grid.x_m,
@@ -144,10 +158,7 @@ def _volume(focused: Image, scan: str, digest: str) -> Volume:
         z_m=grid.z_m,
         depth_m=depth_map(seen, grid.z_m, DEPTH_THRESHOLD),
         parameters={
-            "camera": "confocal",
-            "solver": focused.solver,
-            "wavelength_m": focused.pulse.wavelength_m,
-            "cycles": focused.pulse.cycles,
+            **_method(focused),
             "fade_from_s": focused.fades.start_s,
             "depth_threshold": DEPTH_THRESHOLD,
         },
@@ -156,7 +167,20 @@ def _volume(focused: Image, scan: str, digest: str) -> Volume:
     )
 
 
-def _picture(volume: Volume) -> Any:
+def _method(focused: Image | BaselineImage) -> dict[str, Any]:
+    if isinstance(focused, BaselineImage):
+        return {"solver": focused.solver} | ({} if focused.snr is None else {"snr": focused.snr})
+    return {
+        "camera": "confocal",
+        "solver": focused.solver,
+        "wavelength_m": focused.pulse.wavelength_m,
+        "cycles": focused.pulse.cycles,
+    }
+
+
+def _picture(volume: Volume, falloff_power: float) -> Any:
     """Draw the volume with its fall-off compensated, so that far objects are seen beside near ones."""
-    seen = dataclasses.replace(volume, intensity=compensate_falloff(volume.intensity, volume.z_m, power=4.0))
-    return volume_figure(seen, compensation="z⁴")
+    if not falloff_power:
+        return volume_figure(volume)
+    lifted = compensate_falloff(volume.intensity, volume.z_m, falloff_power)
+    return volume_figure(dataclasses.replace(volume, intensity=lifted), compensation="z⁴")

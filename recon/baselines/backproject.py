@@ -172,7 +172,9 @@ def _step_m(axis_m: F64, otherwise_m: float) -> float:
 
 def _smallest_side_m(grid: VoxelGrid) -> float:
     """Return the smallest spacing of the axes; 1 cm for a single voxel."""
-    return min((_step_m(axis, 0.01) for axis in (grid.x_m, grid.y_m, grid.z_m) if len(axis) > 1), default=0.01)
+    return min(
+        (_step_m(axis, 0.01) for axis in (grid.x_m, grid.y_m, grid.z_m) if len(axis) > 1), default=0.01
+    )
 
 
 def _bins(capture: Capture, grid: VoxelGrid) -> slice:
@@ -209,8 +211,9 @@ def _sum_at_delays(
 ) -> None:
     """Add a block of positions to the volume.
 
-    Single precision tells paths of metres to better than a micrometre. The loop along x has no branches, so
-    that it vectorises, table look-up included; one detector's leg is common to all positions.
+    Single precision tells paths of metres to better than a micrometre. Delays along x are a loop of their own
+    without branches, which vectorises; unsigned indices spare the look-up a test for negative ones. One
+    detector's leg is common to all positions.
     """
     last = np.float32(counts.shape[1] - 2)
     zero = np.float32(0)
@@ -219,6 +222,8 @@ def _sum_at_delays(
     for row in prange(len(z_m) * len(y_m)):
         k, j = row // len(y_m), row % len(y_m)
         total = np.zeros(width, np.float32)
+        node = np.empty(width, np.uint32)
+        part = np.empty(width, np.float32)
         to_detector = np.empty(width, np.float32)
         for p in range(len(laser_m)):
             if p == 0 or not single:
@@ -236,9 +241,12 @@ def _sum_at_delays(
                 w = d - x_m[i]
                 path_m = np.sqrt(w * w + across) + to_detector[i]
                 at = min(max(path_m * bins_per_m - b, zero), last)
-                n = np.int32(at)
+                node[i] = np.uint32(np.int32(at))
+                part[i] = at - np.floor(at)
+            for i in range(width):
+                n = node[i]
                 here = histogram[n]
-                total[i] += here + (histogram[n + 1] - here) * (at - np.float32(n))
+                total[i] += here + (histogram[n + np.uint32(1)] - here) * part[i]
         for i in range(width):
             volume[k, j, i] += total[i]
 

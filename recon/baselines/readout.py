@@ -51,7 +51,11 @@ class LateralAxis:
 
 
 def read_voxels(
-    values: NDArray[np.float32], depth_edges_m: NDArray[np.float64], y: LateralAxis, x: LateralAxis, grid: VoxelGrid
+    values: NDArray[np.float32],
+    depth_edges_m: NDArray[np.float64],
+    y: LateralAxis,
+    x: LateralAxis,
+    grid: VoxelGrid,
 ) -> NDArray[np.float32]:
     """Average over voxels.
 

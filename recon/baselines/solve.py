@@ -32,6 +32,8 @@ class BaselineImage:
         counts (bp), minus their second derivatives (laplacian-fbp, log-fbp), albedo (lct), |psi|^2 (fk).
     solver, fades
         What was asked.
+    snr
+        Ratio of signal to noise power of the Wiener filter; None where there is none.
     notes
         What a reader has to know, in sentences.
     """
@@ -40,6 +42,7 @@ class BaselineImage:
     amplitude: NDArray[np.float32]
     solver: Baseline
     fades: Fades
+    snr: float | None
     notes: tuple[str, ...]
 
     @property
@@ -59,7 +62,7 @@ def baseline_image(
     *,
     solver: Baseline,
     fades: Fades | None = None,
-    snr: float = lct.SNR,
+    snr: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> BaselineImage:
     """Image a volume by an earlier method.
@@ -76,7 +79,7 @@ def baseline_image(
     fades
         Soft edges of the record; by default only its end is softened.
     snr
-        Ratio of signal to noise power for "lct"; others do not use it.
+        Ratio of signal to noise power for "lct", by default `lct.SNR`. Others have no such filter.
     progress
         Called with the fraction that is done.
 
@@ -87,9 +90,12 @@ def baseline_image(
     ReachError
         If no path to the volume falls inside the record.
     ParameterError
-        If the volume is not in front of the wall, the solver unknown, or the ratio not positive.
+        If the volume is not in front of the wall, the solver unknown, or a ratio not positive or given to
+        another solver.
     """
     fades = fades or Fades()
+    if solver == "lct" and snr is None:
+        snr = lct.SNR
     _check(capture, grid, solver, snr)
     if solver == "bp":
         amplitude, notes = backproject.backproject(capture, grid, fades, progress), []
@@ -100,20 +106,25 @@ def baseline_image(
     else:
         lattice = ConfocalLattice.of(capture, solver)
         notes = lattice.notes()
-        if solver == "lct":
+        if snr is not None:
             amplitude = lct.reconstruct(capture, lattice, grid, fades, snr=snr, progress=progress)
         else:
             amplitude = fk.reconstruct(capture, lattice, grid, fades, progress=progress)
-    return BaselineImage(grid, amplitude, solver, fades, tuple(notes))
+    return BaselineImage(grid, amplitude, solver, fades, snr, tuple(notes))
 
 
-def _check(capture: Capture, grid: VoxelGrid, solver: str, snr: float) -> None:
+def _check(capture: Capture, grid: VoxelGrid, solver: str, snr: float | None) -> None:
     if solver not in BASELINES:
         raise ParameterError(
             "solver", repr(solver), "there is no such baseline", f"Choose one of {', '.join(BASELINES)}."
         )
-    if not snr > 0:
-        raise ParameterError("solver lct", f"a signal-to-noise ratio of {snr}", "it is not positive", "Try 1.")
+    if snr is not None and not (snr > 0 and solver == "lct"):
+        raise ParameterError(
+            f"solver {solver}",
+            f"a signal-to-noise ratio of {snr}",
+            "it is not positive" if solver == "lct" else "it has no such filter",
+            f"Leave it out; solver lct takes ratios above 0, and {lct.SNR} by default.",
+        )
     if grid.size == 0 or grid.z_m[0] <= 0:
         raise ParameterError(
             "volume",

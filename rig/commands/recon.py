@@ -15,6 +15,11 @@ class Solver(StrEnum):
 
     RSD = "rsd"
     BACKPROJECTION = "backprojection"
+    BP = "bp"
+    LAPLACIAN_FBP = "laplacian-fbp"
+    LOG_FBP = "log-fbp"
+    LCT = "lct"
+    FK = "fk"
 
 
 class Camera(StrEnum):
@@ -27,7 +32,12 @@ def recon(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     camera: Annotated[Camera, typer.Option(help="What the virtual camera does.")] = Camera.CONFOCAL,
     solver: Annotated[
-        Solver, typer.Option(help="rsd: by FFT, quick. backprojection: any geometry, slow.")
+        Solver,
+        typer.Option(
+            help="rsd: by FFT, quick. backprojection: any geometry, slow. The others are earlier methods without "
+            "without a virtual wave, to compare with: bp, laplacian-fbp, log-fbp for any geometry, lct and fk for "
+            "confocal grids."
+        ),
     ] = Solver.RSD,
     wavelength: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
@@ -56,6 +66,10 @@ def recon(
             metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
         ),
     ] = None,
+    snr: Annotated[
+        float | None,
+        typer.Option(metavar="RATIO", help="Signal to noise power, for lct only. [dim]\\[0.8][/dim]"),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="VOLUME.h5", help="The volume. [dim]\\[SCAN-volume.h5][/dim]"),
@@ -74,6 +88,8 @@ def recon(
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm --image letters.png
 
       rig recon scan.h5 --solver backprojection --voxel 4cm    the slow independent reference
+
+      rig recon scan.h5 --solver lct --snr 0.5         an earlier method, to compare with
     """
     from rig.commands import console
     from rig.quantities import parse
@@ -91,6 +107,7 @@ def recon(
         height_m=length(height),
         voxel_m=length(voxel),
         fade_from_s=parse(fade_from, "time") if fade_from else None,
+        snr=snr,
     )
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")
