@@ -57,7 +57,7 @@ def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progr
     group = max(1, floor(_smallest_side_m(grid) / (C_M_PER_S * capture.bin_width_s)))
     bin_m = group * capture.bin_width_s * C_M_PER_S
     volume = np.zeros(grid.shape, np.float32)
-    axes = [axis.astype(np.float32) for axis in (grid.x_m, grid.y_m, grid.z_m)]
+    x_m, y_m, z_m = (axis.astype(np.float32) for axis in (grid.x_m, grid.y_m, grid.z_m))
     for block, counts, begin_m in faded_blocks(capture, fades, _bins(capture, grid)):
         grouped = _grouped(counts, group)
         detector_m = capture.detector_m if len(capture.detector_m) == 1 else capture.detector_m[block]
@@ -69,7 +69,9 @@ def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progr
                 (detector_m if len(detector_m) == 1 else detector_m[part]).astype(np.float32),
                 ((begin_m[part] + bin_m / 2) / bin_m - 1).astype(np.float32),
                 np.float32(1 / bin_m),
-                *axes,
+                x_m,
+                y_m,
+                z_m,
                 volume,
             )
             if progress:
@@ -172,9 +174,8 @@ def _step_m(axis_m: F64, otherwise_m: float) -> float:
 
 def _smallest_side_m(grid: VoxelGrid) -> float:
     """Return the smallest spacing of the axes; 1 cm for a single voxel."""
-    return min(
-        (_step_m(axis, 0.01) for axis in (grid.x_m, grid.y_m, grid.z_m) if len(axis) > 1), default=0.01
-    )
+    axes = (axis for axis in (grid.x_m, grid.y_m, grid.z_m) if len(axis) > 1)
+    return min((float(axis[1] - axis[0]) for axis in axes), default=0.01)
 
 
 def _bins(capture: Capture, grid: VoxelGrid) -> slice:
@@ -263,7 +264,7 @@ def _spread(
     bins_per_m: float,
     counts: F32,
 ) -> None:
-    """Add every voxel to the two bins nearest to its delay; counts have guard bins, one before, two behind."""
+    """Add every voxel to the two bins nearest to its delay; guard bins take what is outside."""
     last = counts.shape[1] - 2
     for p in prange(len(laser_m)):
         for k in range(len(z_m)):

@@ -1,4 +1,4 @@
-"""f-k migration of confocal data (Lindell, Wetzstein and O'Toole, ACM Transactions on Graphics 38, 116, 2019).
+"""f-k migration of confocal data (Lindell, Wetzstein, O'Toole, ACM Transactions on Graphics 38, 116, 2019).
 
 All surfaces are thought to send a pulse at t = 0 that travels at half the speed of light, so that it reaches
 the wall at the radius r = c t/2 and amplitude falls as 1/r. A diffuse surface's counts fall as r^-4, so the
@@ -10,14 +10,14 @@ the wave at t = 0, which is the image, is
 
     psi(x, y, z) = sum over k of psi^(k_x, k_y, |k|) k_z/|k| exp(2 pi i (k_x x + k_y y + k_z z)) , k_z > 0
 
-and |psi|^2 is shown. Only k_z > 0 is taken, the part of the wave that goes to the wall, so psi is analytic and
-|psi|^2 has no carrier.
+and |psi|^2 is shown. Only k_z > 0 is taken, the part of the wave that goes to the wall, so psi is analytic
+and |psi|^2 has no carrier.
 
 The spectrum is wanted between its samples. Straight lines between them dim late times and leave ghosts; here
 each is read by a Kaiser-Bessel window over six samples of a spectrum of twice the length, the data having
 been divided by the window's transform before (Beatty, Nishimura and Pauly, IEEE Transactions on Medical
-Imaging 24, 799, 2005), right to about 1e-5. The record's middle is the origin of time meanwhile, and its phase
-is given back.
+Imaging 24, 799, 2005), right to about 1e-5. The record's middle is the origin of time meanwhile, and its
+phase is given back.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ from recon.capture import Capture
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
 
-#: Samples that the window spans, and its shape for a spectrum of twice the length (Beatty et al., equation 5).
+#: Samples that the window spans, and its shape for a spectrum of twice the length (Beatty et al., eq. 5).
 TAPS = 6
 BETA = float(np.pi * np.sqrt((TAPS / 2) ** 2 * 1.5**2 - 0.8))
 #: Nodes of the window's table from one sample to the next; straight lines between them are right to 1e-6.
@@ -152,8 +152,8 @@ def _stolt(
 ) -> None:
     """Read each row of the spectrum at |k| for every k_z, with the obliquity factor k_z/|k|.
 
-    Wavenumbers are in steps of k_z; the spectrum has the same step, since it has twice the radii. The middle
-    of the record, at radius index R/2 + 1/2 - 1/2 (a sample is half a step from its index), gives the phase.
+    Wavenumbers are in steps of k_z; the spectrum has the same step, since it has twice the radii. The
+    record's middle, R/2 + 1/2 steps from the origin, gives the phase.
     """
     radii = spectrum.shape[2] - 1
     taps = table.shape[1]

@@ -4,7 +4,8 @@ A small diffuse surface at (x, y, z) returns, to the spot (x', y') that is lit a
 r = c t/2, the part 1/r^4 of its albedo rho. With u = z^2 and v = r^2 the light cone
 r^2 = (x' - x)^2 + (y' - y)^2 + z^2 has the same shape wherever its tip is:
 
-    r^4 H(x', y', v) = sum over x, y, u of S(x, y, u) h(x' - x, y' - y, v - u) ,   h = delta(v - u - x^2 - y^2)
+    r^4 H(x', y', v) = sum over x, y, u of S(x, y, u) h(x' - x, y' - y, v - u)
+    h(x, y, w) = delta(w - x^2 - y^2)
 
 H being the counts in a step of v, and S = rho du/(2 sqrt(u)) the albedo in a step of u. A Wiener filter takes
 it back: S^ = H^ conj(h^) / (|h^|^2 + 1/SNR), h scaled to unit power as in that paper.

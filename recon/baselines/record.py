@@ -108,8 +108,8 @@ class ConfocalLattice:
         found = []
         if self.approximate:
             found.append(
-                "an approximation: data of one detector spot were converted to confocal data at the midpoints "
-                "by normal moveout, which is right for what is straight in front of the midpoint only"
+                "this is an approximation: data of one detector spot were converted to confocal data at the "
+                "midpoints by normal moveout, which is exact only straight in front of each midpoint"
             )
         points = self.aperture.row * self.shape[1] + self.aperture.column
         missing = self.shape[0] * self.shape[1] - len(np.unique(points))

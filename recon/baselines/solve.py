@@ -97,12 +97,13 @@ def baseline_image(
     if solver == "lct" and snr is None:
         snr = lct.SNR
     _check(capture, grid, solver, snr)
+    notes: list[str] = []
     if solver == "bp":
-        amplitude, notes = backproject.backproject(capture, grid, fades, progress), []
+        amplitude = backproject.backproject(capture, grid, fades, progress)
     elif solver == "laplacian-fbp":
-        amplitude, notes = backproject.laplacian_filtered(capture, grid, fades, progress), []
+        amplitude = backproject.laplacian_filtered(capture, grid, fades, progress)
     elif solver == "log-fbp":
-        amplitude, notes = backproject.log_filtered(capture, grid, fades, progress), []
+        amplitude = backproject.log_filtered(capture, grid, fades, progress)
     else:
         lattice = ConfocalLattice.of(capture, solver)
         notes = lattice.notes()

@@ -34,9 +34,8 @@ def recon(
     solver: Annotated[
         Solver,
         typer.Option(
-            help="rsd: by FFT, quick. backprojection: any geometry, slow. The others are earlier methods without "
-            "without a virtual wave, to compare with: bp, laplacian-fbp, log-fbp for any geometry, lct and fk for "
-            "confocal grids."
+            help="rsd: by FFT, quick. backprojection: any geometry, slow. The others are earlier methods, to "
+            "compare with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
         ),
     ] = Solver.RSD,
     wavelength: Annotated[
