@@ -14,6 +14,7 @@ from recon.depth import compensate_falloff, depth_map
 from recon.imaging import Image, Solver, image
 from recon.preparation import Fades
 from recon.wave import VirtualPulse
+from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, write_volume
 from rig.pictures import save, volume_figure
@@ -129,6 +130,8 @@ def reconstruct(
         fades = Fades(start_s=fade_from_s)
         focused: Image | BaselineImage
         if request.solver == "rsd" or request.solver == "backprojection":
+            if request.snr is not None:
+                raise UsageError(f"solver {request.solver} has no Wiener filter; --snr is for --solver lct")
             focused = image(capture, pulse, grid, solver=request.solver, fades=fades, progress=progress)
         else:
             focused = baseline_image(

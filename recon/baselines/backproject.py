@@ -58,7 +58,7 @@ def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progr
     bin_m = group * capture.bin_width_s * C_M_PER_S
     volume = np.zeros(grid.shape, np.float32)
     x_m, y_m, z_m = (axis.astype(np.float32) for axis in (grid.x_m, grid.y_m, grid.z_m))
-    for block, counts, begin_m in faded_blocks(capture, fades, _bins(capture, grid)):
+    for block, counts, begin_m in faded_blocks(capture, fades, _bins(capture, grid, 2 * group)):
         grouped = _grouped(counts, group)
         detector_m = capture.detector_m if len(capture.detector_m) == 1 else capture.detector_m[block]
         for first in range(0, len(grouped), BLOCK):
@@ -178,12 +178,12 @@ def _smallest_side_m(grid: VoxelGrid) -> float:
     return min((float(axis[1] - axis[0]) for axis in axes), default=0.01)
 
 
-def _bins(capture: Capture, grid: VoxelGrid) -> slice:
-    """Return the bins that the volume needs, and one on either side."""
+def _bins(capture: Capture, grid: VoxelGrid, margin: int) -> slice:
+    """Return the bins that the volume needs, and `margin` on either side."""
     shortest_m, longest_m = path_limits_m(capture, grid)
     bin_m = C_M_PER_S * capture.bin_width_s
-    first = floor((shortest_m - C_M_PER_S * float(capture.first_bin_s.max())) / bin_m) - 1
-    stop = ceil((longest_m - C_M_PER_S * float(capture.first_bin_s.min())) / bin_m) + 1
+    first = floor((shortest_m - C_M_PER_S * float(capture.first_bin_s.max())) / bin_m) - margin
+    stop = ceil((longest_m - C_M_PER_S * float(capture.first_bin_s.min())) / bin_m) + margin
     first = min(max(0, first), capture.bins)
     return slice(first, max(first, min(capture.bins, stop)))
 
