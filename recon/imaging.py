@@ -47,9 +47,6 @@ class Image:
     fades: Fades
     slabs: tuple[Slab, ...]
 
-    #: Power of 1/depth left in the intensity that `compensate_falloff` should undo for the eye.
-    falloff_power = 4.0
-
     @property
     def intensity(self) -> NDArray[np.float32]:
         """(z, y, x) float32 intensity I = |U|^2."""

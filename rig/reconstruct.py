@@ -23,6 +23,8 @@ from rig.quantities import show_length
 #: A pixel has a depth where its intensity, compensated for the fall-off with depth, is at least this part of
 #: the greatest.
 DEPTH_THRESHOLD = 0.05
+#: Power of depth with which pictures undo the fall-off of the intensity, unless the volume names another.
+FALLOFF = 4.0
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,14 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
+        reason = {"wavelength_reason": self.reason} if "wavelength_m" in self.volume.parameters else {}
         return {
             **self.volume.parameters,
             "scan": self.volume.scan,
             "scan_digest": self.volume.scan_digest,
             "positions": self.positions,
             "voxels": self.volume.intensity.shape[::-1],
-            "wavelength_reason": self.reason,
+            **reason,
             "warnings": list(self.warnings),
             "took_s": round(self.took_s, 2),
         }
@@ -140,7 +143,7 @@ def reconstruct(
             warnings.extend(focused.notes)
         volume = _volume(focused, scan_path.name, scan.digest)
     write_volume(volume_path, volume)
-    save(_picture(volume, focused.falloff_power), picture_path)
+    save(_picture(volume), picture_path)
     took_s = time.monotonic() - began_s
     return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
 
@@ -153,7 +156,8 @@ def _wavelength(request: Request, capture: Capture, response_s: float | None) ->
 
 def _volume(focused: Image | BaselineImage, scan: str, digest: str) -> Volume:
     grid, intensity = focused.grid, focused.intensity
-    seen = compensate_falloff(intensity, grid.z_m, focused.falloff_power)
+    method = _method(focused)
+    seen = compensate_falloff(intensity, grid.z_m, method.get("falloff_power", FALLOFF))
     return Volume(
         intensity=intensity,
         x_m=grid.x_m,
@@ -161,7 +165,7 @@ def _volume(focused: Image | BaselineImage, scan: str, digest: str) -> Volume:
         z_m=grid.z_m,
         depth_m=depth_map(seen, grid.z_m, DEPTH_THRESHOLD),
         parameters={
-            **_method(focused),
+            **method,
             "fade_from_s": focused.fades.start_s,
             "depth_threshold": DEPTH_THRESHOLD,
         },
@@ -172,7 +176,8 @@ def _volume(focused: Image | BaselineImage, scan: str, digest: str) -> Volume:
 
 def _method(focused: Image | BaselineImage) -> dict[str, Any]:
     if isinstance(focused, BaselineImage):
-        return {"solver": focused.solver} | ({} if focused.snr is None else {"snr": focused.snr})
+        method = {"solver": focused.solver, "falloff_power": focused.falloff_power}
+        return method if focused.snr is None else {**method, "snr": focused.snr}
     return {
         "camera": "confocal",
         "solver": focused.solver,
@@ -181,9 +186,9 @@ def _method(focused: Image | BaselineImage) -> dict[str, Any]:
     }
 
 
-def _picture(volume: Volume, falloff_power: float) -> Any:
+def _picture(volume: Volume) -> Any:
     """Draw the volume with its fall-off compensated, so that far objects are seen beside near ones."""
-    if not falloff_power:
+    if volume.parameters.get("falloff_power", FALLOFF) == 0:
         return volume_figure(volume)
-    lifted = compensate_falloff(volume.intensity, volume.z_m, falloff_power)
-    return volume_figure(dataclasses.replace(volume, intensity=lifted), compensation="z⁴")
+    seen = dataclasses.replace(volume, intensity=compensate_falloff(volume.intensity, volume.z_m, FALLOFF))
+    return volume_figure(seen, compensation="z⁴")

@@ -42,11 +42,10 @@ def compare(
 
     def by(solver: str) -> NDArray[np.float32]:
         if solver == "rsd":
-            result = image(capture, pulse, grid, fades=fades)
-        else:
-            result = baseline_image(capture, grid, solver=solver, fades=fades)
-        lifted = compensate_falloff(result.intensity, grid.z_m, result.falloff_power)
-        return np.sqrt(lifted)
+            field = image(capture, pulse, grid, fades=fades).field
+            return np.abs(compensate_falloff(field, grid.z_m))
+        result = baseline_image(capture, grid, solver=solver, fades=fades)
+        return compensate_falloff(result.amplitude, grid.z_m, result.falloff_power / 2)
 
     results = {}
     for solver in (*BASELINES, "rsd"):

@@ -52,7 +52,7 @@ class LightCone:
     def __init__(self, y: LateralAxis, x: LateralAxis, steps: int, step_m2: float) -> None:
         self._y, self._x, self._steps = y, x, steps
         # From any point to any other, nothing comes around the period.
-        latest = max(y.count * y.pitch_m, 0) ** 2 + max(x.count * x.pitch_m, 0) ** 2
+        latest = (y.count * y.pitch_m) ** 2 + (x.count * x.pitch_m) ** 2
         self._period = good_size(steps + min(steps, int(np.ceil(latest / step_m2))) + 1, True)
         q = 2 * np.pi / (self._period * step_m2) * np.arange(self._period // 2 + 1)
         along = np.sinc(q * step_m2 / (2 * np.pi)) ** 2
@@ -140,8 +140,9 @@ def reconstruct(
     """Image a volume.
 
     Steps of u and v are even, so depth is finest far away: dz = du/(2 z). They are chosen so that at the
-    nearest plane (or a quarter of the farthest depth, where that is more) dz is half the planes' spacing or
-    the radius that a bin stands for, whichever is more.
+    nearest plane (or at a quarter of the greatest radius, where that is more: so there are never more than
+    twice as many steps as radii) dz is half the planes' spacing or the radius that a bin stands for,
+    whichever is more.
 
     Parameters
     ----------
@@ -166,8 +167,9 @@ def reconstruct(
     y = LateralAxis.covering(lattice.aperture.y, grid.y_m)
     x = LateralAxis.covering(lattice.aperture.x, grid.x_m)
     depth_m = radial_step_m(capture, grid)
-    step_m2 = 2 * max(float(grid.z_m[0]), float(grid.z_m[-1]) / 4) * depth_m
-    steps = int(np.ceil(farthest_m(capture, lattice, grid) ** 2 / step_m2))
+    far_m = farthest_m(capture, lattice, grid)
+    step_m2 = 2 * max(float(grid.z_m[0]), far_m / 4) * depth_m
+    steps = int(np.ceil(far_m**2 / step_m2))
     edges_m2 = step_m2 * np.arange(steps + 1, dtype=np.float64)
     record = confocal_record(capture, lattice, fades, np.sqrt(edges_m2))
     record *= ((edges_m2[1:] + edges_m2[:-1]) / 2) ** (falloff_power / 2)

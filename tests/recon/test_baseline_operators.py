@@ -186,6 +186,24 @@ def test_shells_conserve_counts_and_moveout():
     np.testing.assert_allclose(record, expected, atol=1e-4)
 
 
+def test_moveout_is_short_by_what_is_said():
+    """Off the midpoint's axis the radius is short by b^2 cos^2(theta)/(8 r), to the next order in b/r."""
+    laser_m, detector_m = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]), np.array([[-0.1, 0.0, 0.0]])
+    middle_m, b = np.zeros(3), 0.2
+    edges_m = np.arange(0.5, 1.5, 1e-4)
+    for angle in (0.0, 0.4, 0.8):
+        point = 0.9 * np.array([np.sin(angle), 0, np.cos(angle)])
+        counts = np.zeros((2, 10000), np.uint32)
+        path_m = np.linalg.norm(laser_m[0] - point) + np.linalg.norm(detector_m[0] - point)
+        counts[0, int(path_m / C_M_PER_S / 1e-12)] = 1
+        capture = Capture(ArrayHistograms(counts), 1e-12, np.zeros(1), laser_m, detector_m)
+        record = confocal_record(capture, ConfocalLattice.of(capture, "test"), UNFADED, edges_m)[0, 1]
+        r = np.average((edges_m[1:] + edges_m[:-1]) / 2, weights=record)
+        short_m = b**2 * np.sin(angle) ** 2 / (8 * np.linalg.norm(point - middle_m))
+        # A bin is 0.15 mm of radius, a shell 0.1 mm; the next order is (b/2r)^2 of 2.9 mm.
+        assert 0.9 - r == pytest.approx(short_m, abs=0.15e-3)
+
+
 def test_voxels_are_means_over_their_extent():
     random = np.random.default_rng(5)
     y, x = lateral(3, 0.1), lateral(4, 0.1)

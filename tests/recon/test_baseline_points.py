@@ -76,15 +76,9 @@ def test_one_detector_point_is_found(name, solver):
 def test_one_detector_point_is_found_by_normal_moveout(name, solver):
     laser_m, first_bin_s = WALLS[name]
     capture = taken(laser_m, SPOT, first_bin_s)
-    # Normal moveout shortens the distance by b^2 cos^2(theta)/(8 r); the mean over the positions is how far
-    # the point comes too near. Across, its gradient tilts the wave by as much over the aperture's half width.
-    line_m = laser_m - SPOT
-    from_middle_m = POINT - (laser_m + SPOT) / 2
-    r = np.linalg.norm(from_middle_m, axis=1)
-    short_m = (line_m * from_middle_m).sum(axis=1) ** 2 / r**2 / (8 * r)
-    across = np.ptp(short_m) / (np.ptp(laser_m[:, 0]) / 4) * POINT[2]
-    error_m = np.abs(found(capture, solver) - POINT)
-    assert np.all(error_m <= VOXEL + np.array([across, across, short_m.mean()]))
+    # Moveout brings the point nearer by b^2 cos^2(theta)/(8 r): 5.6 mm at most on these walls, 0.6 mm on
+    # average.
+    assert np.all(np.abs(found(capture, solver) - POINT) <= VOXEL)
     result = baseline_image(capture, GRID, solver=solver)
     assert "approximation" in result.notes[0]
     assert ("taken as dark" in result.notes[-1]) == (name == "square skipped")
