@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from recon import advice
+from recon.baselines.solve import BASELINES, Baseline, baseline_image
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
@@ -35,6 +36,8 @@ from rig.quantities import show, show_length
 DEPTH_THRESHOLD = 0.05
 #: Power of depth, or of time since the flash, with which pictures undo the fall-off of the intensity.
 FALLOFF = 4.0
+#: Part of that power which the virtual wave does not need, since its 1/r took only z^-2; see `depth_map`.
+LIFTED = 2.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Request:
     frames_s: tuple[float, float, float] | None = None
     over: Over = "surface"
     all_depths: bool = False
+    snr: float | None = None
 
 
 class _Asked(TypedDict):
@@ -101,7 +105,7 @@ class Result:
             "positions": self.positions,
             "voxels": (len(volume.x_m), len(volume.y_m), len(volume.z_m)),
             **moments,
-            "wavelength_reason": self.reason,
+            **({"wavelength_reason": self.reason} if self.reason else {}),
             "warnings": list(self.warnings),
             "took_s": round(self.took_s, 2),
         }
@@ -114,10 +118,16 @@ class Result:
         if volume.t_s is not None:
             first, last = (show(float(t_s), "s") for t_s in (volume.t_s[0], volume.t_s[-1]))
             moments = {"frames": f"{len(volume.t_s)}, {first} to {last} after the flash"}
+        wave = {}
+        if "wavelength_m" in parameters:
+            wave = {
+                "camera": parameters["camera"],
+                "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
+                "pulse": f"{parameters['cycles']:g} cycles",
+            }
         return {
-            "camera": parameters["camera"],
-            "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
-            "solver": f"{parameters['solver']}, {parameters['cycles']:g} cycles",
+            **wave,
+            "solver": str(parameters["solver"]),
             "positions": f"{self.positions:,}",
             "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
             **moments,
@@ -145,6 +155,7 @@ def reconstruct(
         If it cannot be imaged as asked.
     """
     began_s = time.monotonic()
+    _check(request)
     if video_path:
         check_video(video_path)
         if request.camera != "transient":
@@ -162,6 +173,12 @@ def reconstruct(
             depth_m=request.depth_m,
         )
         fade_from_s = scan.fade_from_s if request.fade_from_s is None else request.fade_from_s
+        if request.solver in BASELINES:
+            volume, notes = _baseline(request, capture, grid, Fades(start_s=fade_from_s), progress)
+            volume = dataclasses.replace(volume, scan=scan_path.name, scan_digest=scan.digest)
+            write_volume(volume_path, volume)
+            save(_picture(volume), picture_path)
+            return Result(volume, "", notes, capture.positions, time.monotonic() - began_s)
         camera = _camera(request, capture, pulse, grid)
         warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s, camera.light(pulse))
         if request.solver == "fresnel":
@@ -199,6 +216,45 @@ def reconstruct(
         save_video(_seen(volume), video_path, compensation="t⁴")
     took_s = time.monotonic() - began_s
     return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
+
+
+def _check(request: Request) -> None:
+    """Refuse options that do not go together."""
+    if request.snr is not None and request.solver != "lct":
+        raise UsageError(f"solver {request.solver} has no Wiener filter; --snr is for --solver lct")
+    if request.solver in BASELINES and request.camera != "confocal":
+        raise UsageError(
+            f"solver {request.solver} forms no virtual wave, so it has no {request.camera} camera; "
+            "use rsd, or leave --camera out"
+        )
+
+
+def _baseline(
+    request: Request,
+    capture: Capture,
+    grid: VoxelGrid,
+    fades: Fades,
+    progress: Callable[[float], None] | None,
+) -> tuple[Volume, tuple[str, ...]]:
+    """Image with one of the methods that come before virtual waves; return what to say about it, too."""
+    found = baseline_image(
+        capture, grid, solver=cast(Baseline, request.solver), fades=fades, snr=request.snr, progress=progress
+    )
+    volume = Volume(
+        intensity=found.intensity,
+        x_m=grid.x_m,
+        y_m=grid.y_m,
+        z_m=grid.z_m,
+        parameters={
+            "solver": found.solver,
+            "falloff_power": found.falloff_power,
+            "fade_from_s": fades.start_s,
+            "depth_threshold": DEPTH_THRESHOLD,
+            **({} if found.snr is None else {"snr": found.snr}),
+        },
+    )
+    depth_m = _depths(volume.intensity, volume.z_m, found.falloff_power, lifted=0.0)
+    return dataclasses.replace(volume, depth_m=depth_m), tuple(found.notes)
 
 
 def _wavelength(request: Request, capture: Capture, response_s: float | None) -> advice.Choice:
@@ -258,23 +314,29 @@ def _with(volume: Volume, **parameters: Any) -> Volume:
     return dataclasses.replace(volume, parameters={**volume.parameters, **parameters})
 
 
-def _depths(intensity: NDArray[np.float32], z_m: NDArray[np.float64]) -> NDArray[np.float32]:
-    return depth_map(compensate_falloff(intensity, z_m, power=FALLOFF), z_m, DEPTH_THRESHOLD)
+def _depths(
+    intensity: NDArray[np.float32], z_m: NDArray[np.float64], falloff: float = FALLOFF, lifted: float = LIFTED
+) -> NDArray[np.float32]:
+    return depth_map(compensate_falloff(intensity, z_m, falloff), z_m, DEPTH_THRESHOLD, lifted=lifted)
 
 
 def _seen(volume: Volume) -> Volume:
     """Compensate the fall-off, so that far objects are seen beside near ones: with depth, or with time."""
     if volume.t_s is None:
         return dataclasses.replace(
-            volume, intensity=compensate_falloff(volume.intensity, volume.z_m, power=FALLOFF)
+            volume, intensity=compensate_falloff(volume.intensity, volume.z_m, _falloff(volume))
         )
     rise = (np.maximum(volume.t_s, 0) / volume.t_s[-1]) ** FALLOFF
     return dataclasses.replace(volume, intensity=volume.intensity * rise.astype(np.float32)[:, None, None])
 
 
+def _falloff(volume: Volume) -> float:
+    return float(volume.parameters.get("falloff_power", FALLOFF))
+
+
 def _picture(volume: Volume) -> Figure:
     if volume.t_s is not None:
         return frames_figure(_seen(volume), compensation="t⁴")
-    if volume.parameters["camera"] == "photo":
+    if volume.parameters.get("camera") == "photo":
         return refocus_figure(volume)
-    return volume_figure(_seen(volume), compensation="z⁴")
+    return volume_figure(_seen(volume), compensation="z⁴" if _falloff(volume) else "")

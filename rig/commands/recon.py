@@ -17,6 +17,11 @@ class Solver(StrEnum):
     FRESNEL = "fresnel"
     DIRECT = "direct"
     BACKPROJECTION = "backprojection"
+    BP = "bp"
+    LAPLACIAN_FBP = "laplacian-fbp"
+    LOG_FBP = "log-fbp"
+    LCT = "lct"
+    FK = "fk"
 
 
 class Camera(StrEnum):
@@ -48,7 +53,8 @@ def recon(
         Solver,
         typer.Option(
             help="rsd: by FFT, quick, exact. fresnel: paraxial, for far scenes. direct: the defining sum, "
-            "very slow. backprojection: any geometry, slow."
+            "very slow. backprojection: any geometry, slow. The others are earlier methods, to compare "
+            "with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
         ),
     ] = Solver.RSD,
     wavelength: Annotated[
@@ -78,6 +84,10 @@ def recon(
             metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
         ),
     ] = None,
+    snr: Annotated[
+        float | None,
+        typer.Option(metavar="RATIO", help="Signal to noise power, for lct only. [dim]\\[0.8][/dim]"),
+    ] = None,
     frames: Annotated[
         str | None,
         typer.Option(
@@ -105,15 +115,15 @@ def recon(
 
     [bold]Examples[/bold]
 
-      rig recon scan.h5                                everything chosen by the program, and said
+      rig recon scan.h5                    everything chosen by the program
 
-      rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm --image letters.png
+      rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
 
-      rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm    refocused from plane to plane
+      rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm
 
-      rig recon scan.h5 --camera transient --video flash.gif    light on its way through the scene
+      rig recon scan.h5 --camera transient --video flash.gif
 
-      rig recon scan.h5 --solver backprojection --voxel 4cm    the slow independent reference
+      rig recon scan.h5 --solver lct       an earlier method, to compare with
     """
     from rig.commands import console
     from rig.quantities import parse
@@ -135,6 +145,7 @@ def recon(
         height_m=length(height),
         voxel_m=length(voxel),
         fade_from_s=parse(fade_from, "time") if fade_from else None,
+        snr=snr,
     )
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")
