@@ -57,10 +57,10 @@ def test_point_is_found(rig, scan, solver, confocal):
 def test_ratio_is_taken_where_it_has_a_meaning(rig, scan):
     path = scan(True)
     assert json.loads(rig("recon", path, "--solver", "lct", "--snr", "3", "--json").out)["snr"] == 3
-    for solver, word in (("fk", "no such filter"), ("rsd", "lct")):
+    for solver in ("fk", "rsd"):
         refused = rig("recon", path, "--solver", solver, "--snr", "3")
         assert refused.code == 2
-        assert word in refused.err
+        assert "--snr is for --solver lct" in refused.err
 
 
 def test_summary_names_the_solver(rig, scan):

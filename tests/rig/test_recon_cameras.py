@@ -11,6 +11,7 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
+from recon.baselines.solve import BASELINES
 from recon.capture import C_M_PER_S
 from recon.imaging import SOLVERS
 from rig.commands.recon import Solver
@@ -194,4 +195,4 @@ def test_a_video_by_planes_appears_whole_or_not_at_all(tmp_path):
 
 
 def test_every_solver_has_its_name_on_the_command_line():
-    assert {solver.value for solver in Solver} == set(SOLVERS)
+    assert {solver.value for solver in Solver} == {*SOLVERS, *BASELINES}
