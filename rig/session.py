@@ -54,7 +54,7 @@ def _simulated(config: RigConfig) -> Iterator[_Wires]:
     """Build the simulated bench and put its devices at the ends of the wires."""
     from simulators.bench import Bench, BenchGeometry
     from simulators.clock import BenchClock
-    from simulators.photons import Detector, Optics, ThreeBouncePhotons
+    from simulators.photons import Detector, HiddenScenePhotons, Optics
     from simulators.scenes import scene
     from simulators.wire.rack import Rack
 
@@ -69,7 +69,9 @@ def _simulated(config: RigConfig) -> Iterator[_Wires]:
         hidden = scene(simulation.scene)
     except ValueError as error:
         raise ConfigError(f"simulation.scene: {error}") from None
-    photons = ThreeBouncePhotons(hidden, geometry, Optics(), Detector())
+    if simulation.roughness is not None:
+        hidden = hidden.with_roughness(simulation.roughness)
+    photons = HiddenScenePhotons(hidden, geometry, Optics(), Detector(), bounces=simulation.bounces)
     clock = BenchClock(real_time=simulation.real_time)
     with Rack(Bench(photons, geometry, seed=simulation.seed, clock=clock)) as rack:
         yield _Wires(

@@ -29,7 +29,10 @@ def scan(
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Hidden scene of the simulated rig. [dim]\\[letters][/dim]"),
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")
