@@ -10,6 +10,9 @@ from simulators.geometry import Patches
 from simulators.threads import each
 from simulators.visibility import Occluders, shade
 
+#: By what fraction the light that arrives from a cluster may at most exceed what leaves it.
+SLACK = 1e-3
+
 #: How far apart [m] two surfaces count as being for one unit between their normals, so that both sides of a
 #: board, and the faces of a corner, do not end up in one cluster.
 NORMAL_M = 0.3
@@ -49,10 +52,8 @@ def gather(patches: Patches, number: int) -> Clusters:
     from scipy.spatial import cKDTree
 
     if not len(patches.area_m2):
-        none = np.empty(0)
-        return Clusters(
-            np.empty((0, 3)), np.empty((0, 3)), none, none, np.empty(0, np.int64), np.empty(0, bool)
-        )
+        none, nowhere = np.empty(0), np.empty((0, 3))
+        return Clusters(nowhere, nowhere, none, none, np.empty(0, np.int64), np.empty(0, bool))
     order = np.lexsort((_morton(patches.centre_m), np.abs(patches.normal).argmax(axis=1)))
     reached = np.cumsum(patches.area_m2[order])
     levels = (np.arange(number) + 0.5) / number * reached[-1]
@@ -87,7 +88,9 @@ def form_factors(clusters: Clusters, blockers: Occluders) -> NDArray[np.float64]
     """Return (M, M) form factors between clusters [1/m^2], symmetric, 0 where something stands between.
 
     cos cos / (pi r^2 + (A_j + A_k) / 2): the area keeps near neighbours, whose light is spread over more than
-    a point, from exchanging more than there is (a disk seen from over its middle: pi r^2 + A exactly).
+    a point, from exchanging more than there is (a disk seen from over its middle: pi r^2 + A exactly). Where
+    clusters meet in a corner it is still up to a quarter too much: those are scaled down until from none more
+    light arrives than leaves it, so that bounces can only lose light.
     """
     forms = np.zeros((len(clusters.area_m2),) * 2)
 
@@ -96,7 +99,10 @@ def form_factors(clusters: Clusters, blockers: Occluders) -> NDArray[np.float64]
         shade(blockers, clusters.centre_m[j], clusters.centre_m[:j], forms[j, :j])
 
     each(row, len(forms))
-    return forms + forms.T
+    forms += forms.T
+    while (excess := np.maximum(forms @ clusters.area_m2, 1.0)).max(initial=1.0) > 1 + SLACK:
+        forms /= np.sqrt(excess[:, None] * excess)
+    return forms
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -136,6 +136,9 @@ class ExtraBounces:
         self._tails = tails_per_m2
         self._cumulative = tails_per_m2.cumsum(axis=2)
         self._span = _span(self._cumulative)
+        total = self._cumulative[:, :, -1]
+        moment_m = tails_per_m2 @ (BIN_M * np.arange(tails_per_m2.shape[2]))
+        self._mean_m: NDArray[np.float64] = moment_m / np.where(total > 0, total, 1.0)
         self._last: tuple[Spot, _Lit] | None = None
 
     def from_spot(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -149,10 +152,8 @@ class ExtraBounces:
             (K,) mean length of the whole path [m].
         """
         reflected, side, leg_m = self._lit(laser_spot_m)
-        member, tails_m = self._clusters.member, BIN_M * np.arange(self._tails.shape[2])
-        total = self._cumulative[:, :, -1]
-        mean_m = (self._tails @ tails_m) / np.where(total > 0, total, 1.0)
-        return reflected * total[member, side], leg_m + mean_m[member, side]
+        member, total = self._clusters.member, self._cumulative[:, :, -1]
+        return reflected * total[member, side], leg_m + self._mean_m[member, side]
 
     def random_paths(
         self, laser_spot_m: Spot, weight_per_m2: NDArray[np.float64], number: int, rng: np.random.Generator
@@ -177,7 +178,7 @@ class ExtraBounces:
         reflected, side, leg_m = self._lit(laser_spot_m)
         bins = np.zeros(self._tails.shape[2] + ceil(leg_m.max(initial=0.0) / BIN_M) + 2)
         _spread(reflected, leg_m / BIN_M, self._clusters.member, side, self._tails, *self._span, bins)
-        return bins, BIN_M * np.arange(len(bins))
+        return bins, BIN_M * np.arange(len(bins), dtype=np.float64)
 
     def transient(self, laser_spot_m: Spot, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (B,) expected photons per m^2 between B + 1 ascending edges after the wall [s]."""
@@ -202,10 +203,9 @@ class ExtraBounces:
 
 def _span(cumulative: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first bin (M, 2) of each tail with light, and the one after the last that matters."""
-    total = cumulative[:, :, -1:]
-    return (cumulative > 0).argmax(axis=2), (cumulative < (1 - FAINT) * total).sum(axis=2) + (
-        total[:, :, 0] > 0
-    )
+    total = cumulative[:, :, -1]
+    enough = (1 - FAINT) * total[:, :, None]
+    return (cumulative > 0).argmax(axis=2), (cumulative < enough).sum(axis=2) + (total > 0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
