@@ -74,7 +74,7 @@ class Interreflections:
         self.clusters = gather(patches, clusters)
         if bounces > 4:
             self.clusters = with_wall(self.clusters, WALL_M, WALL_PITCH_M, wall_albedo)
-        self.forms = form_factors(self.clusters, blockers)
+        self.forms, self.distances_m = form_factors(self.clusters, blockers)
 
     def towards(self, detector_spot_m: Spot) -> "ExtraBounces":
         """Sum up all that leads from the clusters to one detector spot."""
@@ -103,10 +103,10 @@ class Interreflections:
         """Put one more surface before each tail."""
         more = np.zeros_like(tails)
         first, last = _span(tails.cumsum(axis=2))
-        centre_m, normal = self.clusters.centre_m, self.clusters.normal
+        centre_m, normal, places = self.clusters.centre_m, self.clusters.normal, self.distances_m / BIN_M
         each(
             lambda j: _bounce(
-                j, self.forms[j], centre_m, normal, reflecting, tails, first, last, BIN_M, more[j]
+                j, self.forms[j], places[j], centre_m, normal, reflecting, tails, first, last, more[j]
             ),
             len(more),
         )
@@ -235,7 +235,7 @@ def _add(tail, b, early, late, bins):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _bounce(j, forms, centre, normal, reflecting, tails, first, last, width, more):  # type: ignore[no-untyped-def]
+def _bounce(j, forms, places, centre, normal, reflecting, tails, first, last, more):  # type: ignore[no-untyped-def]
     """Add to ``more`` (2, B) what leaves either side of cluster j and goes on by the tails of the others.
 
     Light is shared between two bins so that the mean time is kept.
@@ -243,17 +243,15 @@ def _bounce(j, forms, centre, normal, reflecting, tails, first, last, width, mor
     for k in range(len(forms)):
         if forms[k] == 0.0:
             continue
-        from_j, to_k, r2 = 0.0, 0.0, 0.0
+        from_j, to_k = 0.0, 0.0
         for axis in range(3):
             d = centre[k, axis] - centre[j, axis]
-            r2 += d * d
             from_j += d * normal[j, axis]
             to_k += d * normal[k, axis]
         here = 0 if from_j > 0.0 else 1
         there = 1 if to_k > 0.0 else 0
-        place = np.sqrt(r2) / width
-        b = int(place)
-        late = (place - b) * forms[k] * reflecting[k]
+        b = int(places[k])
+        late = (places[k] - b) * forms[k] * reflecting[k]
         early = forms[k] * reflecting[k] - late
         _add(tails[k, there, first[k, there] : last[k, there]], b + first[k, there], early, late, more[here])
 
