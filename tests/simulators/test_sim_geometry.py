@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from simulators.geometry import USUAL_PATCHES, cut, subdivide
 from simulators.scenes import scene
-from simulators.visibility import occluders, shade
+from simulators.visibility import STACK, occluders, shade
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
 triangle = st.tuples(*[st.tuples(coordinate, coordinate, coordinate)] * 3).map(np.array)
@@ -94,20 +94,20 @@ def test_the_tree_of_boxes_finds_what_each_triangle_alone_hides(triangles, point
     assert light.tolist() == alone.tolist()
 
 
-def test_a_tree_over_many_triangles_is_shallow_and_complete():
-    """Halving at the median: 2^13 leaves hold 20 000 triangles, and no more nodes than twice that."""
+def test_a_tree_over_many_triangles_is_complete_and_within_the_stack():
     rng = np.random.default_rng(8)
-    triangles_m = rng.uniform(-1, 1, (20_000, 1, 3)) + rng.uniform(-0.02, 0.02, (20_000, 3, 3))
+    near, far = rng.uniform(-1, 1, (10_000, 1, 3)), rng.uniform(-1, 1, (10_000, 1, 3)) ** 9
+    triangles_m = np.concatenate([near, far]) + rng.uniform(-0.02, 0.02, (20_000, 3, 3))
     tree = occluders(triangles_m)
     leaves = tree.size > 0
     assert tree.size[leaves].sum() == 20_000
     assert sorted(tree.first[leaves]) == np.cumsum([0, *tree.size[leaves]])[:-1].tolist()
-    assert len(tree.size) < 2 * 2**13
+    assert len(tree.size) < 2 * 20_000
 
     def depth(node):
         return 1 if leaves[node] else 1 + max(depth(node + 1), depth(tree.first[node]))
 
-    assert depth(0) <= 14
+    assert depth(0) < STACK
 
 
 def test_a_surface_does_not_hide_itself():
