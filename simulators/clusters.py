@@ -109,8 +109,8 @@ def form_factors(clusters: Clusters, blockers: Occluders) -> tuple[NDArray[np.fl
     """Return (M, M) form factors between clusters [1/m^2] and the distances (M, M) that light goes [m].
 
     Both are symmetric; a form factor is 0 where something stands between the centres. From centre to centre
-    it is cos cos / (pi r^2); for clusters that are near each other, cos cos / (pi r^2 + a) averaged over their
-    points. The mean area a of what a point stands for keeps those that almost touch from exchanging more than
+    it is cos cos / (pi r^2); for clusters near each other, cos cos / (pi r^2 + a) averaged over their points.
+    The mean area a of what a point stands for keeps those that almost touch from exchanging more than
     there is (a disk seen from over its middle: pi r^2 + a exactly). What is left of that in corners is scaled
     down until from no side of a cluster more light arrives than leaves it, so that bounces only lose light.
     """
