@@ -33,7 +33,7 @@ def office() -> Scene:
 
 
 def _chair() -> tuple[Mesh, ...]:
-    """Build a chair that stands at x = -0.4, 1 m away, and turns its back to the right of the camera."""
+    """Build a chair at x = -0.4, its seat 0.85 to 1.25 m away and its rest behind that."""
     legs = [box((x, -0.6, z), (x + 0.03, -0.201, z + 0.03)) for x in (-0.6, -0.23) for z in (0.85, 1.22)]
     seat = box((-0.6, -0.2, 0.85), (-0.2, -0.16, 1.25))
     posts = [box((x, -0.159, 1.22), (x + 0.03, 0.3, 1.25)) for x in (-0.6, -0.23)]
@@ -43,13 +43,13 @@ def _chair() -> tuple[Mesh, ...]:
 
 
 def _desk() -> tuple[Mesh, ...]:
-    """Build a desk 2.2 m away with a monitor, a lamp's foot and a stack of paper on it."""
+    """Build a desk 2.2 m away with a monitor and a stack of paper on it."""
     top = box((-0.95, -0.3, 2.2), (-0.2, -0.26, 2.7))
     legs = [box((x, -0.85, z), (x + 0.05, -0.301, z + 0.05)) for x in (-0.95, -0.25) for z in (2.2, 2.65)]
     screen = box((-0.85, -0.1, 2.45), (-0.4, 0.22, 2.48), turn_deg=-8)
     stand = box((-0.66, -0.259, 2.46), (-0.6, -0.101, 2.5))
     return (
         joined("desk", top, *legs, albedo=0.6),
-        joined("monitor", screen, stand, albedo=0.6, roughness=0.15),
+        joined("monitor", screen, stand, albedo=0.6, roughness=0.4),
         joined("paper", box((-0.38, -0.259, 2.25), (-0.24, -0.19, 2.45)), albedo=0.85),
     )
