@@ -67,7 +67,7 @@ def _simulated(config: RigConfig) -> Iterator[_Wires]:
     )
     try:
         hidden = scene(simulation.scene)
-    except ValueError as error:
+    except (ValueError, ModuleNotFoundError) as error:
         raise ConfigError(f"simulation.scene: {error}") from None
     if simulation.roughness is not None:
         hidden = hidden.with_roughness(simulation.roughness)
