@@ -159,6 +159,11 @@ class SimulationConfig(_Section):
     """The simulated bench, when there is no hardware."""
 
     scene: str = "letters"
+    """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
+    bounces: Literal[3, 4, 5] = 3
+    """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
+    roughness: float | None = Field(None, ge=0.05, le=1)
+    """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)

@@ -68,17 +68,24 @@ def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -
 def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
     from simulators.brightness import tuned
     from simulators.optics import Optics
-    from simulators.photons import ThreeBouncePhotons
+    from simulators.photons import HiddenScenePhotons
     from simulators.scenes import scene
 
     simulation = config.simulation or SimulationConfig()
     try:
         hidden = scene(simulation.scene)
-    except ValueError as error:
+    except (ValueError, ModuleNotFoundError) as error:
         raise ConfigError(f"simulation.scene: {error}") from None
+    if simulation.roughness is not None:
+        hidden = hidden.with_roughness(simulation.roughness)
     faults = simulation.faults
-    photons = ThreeBouncePhotons(
-        hidden, geometry, Optics(), _detector(faults), _first_bounce(faults, simulation.seed)
+    photons = HiddenScenePhotons(
+        hidden,
+        geometry,
+        Optics(),
+        _detector(faults),
+        _first_bounce(faults, simulation.seed),
+        bounces=simulation.bounces,
     )
     if simulation.count_rate_hz is None:
         return photons

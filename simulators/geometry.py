@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 #: Longest edge of a patch [m]; halving leaves right triangles with legs of about 1 cm.
 PATCH_EDGE_M = 0.02
 
+#: Large scenes are cut coarser, into about this many patches. An edge of 6 cm at 1 m shifts the times inside
+#: a patch by at most edge^2 / (8 r) = 0.45 mm or 1.5 ps, and its shade by half a patch.
+USUAL_PATCHES = 12_000
+
 
 class Patches(NamedTuple):
     """Small flat triangles, K of them.
@@ -27,6 +31,10 @@ class Patches(NamedTuple):
         (K,) areas [m^2].
     albedo
         (K,) fraction of light reflected.
+    roughness
+        (K,) 1 for Lambertian surfaces, below for glossy ones.
+    retro
+        (K,) whether the gloss points back to where light comes from.
     triangle
         (K,) which triangle of the scene each was cut from.
     """
@@ -36,6 +44,8 @@ class Patches(NamedTuple):
     normal: NDArray[np.float64]
     area_m2: NDArray[np.float64]
     albedo: NDArray[np.float64]
+    roughness: NDArray[np.float64]
+    retro: NDArray[np.bool_]
     triangle: NDArray[np.int64]
 
 
@@ -77,18 +87,34 @@ def subdivide(
     return np.concatenate([p for p, _ in done]), np.concatenate([t for _, t in done])
 
 
-def cut(scene: "Scene", edge_m: float = PATCH_EDGE_M) -> Patches:
-    """Cut all surfaces of a scene into patches with no edge longer than ``edge_m`` [m]."""
+def cut(scene: "Scene", edge_m: float | None = None) -> Patches:
+    """Cut all surfaces of a scene into patches with no edge longer than ``edge_m`` [m].
+
+    Without ``edge_m`` it is `PATCH_EDGE_M`, or more where that would give far more than `USUAL_PATCHES`.
+    """
+    if edge_m is None:
+        # halved right triangles have between 1/8 and 1/4 of the area of their longest edge's limit squared
+        edge_m = max(
+            PATCH_EDGE_M, float(np.sqrt(6 * _twice_areas(scene.triangles_m).sum() / 2 / USUAL_PATCHES))
+        )
     corners_m, triangle = subdivide(scene.triangles_m, edge_m)
-    across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-    twice_area = np.linalg.norm(across, axis=1)
+    twice_area = _twice_areas(corners_m)
     real = twice_area > 0  # a triangle without area reflects nothing and has no normal
-    corners_m, across, twice_area, triangle = corners_m[real], across[real], twice_area[real], triangle[real]
+    corners_m, twice_area, triangle = corners_m[real], twice_area[real], triangle[real]
+    across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    of_mesh = scene.mesh_index[triangle]
     return Patches(
         corners_m=corners_m,
         centre_m=corners_m.mean(axis=1),
         normal=across / twice_area[:, None],
         area_m2=twice_area / 2,
         albedo=scene.albedo[triangle],
+        roughness=np.array([mesh.roughness for mesh in scene.meshes])[of_mesh],
+        retro=np.array([mesh.retro for mesh in scene.meshes], dtype=bool)[of_mesh],
         triangle=triangle,
     )
+
+
+def _twice_areas(triangles_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    across = np.cross(triangles_m[:, 1] - triangles_m[:, 0], triangles_m[:, 2] - triangles_m[:, 0])
+    return np.linalg.norm(across, axis=1)

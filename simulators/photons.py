@@ -1,4 +1,4 @@
-"""What the detector of the bench sees: three-bounce light of a hidden scene, stray light and background."""
+"""What the detector of the bench sees: light of a hidden scene, stray light and background."""
 
 from math import dist
 
@@ -12,7 +12,7 @@ from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.geometry import cut
 from simulators.optics import Optics
 from simulators.scenes import Scene
-from simulators.transport import ThreeBounces
+from simulators.transport import Transport
 
 Spot = tuple[float, float, float]
 
@@ -20,19 +20,18 @@ Spot = tuple[float, float, float]
 PULSE_SPAN = np.linspace(-3, 3, 13)
 
 
-class ThreeBouncePhotons:
-    """Detections of light that went laser, wall, hidden surface, wall, detector; satisfies `bench.Photons`.
+class HiddenScenePhotons:
+    """Detections of light that went laser, wall, hidden surfaces, wall, detector; satisfies `bench.Photons`.
 
     A photon is detected at
 
-        electronics_delay + |galvo - x_p|/c + (|x_p - x| + |x - x_c|)/c + |x_c - head|/c + pulse + response
+        electronics_delay + |galvo - x_p|/c + path/c + |x_c - head|/c + pulse + response ,
 
-    after its sync pulse, folded into one sync period. Pulse and response have their Gaussian cores about
-    zero, so peaks stand where the geometry puts them; the response's tail delays the mean by
-    ``tail_fraction * tail_s``. The whole electronics delay is counted before the light leaves the galvo, so
-    that the time at the detector, which the gate goes by, is that at the timing input but for the response.
-
-    Left out so far: more bounces.
+    where three bounces have the path |x_p - x| + |x - x_c|, after its sync pulse, folded into one sync
+    period. Pulse and response have their Gaussian cores about zero, so peaks stand where the geometry puts
+    them; the response's tail delays the mean by ``tail_fraction * tail_s``. The whole electronics delay is
+    counted before the light leaves the galvo, so that the time at the detector, which the gate goes by, is
+    that at the timing input but for the response.
 
     Parameters
     ----------
@@ -46,6 +45,13 @@ class ThreeBouncePhotons:
         Detector and electronics.
     first_bounce
         What the first bounce leaves in the record although the gate is closed; by default nothing.
+    bounces
+        3, 4 or 5, see `simulators.transport.Transport`.
+
+    Raises
+    ------
+    ValueError
+        If so many bounces cannot be followed.
     """
 
     def __init__(
@@ -55,15 +61,19 @@ class ThreeBouncePhotons:
         optics: Optics | None = None,
         detector: Detector | None = None,
         first_bounce: FirstBounce | None = None,
+        *,
+        bounces: int = 3,
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         self.optics = optics or Optics()
         self.detector = detector or Detector()
         self.first_bounce = first_bounce or FirstBounce()
-        self._bounces = ThreeBounces(cut(scene), scene.triangles_m, self.geometry.detector_spot_m)
+        albedo = self.optics.wall_albedo
+        light = Transport(cut(scene), scene.triangles_m, bounces=bounces, wall_albedo=albedo)
+        self._ways = light.towards(self.geometry.detector_spot_m)
         per_photon_m2 = self.optics.collection_m2(self.geometry) * self.detector.efficiency
         self._detections_m2_hz = self.optics.photons_per_s * per_photon_m2
-        self._lit: tuple[Spot, NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._lit: tuple[Spot, list[NDArray[np.float64]]] | None = None
 
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -87,9 +97,11 @@ class ThreeBouncePhotons:
         return self.detector.detected_hz(seen_hz, light)
 
     def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
-        weight_per_m2, path_m = self._from_spot(laser_spot_m)
-        arrival_s = self._legs_s(laser_spot_m) + path_m / C_M_PER_S
-        seen_per_m2 = float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
+        seen_per_m2 = 0.0
+        for way in self._ways:
+            weight_per_m2, path_m = way.arrivals(laser_spot_m)
+            arrival_s = self._legs_s(laser_spot_m) + path_m / C_M_PER_S
+            seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
         stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
         light_hz = light.power * (self._detections_m2_hz * seen_per_m2 + stray_hz)
@@ -103,7 +115,7 @@ class ThreeBouncePhotons:
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Draw all light that the gate has yet to pass."""
-        arrivals_s = [self._three_bounces_s(spot_m, light, duration_s, rng)]
+        arrivals_s = [self._hidden_s(spot_m, light, duration_s, rng)]
         arrivals_s.append(self._stray_s(spot_m, light, duration_s, rng))
         if light.gated:
             pulses = duration_s * light.repetition_hz * light.power
@@ -119,14 +131,16 @@ class ThreeBouncePhotons:
         early_s = self.first_bounce.passing_the_gate(spot_m, self.geometry, pulses, rng)
         return early_s + self._pulse_s(len(early_s), rng)
 
-    def _three_bounces_s(
+    def _hidden_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        weight_per_m2, _ = self._from_spot(spot_m)
-        expected = self._detections_m2_hz * light.power * duration_s * float(weight_per_m2.sum())
-        number = rng.poisson(expected)
-        path_m = self._bounces.random_paths(spot_m, weight_per_m2, number, rng)
-        return self._legs_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(number, rng)
+        """Light of the hidden scene, bounce by bounce."""
+        paths_m = []
+        for way, weight_per_m2 in zip(self._ways, self._from_spot(spot_m), strict=True):
+            expected = self._detections_m2_hz * light.power * duration_s * float(weight_per_m2.sum())
+            paths_m.append(way.random_paths(spot_m, weight_per_m2, rng.poisson(expected), rng))
+        path_m = np.concatenate(paths_m)
+        return self._legs_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
 
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -143,11 +157,11 @@ class ThreeBouncePhotons:
     def _pulse_s(self, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
         return self.optics.pulse_fwhm_s / FWHM_PER_SIGMA * rng.standard_normal(number)
 
-    def _from_spot(self, spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Weights and paths; the last spot is remembered, for exposures and rates without movement."""
+    def _from_spot(self, spot_m: Spot) -> list[NDArray[np.float64]]:
+        """Weights of each way's patches; the last spot is remembered, for exposures without movement."""
         if self._lit is None or self._lit[0] != spot_m:
-            self._lit = (spot_m, *self._bounces.from_spot(spot_m))
-        return self._lit[1:]
+            self._lit = (spot_m, [way.from_spot(spot_m)[0] for way in self._ways])
+        return self._lit[1]
 
     def _legs_s(self, spot_m: Spot) -> float:
         """Time from sync to laser spot, and from detector spot to timing input [s]."""

@@ -1,29 +1,44 @@
-"""Three bounces of light: wall, hidden surface, wall.
+"""Light from laser spots over a hidden scene to detector spots: all bounces, all rows of a capture."""
 
-For a laser spot x_p and a detector spot x_c on the wall (normal +z, Lambertian), a patch k of area A_k,
-albedo rho_k and centre x_k sends from one to the other, for one photon that leaves x_p, per m^2 at x_c,
-
-    w_k = F(x_p, k) rho_k A_k F(k, x_c) ,        F(x, k) = cos(theta_x) cos(theta_k) V(x, k) / (pi r^2) ,
-
-the form factor of radiometry between two small Lambertian surfaces (e.g. Kajiya, "The rendering equation",
-SIGGRAPH 1986), with r the distance and V 1 where nothing stands between. A patch reflects on the side it is
-lit on, so both spots must be on the same side of it. The wall's own albedo, spot areas and lenses are left
-to whoever knows them. Light of patch k arrives after the path r_p + r_c.
-"""
-
-from math import pi
+from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from simulators.constants import C_M_PER_S
+from simulators.extra_bounces import Interreflections
 from simulators.geometry import Patches
-from simulators.visibility import occluders, shade
+from simulators.threads import each
+from simulators.three_bounces import Spot, ThreeBounces
+from simulators.visibility import occluders
+
+#: How many bounces can be followed: wall, one to three surfaces (the second of three may be the wall), wall.
+BOUNCES = (3, 4, 5)
 
 
-class ThreeBounces:
-    """Light from any laser spot to one detector spot; the second leg is computed once.
+class Way(Protocol):
+    """Light of certain numbers of bounces from any laser spot to one detector spot."""
+
+    def from_spot(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (K,) light per m^2 at the detector spot by the first patch it meets, and mean paths [m]."""
+        ...
+
+    def random_paths(
+        self, laser_spot_m: Spot, weight_per_m2: NDArray[np.float64], number: int, rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Draw (number,) paths [m], given the weights that `from_spot` returned."""
+        ...
+
+    def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return light per m^2 at the detector spot and its paths [m], as fine as the way knows them."""
+        ...
+
+    def transient(self, laser_spot_m: Spot, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (B,) expected photons per m^2 between B + 1 ascending edges after the wall [s]."""
+        ...
+
+
+class Transport:
+    """All bounces that are asked for, in one scene.
 
     Parameters
     ----------
@@ -31,65 +46,77 @@ class ThreeBounces:
         Surfaces of the scene, cut small.
     triangles_m
         (T, 3, 3) triangles that block light [m]; they may be coarser than the patches.
-    detector_spot_m
-        (3,) spot x_c on the wall [m].
+    bounces
+        3, 4 or 5; the higher ones add to the lower.
+    wall_albedo
+        What the relay wall reflects in the middle of five bounces.
+
+    Raises
+    ------
+    ValueError
+        If ``bounces`` is none of these.
     """
 
     def __init__(
-        self, patches: Patches, triangles_m: NDArray[np.float64], detector_spot_m: tuple[float, float, float]
+        self,
+        patches: Patches,
+        triangles_m: NDArray[np.float64],
+        *,
+        bounces: int = 3,
+        wall_albedo: float = 0.8,
     ) -> None:
+        if bounces not in BOUNCES:
+            raise ValueError(f"{bounces} bounces cannot be followed: choose 3, 4 or 5")
         self.patches = patches
-        self.detector_spot_m = np.array(detector_spot_m, dtype=np.float64)
         self._blockers = occluders(triangles_m)
-        form, self._leg_m = _leg(self.detector_spot_m, patches.centre_m, patches.normal)
-        shade(self._blockers, self.detector_spot_m, patches.centre_m, form)
-        self._reflecting = patches.area_m2 * patches.albedo * form  # its sign tells the side that is seen
+        self._between = (
+            Interreflections(patches, self._blockers, bounces, wall_albedo) if bounces > 3 else None
+        )
 
-    def from_spot(
-        self, laser_spot_m: tuple[float, float, float]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what each patch sends from ``laser_spot_m`` to the detector spot.
+    def towards(self, detector_spot_m: Spot) -> tuple[Way, ...]:
+        """Return the ways to one detector spot; three bounces first."""
+        three = ThreeBounces(self.patches, self._blockers, detector_spot_m)
+        return (three, self._between.towards(detector_spot_m)) if self._between else (three,)
+
+    def transients(
+        self, laser_m: NDArray[np.float64], detector_m: NDArray[np.float64], edges_s: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the noise-free transients of a capture, or of a part of its rows, without any instrument.
+
+        Parameters
+        ----------
+        laser_m
+            (P, 3) laser spots [m].
+        detector_m
+            (1, 3) one detector spot for all, or (P, 3) one for each, e.g. ``laser_m`` for a confocal capture;
+            for several detectors call once for each [m].
+        edges_s
+            (B + 1,) ascending bin edges; time zero is the pulse leaving the wall [s].
 
         Returns
         -------
-        weight_per_m2
-            (K,) expected photons for one that leaves the laser spot, per m^2 at the detector spot [1/m^2].
-        path_m
-            (K,) length laser spot, patch centre, detector spot [m].
+        ndarray
+            (P, B) photons in each bin, for one photon that leaves the laser spot, per m^2 at the detector
+            spot. It takes 8 P B bytes: ask for a large capture line by line.
+
+        Raises
+        ------
+        ValueError
+            If there are neither one nor P detector spots.
         """
-        spot = np.array(laser_spot_m, dtype=np.float64)
-        form, leg_m = _leg(spot, self.patches.centre_m, self.patches.normal)
-        weight = np.maximum(form * self._reflecting, 0.0)  # nothing passes from one side to the other
-        shade(self._blockers, spot, self.patches.centre_m, weight)
-        return weight, leg_m + self._leg_m
+        if len(detector_m) not in (1, len(laser_m)):
+            raise ValueError(
+                f"{len(detector_m)} detector spots for {len(laser_m)} laser spots: give one, or as many"
+            )
+        transients = np.zeros((len(laser_m), len(edges_s) - 1))
+        shared = self.towards(tuple(detector_m[0])) if len(detector_m) == 1 else None
 
-    def random_paths(
-        self,
-        laser_spot_m: tuple[float, float, float],
-        weight_per_m2: NDArray[np.float64],
-        number: int,
-        rng: np.random.Generator,
-    ) -> NDArray[np.float64]:
-        """Draw (number,) paths [m] of photons that arrive, each through its own point of a patch.
+        def row(index: int) -> None:
+            for way in shared or self.towards(tuple(detector_m[index])):
+                transients[index] += way.transient(tuple(laser_m[index]), edges_s)
 
-        ``weight_per_m2`` is what `from_spot` returned for ``laser_spot_m``. The paths come patch by patch.
-        """
-        if number == 0:
-            return np.empty(0)
-        spot = np.array(laser_spot_m, dtype=np.float64)
-        spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
-        cumulative, corners = weight_per_m2.cumsum(), self.patches.corners_m
-        return _random_paths(cumulative, spacings, inside, corners, spot, self.detector_spot_m)
-
-    def transient(
-        self, laser_spot_m: tuple[float, float, float], edges_s: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return (B,) expected photons per m^2 between B + 1 edges; see `expected_transient`."""
-        weight, _ = self.from_spot(laser_spot_m)
-        spot = np.array(laser_spot_m, dtype=np.float64)
-        bins = np.zeros(len(edges_s) - 1)
-        _deposit(weight, self.patches.corners_m, spot, self.detector_spot_m, edges_s * C_M_PER_S, bins)
-        return bins
+        each(row, len(laser_m))
+        return transients
 
 
 def expected_transient(
@@ -98,115 +125,7 @@ def expected_transient(
     laser_m: NDArray[np.float64],
     detector_m: NDArray[np.float64],
     edges_s: NDArray[np.float64],
+    bounces: int = 3,
 ) -> NDArray[np.float64]:
-    """Return the noise-free transients of a capture, without any instrument.
-
-    Each patch's light is spread over the times that its surface really takes, with the path linear across
-    the patch; what is left out is of the order of edge^2 / (8 r), some 50 um or 0.2 ps.
-
-    Parameters
-    ----------
-    patches, triangles_m
-        The scene, as for `ThreeBounces`.
-    laser_m
-        (P, 3) laser spots [m].
-    detector_m
-        (1, 3) one detector spot for all, or (P, 3) one for each, e.g. ``laser_m`` for a confocal capture [m].
-    edges_s
-        (B + 1,) ascending bin edges; time zero is the pulse leaving the wall [s].
-
-    Returns
-    -------
-    ndarray
-        (P, B) photons in each bin, for one photon that leaves the laser spot, per m^2 at the detector spot.
-
-    Raises
-    ------
-    ValueError
-        If there are neither one nor P detector spots.
-    """
-    if len(detector_m) not in (1, len(laser_m)):
-        raise ValueError(
-            f"{len(detector_m)} detector spots for {len(laser_m)} laser spots: give one, or as many"
-        )
-    transients = np.empty((len(laser_m), len(edges_s) - 1))
-    for index, spot in enumerate(laser_m):
-        if index < len(detector_m):
-            bounces = ThreeBounces(patches, triangles_m, tuple(detector_m[index]))
-        transients[index] = bounces.transient(tuple(spot), edges_s)
-    return transients
-
-
-@njit(cache=True, error_model="numpy")
-def _leg(spot, centre, normal):  # type: ignore[no-untyped-def]
-    """Form factors (K,) [1/m^2], signed by the side that is seen, and distances (K,) [m]; nothing hidden."""
-    forms, distances = np.zeros(len(centre)), np.zeros(len(centre))
-    for k in range(len(centre)):
-        dx, dy, dz = centre[k, 0] - spot[0], centre[k, 1] - spot[1], centre[k, 2] - spot[2]
-        r2 = dx * dx + dy * dy + dz * dz
-        distances[k] = np.sqrt(r2)
-        if dz > 0.0:  # in front of the wall: dz = r cos(theta_x), along = r cos(theta_k)
-            along = dx * normal[k, 0] + dy * normal[k, 1] + dz * normal[k, 2]
-            forms[k] = dz * along / (pi * r2 * r2)
-    return forms, distances
-
-
-@njit(cache=True, error_model="numpy")
-def _path(first, point, last):  # type: ignore[no-untyped-def]
-    """Length from ``first`` through ``point`` to ``last`` [m], each (3,)."""
-    a = (point[0] - first[0]) ** 2 + (point[1] - first[1]) ** 2 + (point[2] - first[2]) ** 2
-    b = (point[0] - last[0]) ** 2 + (point[1] - last[1]) ** 2 + (point[2] - last[2]) ** 2
-    return np.sqrt(a) + np.sqrt(b)
-
-
-@njit(cache=True, error_model="numpy")
-def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: ignore[no-untyped-def]
-    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each."""
-    paths, point = np.empty(len(inside)), np.empty(3)
-    total = spacings.sum()  # sums of n + 1 exponentials, divided by the last sum, are n sorted uniforms
-    k, reached = 0, 0.0
-    for i in range(len(inside)):
-        reached += spacings[i]
-        level = reached / total * cumulative[-1]
-        while cumulative[k] < level:
-            k += 1
-        b, c = inside[i, 0], inside[i, 1]
-        if b + c > 1.0:  # fold the parallelogram onto the triangle
-            b, c = 1.0 - b, 1.0 - c
-        a = 1.0 - b - c
-        for axis in range(3):
-            point[axis] = a * corners[k, 0, axis] + b * corners[k, 1, axis] + c * corners[k, 2, axis]
-        paths[i] = _path(first, point, last)
-    return paths
-
-
-@njit(cache=True, error_model="numpy")
-def _below(path, low, mid, high):  # type: ignore[no-untyped-def]
-    """Fraction of a triangle's area where a linear function, low <= mid <= high at its corners, is < path."""
-    if path <= low:
-        return 0.0
-    if path >= high:
-        return 1.0
-    if path < mid:
-        return (path - low) ** 2 / ((mid - low) * (high - low))
-    return 1.0 - (high - path) ** 2 / ((high - mid) * (high - low))
-
-
-@njit(cache=True, error_model="numpy")
-def _deposit(weights, corners, first, last, edges, bins):  # type: ignore[no-untyped-def]
-    """Add every patch's weight to the bins that its paths cross; ``edges`` are path lengths [m]."""
-    for k in range(len(weights)):
-        if weights[k] == 0.0:
-            continue
-        a = _path(first, corners[k, 0], last)
-        b = _path(first, corners[k, 1], last)
-        c = _path(first, corners[k, 2], last)
-        low, high = min(a, b, c), max(a, b, c)
-        mid = max(min(a, b), min(max(a, b), c))
-        i = max(np.searchsorted(edges, low, side="right") - 1, 0)
-        before = _below(edges[i], low, mid, high)
-        while i < len(bins) and before < 1.0:
-            after = _below(edges[i + 1], low, mid, high)
-            bins[i] += weights[k] * (after - before)
-            before = after
-            i += 1
+    """Return (P, B) noise-free transients; see `Transport.transients`."""
+    return Transport(patches, triangles_m, bounces=bounces).transients(laser_m, detector_m, edges_s)

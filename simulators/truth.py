@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 
@@ -39,22 +40,36 @@ def first_surface(
     x_m, y_m
         (nx,), (ny,) axes [m], in any order.
     """
+    columns, rows = np.argsort(x_m), np.argsort(y_m)
     depth_m = np.full((len(y_m), len(x_m)), np.inf)
-    mesh = np.full(depth_m.shape, -1)
-    for corners, index in zip(triangles_m, mesh_index, strict=True):
-        columns = np.flatnonzero((x_m >= corners[:, 0].min()) & (x_m <= corners[:, 0].max()))
-        rows = np.flatnonzero((y_m >= corners[:, 1].min()) & (y_m <= corners[:, 1].max()))
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
-        twice_area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        if twice_area == 0:  # seen edge on
-            continue
-        px, py = x_m[columns][None, :] - ax, y_m[rows][:, None] - ay
-        b = (px * (cy - ay) - py * (cx - ax)) / twice_area
-        c = (py * (bx - ax) - px * (by - ay)) / twice_area
-        z = az + b * (bz - az) + c * (cz - az)
-        block = np.ix_(rows, columns)
-        nearer = (b >= 0) & (c >= 0) & (b + c <= 1) & (z > 0) & (z < depth_m[block])
-        depth_m[block] = np.where(nearer, z, depth_m[block])
-        mesh[block] = np.where(nearer, index, mesh[block])
+    mesh = np.full(depth_m.shape, -1, dtype=np.int64)
+    sorted_x_m, sorted_y_m = np.asarray(x_m, float)[columns], np.asarray(y_m, float)[rows]
+    _draw(triangles_m, mesh_index.astype(np.int64), sorted_x_m, sorted_y_m, depth_m, mesh)
     depth_m[mesh < 0] = np.nan
-    return Truth(depth_m, mesh)
+    back = np.ix_(np.argsort(rows), np.argsort(columns))
+    return Truth(depth_m[back], mesh[back])
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(triangles, mesh_index, x, y, depth, mesh):  # type: ignore[no-untyped-def]
+    """Draw every triangle over the points inside its box; ``x`` and ``y`` ascend."""
+    for t in range(len(triangles)):
+        ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+        bx, by, bz = triangles[t, 1, 0], triangles[t, 1, 1], triangles[t, 1, 2]
+        cx, cy, cz = triangles[t, 2, 0], triangles[t, 2, 1], triangles[t, 2, 2]
+        twice_area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if twice_area == 0.0:  # seen edge on
+            continue
+        for row in range(np.searchsorted(y, min(ay, by, cy)), len(y)):
+            if y[row] > max(ay, by, cy):
+                break
+            for column in range(np.searchsorted(x, min(ax, bx, cx)), len(x)):
+                if x[column] > max(ax, bx, cx):
+                    break
+                px, py = x[column] - ax, y[row] - ay
+                b = (px * (cy - ay) - py * (cx - ax)) / twice_area
+                c = (py * (bx - ax) - px * (by - ay)) / twice_area
+                z = az + b * (bz - az) + c * (cz - az)
+                if b >= 0.0 and c >= 0.0 and b + c <= 1.0 and 0.0 < z < depth[row, column]:
+                    depth[row, column] = z
+                    mesh[row, column] = mesh_index[t]

@@ -29,7 +29,10 @@ def scan(
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Hidden scene of the simulated rig. [dim]\\[letters][/dim]"),
+        typer.Option(
+            metavar="NAME|FILE",
+            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
+        ),
     ] = None,
     preset: Annotated[
         str | None,

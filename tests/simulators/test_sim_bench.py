@@ -6,14 +6,14 @@ import pytest
 from simulators.bench import Bench, BenchGeometry, no_detections
 from simulators.detector import Detector
 from simulators.optics import Optics
-from simulators.photons import ThreeBouncePhotons
+from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 
 QUIET = Detector(dark_hz=0, ambient_hz=0)
 
 
 def lit_bench(seed=0, **optics):
-    photons = ThreeBouncePhotons(scene("letters"), BenchGeometry(), Optics(**optics), QUIET)
+    photons = HiddenScenePhotons(scene("letters"), BenchGeometry(), Optics(**optics), QUIET)
     bench = Bench(photons, seed=seed)
     bench.change_light(emitting=True, biased=True)
     return bench

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from simulators.bench import Bench
 from simulators.cameras import Camera, Checkerboard, Sensor, default_cameras
 from simulators.lens import WALL, Distortion, Intrinsics, Lens, Pose
-from simulators.photons import ThreeBouncePhotons
+from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 
 LEFT, RIGHT = default_cameras()
@@ -112,7 +112,7 @@ def test_a_spot_out_of_sight_changes_nothing(spot):
 
 
 def test_a_camera_sees_where_the_mirror_really_points_and_whether_light_comes():
-    bench, rng = Bench(ThreeBouncePhotons(scene("empty"))), np.random.default_rng(4)
+    bench, rng = Bench(HiddenScenePhotons(scene("empty"))), np.random.default_rng(4)
 
     def brightest():
         image = LEFT.image(bench, rng)

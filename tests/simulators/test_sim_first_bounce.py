@@ -12,7 +12,7 @@ from simulators.constants import C_M_PER_S
 from simulators.detector import Detector, Ringing
 from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.optics import Optics
-from simulators.photons import ThreeBouncePhotons
+from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 
 SPOT = (0.3, 0.2, 0.0)
@@ -22,7 +22,7 @@ NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 
 def room(first_bounce, detector=EXACT, optics=NO_STRAY):
-    return ThreeBouncePhotons(scene("empty"), optics=optics, detector=detector, first_bounce=first_bounce)
+    return HiddenScenePhotons(scene("empty"), optics=optics, detector=detector, first_bounce=first_bounce)
 
 
 def expose(photons, duration_s=1.0, spot=SPOT, light=GATED, seed=0):
@@ -85,7 +85,7 @@ def test_a_failed_gate_costs_the_hidden_scene_its_photons():
     """Each early detection keeps its own gate closed: 1 - exp(-0.2) of the gates are lost; 5 sigma."""
     detector = replace(EXACT, holds_off=True)
     lit = [
-        ThreeBouncePhotons(scene("letters"), optics=NO_STRAY, detector=detector, first_bounce=bounce)
+        HiddenScenePhotons(scene("letters"), optics=NO_STRAY, detector=detector, first_bounce=bounce)
         for bounce in (FirstBounce(), FirstBounce(failed_fraction=1.0))
     ]
     late = [np.count_nonzero(expose(photons, spot=SPOT).time_s > 31e-9) for photons in lit]
@@ -130,8 +130,8 @@ def test_all_of_it_is_proportional_to_the_light():
 
 
 def test_switched_off_the_bench_is_the_ideal_one_to_the_last_bit():
-    plain = ThreeBouncePhotons(scene("letters"))
-    off = ThreeBouncePhotons(scene("letters"), first_bounce=FirstBounce(seed=5))
+    plain = HiddenScenePhotons(scene("letters"))
+    off = HiddenScenePhotons(scene("letters"), first_bounce=FirstBounce(seed=5))
     one, two = (Bench(photons, seed=3) for photons in (plain, off))
     for bench in (one, two):
         bench.change_light(**vars(GATED))

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulators.geometry import cut, subdivide
+from simulators.geometry import USUAL_PATCHES, cut, subdivide
 from simulators.scenes import scene
-from simulators.visibility import occluders, shade
+from simulators.visibility import STACK, occluders, shade
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
 triangle = st.tuples(*[st.tuples(coordinate, coordinate, coordinate)] * 3).map(np.array)
@@ -32,6 +32,13 @@ def test_subdivision_keeps_area_and_centroid_of_every_triangle(triangles, edge_m
             parent, areas(pieces_m) * pieces_m.mean(axis=1)[:, axis], minlength=len(triangles_m)
         )
         assert moments == pytest.approx(areas(triangles_m) * triangles_m.mean(axis=1)[:, axis], abs=1e-12)
+
+
+def test_large_scenes_are_cut_coarser():
+    letters, office = (np.sqrt(cut(scene(name)).area_m2.max()) for name in ("letters", "office"))
+    assert letters < 0.0142  # legs of edge / sqrt(2), and half of the square
+    assert 0.02 < office < 0.06
+    assert len(cut(scene("office")).area_m2) < 2 * USUAL_PATCHES
 
 
 def test_patches_of_a_scene_carry_its_area_and_albedo():
@@ -68,6 +75,39 @@ def test_shade_agrees_with_a_linear_solver():
         assert light.astype(bool).tolist() == expected
         checked += 60 - int(light.sum())
     assert checked > 100  # a fair part was really hidden
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(triangle, min_size=1, max_size=40),
+    st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=12),
+    st.tuples(coordinate, coordinate, coordinate),
+)
+def test_the_tree_of_boxes_finds_what_each_triangle_alone_hides(triangles, points, spot):
+    """Coordinates are rounded, so that many triangles and segments are flat, parallel or touch."""
+    triangles_m, points_m = np.array(triangles, dtype=float), np.array(points)
+    light = np.ones(len(points_m))
+    shade(occluders(triangles_m), np.array(spot), points_m, light)
+    alone = np.ones(len(points_m))
+    for one in triangles_m:
+        shade(occluders(one[None]), np.array(spot), points_m, alone)
+    assert light.tolist() == alone.tolist()
+
+
+def test_a_tree_over_many_triangles_is_complete_and_within_the_stack():
+    rng = np.random.default_rng(8)
+    near, far = rng.uniform(-1, 1, (10_000, 1, 3)), rng.uniform(-1, 1, (10_000, 1, 3)) ** 9
+    triangles_m = np.concatenate([near, far]) + rng.uniform(-0.02, 0.02, (20_000, 3, 3))
+    tree = occluders(triangles_m)
+    leaves = tree.size > 0
+    assert tree.size[leaves].sum() == 20_000
+    assert sorted(tree.first[leaves]) == np.cumsum([0, *tree.size[leaves]])[:-1].tolist()
+    assert len(tree.size) < 2 * 20_000
+
+    def depth(node):
+        return 1 if leaves[node] else 1 + max(depth(node + 1), depth(tree.first[node]))
+
+    assert depth(0) < STACK
 
 
 def test_a_surface_does_not_hide_itself():

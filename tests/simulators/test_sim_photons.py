@@ -12,7 +12,7 @@ from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
 from simulators.geometry import cut
 from simulators.optics import Optics
-from simulators.photons import ThreeBouncePhotons
+from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport import expected_transient
 
@@ -30,13 +30,13 @@ def rng(seed=0):
 
 @pytest.fixture(scope="module")
 def photons():
-    return ThreeBouncePhotons(scene("letters"))
+    return HiddenScenePhotons(scene("letters"))
 
 
 @pytest.fixture(scope="module")
 def exact():
     """Three-bounce light alone, in an instrument without any blur."""
-    return ThreeBouncePhotons(scene("letters"), optics=NO_STRAY, detector=EXACT)
+    return HiddenScenePhotons(scene("letters"), optics=NO_STRAY, detector=EXACT)
 
 
 def test_one_watt_of_green_light_is_2_68e18_photons_a_second():
@@ -96,7 +96,7 @@ def test_light_is_proportional_to_power(exact):
 def test_arrival_is_electronics_and_all_legs_of_the_way():
     """Every photon of the 2 cm patch, within the spread of its corners."""
     geometry = BenchGeometry((-0.3, 0.1, 2.4), (0.25, -0.2, 2.6), (0.1, 0.05, 0.0), 7e-9)
-    point = ThreeBouncePhotons(scene("point"), geometry, replace(NO_STRAY, power_w=500.0), EXACT)
+    point = HiddenScenePhotons(scene("point"), geometry, replace(NO_STRAY, power_w=500.0), EXACT)
     times_s = point.detections(SPOT, FREE, 1.0, rng()).time_s
     legs_m = dist(geometry.galvo_m, SPOT) + dist(geometry.detector_spot_m, geometry.detector_head_m)
     corners = [(x, y, 1.0) for x in (-0.01, 0.01) for y in (-0.01, 0.01)]
@@ -110,8 +110,8 @@ def test_arrival_is_electronics_and_all_legs_of_the_way():
 def test_times_beyond_a_period_are_folded_into_it():
     late = BenchGeometry(electronics_delay_s=12.3e-9 + 3e-7)
     args = {"optics": NO_STRAY, "detector": EXACT}
-    folded = ThreeBouncePhotons(scene("letters"), late, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
-    usual = ThreeBouncePhotons(scene("letters"), **args).detections(SPOT, FREE, 1e-2, rng()).time_s
+    folded = HiddenScenePhotons(scene("letters"), late, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
+    usual = HiddenScenePhotons(scene("letters"), **args).detections(SPOT, FREE, 1e-2, rng()).time_s
     assert folded == pytest.approx(usual, abs=1e-18)
 
 
@@ -151,24 +151,24 @@ def test_pulse_spreads_light_before_the_gate_and_response_after_it():
     late = replace(EXACT, electronics_fwhm_s=1e-9)
     built = scene("point")
     bright = replace(NO_STRAY, power_w=500.0)
-    assert ThreeBouncePhotons(built, optics=bright, detector=late).rate_hz(SPOT, light) == 0
+    assert HiddenScenePhotons(built, optics=bright, detector=late).rate_hz(SPOT, light) == 0
     assert (
-        len(ThreeBouncePhotons(built, optics=bright, detector=late).detections(SPOT, light, 1.0, rng())) == 0
+        len(HiddenScenePhotons(built, optics=bright, detector=late).detections(SPOT, light, 1.0, rng())) == 0
     )
     long = replace(bright, pulse_fwhm_s=20e-9)
     times_s = (
-        ThreeBouncePhotons(built, optics=long, detector=EXACT).detections(SPOT, light, 1.0, rng()).time_s
+        HiddenScenePhotons(built, optics=long, detector=EXACT).detections(SPOT, light, 1.0, rng()).time_s
     )
     assert len(times_s) > 100
     assert times_s.min() > 49.8e-9
     blurred_s = (
-        ThreeBouncePhotons(built, optics=long, detector=late).detections(SPOT, light, 1.0, rng()).time_s
+        HiddenScenePhotons(built, optics=long, detector=late).detections(SPOT, light, 1.0, rng()).time_s
     )
     assert blurred_s.min() < 49.8e-9
 
 
 def test_stray_light_stands_at_the_direct_path_unless_the_gate_keeps_it_out():
-    empty = ThreeBouncePhotons(
+    empty = HiddenScenePhotons(
         scene("empty"), optics=Optics(stray_per_pulse=0.02, pulse_fwhm_s=0), detector=EXACT
     )
     g = empty.geometry
@@ -186,7 +186,7 @@ def test_stray_light_stands_at_the_direct_path_unless_the_gate_keeps_it_out():
 def test_the_response_of_the_whole_system_is_65_ps_wide():
     """Stray light is a single path: its histogram is the response. 1e6 photons, 1 ps bins smoothed over 5."""
     quiet = Detector(dark_hz=0, ambient_hz=0)
-    empty = ThreeBouncePhotons(scene("empty"), optics=Optics(stray_per_pulse=0.1), detector=quiet)
+    empty = HiddenScenePhotons(scene("empty"), optics=Optics(stray_per_pulse=0.1), detector=quiet)
     times_s = empty.detections((0.0, 0.0, 0.0), FREE, 1.0, rng(2)).time_s
     g = empty.geometry
     path_m = dist(g.galvo_m, (0, 0, 0)) + dist((0, 0, 0), g.detector_head_m)

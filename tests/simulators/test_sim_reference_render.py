@@ -9,7 +9,9 @@ import pytest
 from simulators.constants import C_M_PER_S
 from simulators.geometry import cut
 from simulators.scenes import Mesh, Scene
-from simulators.transport import ThreeBounces, expected_transient
+from simulators.three_bounces import ThreeBounces
+from simulators.transport import expected_transient
+from simulators.visibility import occluders
 
 RENDERED = Path(__file__).resolve().parents[3] / "shared" / "data" / "rendered_letters_g32.h5"
 
@@ -70,7 +72,7 @@ def test_share_of_the_near_letter_agrees(rendered, expected):
     """Where all light of R arrives before any of D, time tells the letters apart."""
     built, time_s = rendered["scene"], rendered["time_s"]
     patches = cut(built)
-    three = ThreeBounces(patches, built.triangles_m, tuple(rendered["detector_m"][0]))
+    three = ThreeBounces(patches, occluders(built.triangles_m), tuple(rendered["detector_m"][0]))
     near = patches.triangle < len(built.meshes[0].faces)
     shares = []
     for index in range(0, len(expected), 7):

@@ -7,7 +7,9 @@ from scipy.stats import chi2
 from simulators.constants import C_M_PER_S
 from simulators.geometry import Patches, cut
 from simulators.scenes import Mesh, Scene, letter, quads_mesh, scene
-from simulators.transport import ThreeBounces, expected_transient
+from simulators.three_bounces import ThreeBounces
+from simulators.transport import expected_transient
+from simulators.visibility import occluders
 
 FACING = np.array([[0.01, -0.01, 0], [-0.01, -0.01, 0], [-0.01, 0.01, 0], [0.01, 0.01, 0]])
 
@@ -18,7 +20,7 @@ def plate(z_m, *, x_m=0.0, y_m=0.0, size=1.0, albedo=0.8, name="plate"):
 
 
 def bounces(built, detector_spot_m=(0.0, 0.0, 0.0)):
-    return ThreeBounces(cut(built), built.triangles_m, detector_spot_m)
+    return ThreeBounces(cut(built), occluders(built.triangles_m), detector_spot_m)
 
 
 def total(built, laser_spot_m, detector_spot_m=(0.0, 0.0, 0.0)):
@@ -74,7 +76,7 @@ def test_a_closed_room_receives_all_that_leaves_the_wall_and_the_wall_no_more_th
     half, z_m = 4.0, 1.0
     ceiling = quads_mesh("ceiling", (FACING / 0.01 * half + [0, 0, z_m])[None], 1.0)
     patches = cut(Scene("room", (ceiling,)), edge_m=0.15)
-    one = ThreeBounces(patches, ceiling.triangles_m, (0.0, 0.0, 0.0))
+    one = ThreeBounces(patches, occluders(ceiling.triangles_m), (0.0, 0.0, 0.0))
     # weight = F(p, k) A_k F(k, c): with c = p, F A_k = sqrt(weight A_k), the share of light that patch k gets
     weight, _ = one.from_spot((0.0, 0.0, 0.0))
     share = np.sqrt(weight * patches.area_m2).sum()

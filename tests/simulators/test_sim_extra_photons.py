@@ -1,0 +1,55 @@
+"""Detections with interreflections: as many as the rate says, when the transport says."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from simulators.bench import BenchGeometry, LightState
+from simulators.constants import C_M_PER_S
+from simulators.detector import Detector
+from simulators.geometry import cut
+from simulators.optics import Optics
+from simulators.photons import HiddenScenePhotons
+from simulators.scenes import scene
+from simulators.transport import expected_transient
+
+SPOT = (0.3, 0.2, 0.0)
+FREE = LightState(emitting=True, biased=True)
+GEOMETRY = BenchGeometry(galvo_m=(0.0, 0.0, 1.0), detector_head_m=(0.0, 0.0, 1.0), electronics_delay_s=0.0)
+EXACT = Detector(dark_hz=0, ambient_hz=0, jitter_fwhm_s=0, electronics_fwhm_s=0, tail_fraction=0)
+NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
+
+
+@pytest.fixture(scope="module")
+def five():
+    return HiddenScenePhotons(scene("shelf"), GEOMETRY, NO_STRAY, EXACT, bounces=5)
+
+
+def test_more_bounces_are_more_light(five):
+    three, four = (
+        HiddenScenePhotons(scene("shelf"), GEOMETRY, NO_STRAY, EXACT, bounces=n).rate_hz(SPOT, FREE)
+        for n in (3, 4)
+    )
+    assert three < four < five.rate_hz(SPOT, FREE) < 1.5 * three
+
+
+def test_counts_are_the_rate_and_times_are_the_transient(five):
+    """5 sigma; chi-square in bins of 0.4 ns, twelve times those of the tails."""
+    duration_s = 100_000 / five.rate_hz(SPOT, FREE)
+    times_s = five.detections(SPOT, FREE, duration_s, np.random.default_rng(6)).time_s
+    assert len(times_s) == pytest.approx(100_000, abs=5 * np.sqrt(100_000))
+    legs_s = (np.linalg.norm(np.subtract(SPOT, GEOMETRY.galvo_m)) + 1.0) / C_M_PER_S
+    edges_s = np.arange(6e-9, 40e-9, 0.4e-9)
+    built = scene("shelf")
+    spots = np.array([SPOT]), np.array([GEOMETRY.detector_spot_m])
+    expected = expected_transient(cut(built), built.triangles_m, *spots, edges_s, bounces=5)[0]
+    drawn, _ = np.histogram(times_s - legs_s, edges_s)
+    expected *= len(times_s) / expected.sum()
+    enough = expected > 20
+    statistic = ((drawn - expected)[enough] ** 2 / expected[enough]).sum()
+    assert statistic < chi2.isf(1e-6, enough.sum())
+
+
+def test_impossible_numbers_of_bounces_are_refused():
+    with pytest.raises(ValueError, match="2 bounces cannot be followed: choose 3, 4 or 5"):
+        HiddenScenePhotons(scene("point"), bounces=2)
