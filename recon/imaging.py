@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.aperture import recognise
+from recon.aperture import Aperture, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
 from recon.reach import Slab, path_limits_m, slabs
-from recon.solvers import backprojection, rsd
+from recon.solvers import backprojection, rsd, scattered
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
 
@@ -78,8 +78,9 @@ def image(
     grid
         Voxels, any pitch, offset and extent in front of the wall.
     solver
-        "rsd": by FFT, for a regular grid of positions on the plane z = 0; "backprojection": in time, for any
-        positions, slow.
+        "rsd": by FFT for a regular grid of positions on the plane z = 0, and for any other positions by the
+        quickest way to the same numbers (`recon.solvers.scattered`); "backprojection": in time, for any
+        positions, slow and independent.
     fades
         Soft edges of the record; by default only its end is softened.
     progress
@@ -87,8 +88,6 @@ def image(
 
     Raises
     ------
-    GeometryError
-        If the solver cannot take these positions.
     ReachError
         If no path to the volume falls inside the record.
     ParameterError
@@ -118,14 +117,7 @@ def _by_rsd(
     capture: Capture, grid: VoxelGrid, parts: list[Slab], fades: Fades, progress: Progress | None
 ) -> NDArray[np.complex64]:
     confocal = capture.confocal
-    if not confocal and len(capture.detector_m) != 1:
-        raise GeometryError(
-            "solver rsd",
-            "one detector spot, or each position lit and seen at the same spot",
-            f"there are {len(capture.detector_m)} detector spots apart from the laser's",
-            "Use the back-projection solver, which takes any pairs.",
-        )
-    aperture = recognise(capture.laser_m)
+    aperture = _aperture(capture)
     reading = (lambda part: progress(READING * part)) if progress else None
     spectra_of_slabs = spectra(capture, parts, fades, reading)
     field = np.zeros(grid.shape, np.complex64)
@@ -139,9 +131,24 @@ def _by_rsd(
             if progress:
                 progress(READING + (1 - READING) * through / len(grid.z_m))
 
+        if aperture is None:
+            field[part.planes] = scattered.focus_slab(
+                capture.laser_m, capture.detector_m, spectrum, part.band, planes, focusing
+            )
+            continue
         detector_m = None if confocal else capture.detector_m[0]
         field[part.planes] = rsd.focus_slab(aperture, spectrum, part.band, planes, detector_m, focusing)
     return field
+
+
+def _aperture(capture: Capture) -> Aperture | None:
+    """Return the wall's regular grid, or None where it has none or detectors are many."""
+    if not capture.confocal and len(capture.detector_m) != 1:
+        return None
+    try:
+        return recognise(capture.laser_m)
+    except GeometryError:
+        return None
 
 
 def _unreached(capture: Capture, grid: VoxelGrid) -> ReachError:

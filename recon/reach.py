@@ -42,12 +42,12 @@ def path_limits_m(capture: Capture, grid: VoxelGrid) -> tuple[float, float]:
     The two legs are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is
     nearest to, and one farthest from, both ends.
     """
-    laser = _leg_limits_m(capture.laser_m, grid)
-    detector = laser if capture.confocal else _leg_limits_m(capture.detector_m, grid)
+    laser = leg_limits_m(capture.laser_m, grid)
+    detector = laser if capture.confocal else leg_limits_m(capture.detector_m, grid)
     return laser[0] + detector[0], laser[1] + detector[1]
 
 
-def _leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
+def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
     """Least and greatest distance between any spot and the grid's box."""
     low = np.array([axis[0] for axis in (grid.x_m, grid.y_m, grid.z_m)])
     high = np.array([axis[-1] for axis in (grid.x_m, grid.y_m, grid.z_m)])
