@@ -2,18 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.aperture import Aperture, recognise
+from recon.budget import plan
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
 from recon.reach import Slab, path_limits_m, slabs
-from recon.solvers import backprojection, rsd, scattered
+from recon.solvers import backprojection, rsd, rsd_array, scattered
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
 
@@ -61,6 +63,8 @@ def image(
     solver: Solver = "rsd",
     fades: Fades | None = None,
     progress: Progress | None = None,
+    memory_bytes: int | None = None,
+    device: str = "cpu",
 ) -> Image:
     """Focus the virtual camera on every voxel.
 
@@ -85,13 +89,19 @@ def image(
         Soft edges of the record; by default only its end is softened.
     progress
         Called with the fraction that is done.
+    memory_bytes
+        Bound on the memory that imaging takes beyond the record (RSD solver); None takes what is quickest.
+    device
+        "cpu", or "cuda" for the RSD solver on a graphics processor.
 
     Raises
     ------
+    MemoryBoundError
+        If the bound is below the least that imaging needs.
     ReachError
         If no path to the volume falls inside the record.
     ParameterError
-        If the volume is not in front of the wall, or the solver is unknown.
+        If the volume is not in front of the wall, or the solver or the device is unknown or missing.
     """
     fades = fades or Fades()
     if grid.size == 0 or grid.z_m[0] <= 0:
@@ -105,40 +115,78 @@ def image(
     if not any(part.reached for part in parts):
         raise _unreached(capture, grid)
     if solver == "rsd":
-        field = _by_rsd(capture, grid, parts, fades, progress)
+        field = _by_rsd(capture, grid, parts, fades, progress, memory_bytes, device)
         return Image(grid, field, solver, pulse, fades, tuple(parts))
     if solver == "backprojection":
+        if memory_bytes is not None or device != "cpu":
+            raise ParameterError(
+                "solver backprojection",
+                "a memory bound or a device",
+                "it has neither",
+                "Choose rsd, which takes any positions too.",
+            )
         field = backprojection.focus(capture, pulse, grid, fades, progress)
         return Image(grid, field, solver, pulse, fades, ())
     raise ParameterError("solver", repr(solver), "there is no such solver", "Choose rsd or backprojection.")
 
 
 def _by_rsd(
-    capture: Capture, grid: VoxelGrid, parts: list[Slab], fades: Fades, progress: Progress | None
+    capture: Capture,
+    grid: VoxelGrid,
+    parts: list[Slab],
+    fades: Fades,
+    progress: Progress | None,
+    memory_bytes: int | None,
+    device: str,
 ) -> NDArray[np.complex64]:
-    confocal = capture.confocal
     aperture = _aperture(capture)
-    reading = (lambda part: progress(READING * part)) if progress else None
-    spectra_of_slabs = spectra(capture, parts, fades, reading)
+    cut = plan(capture, aperture, parts, grid, memory_bytes)
+    propagate: scattered.Propagation = rsd.focus_slab
+    if device != "cpu":
+        propagate = partial(rsd_array.focus_slab, on=rsd_array.backend(device))
     field = np.zeros(grid.shape, np.complex64)
-    for part, spectrum in zip(parts, spectra_of_slabs, strict=True):
-        if not part.reached:
-            continue
-        planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[part.planes])
+    work = sum(_work(piece) for pieces in cut.passes for piece in pieces)
+    done = 0
+    for number, pieces in enumerate(cut.passes):
 
-        def focusing(fraction: float, part: Slab = part) -> None:
-            through = part.planes.start + fraction * (part.planes.stop - part.planes.start)
+        def reading(fraction: float, number: int = number, done: int = done) -> None:
             if progress:
-                progress(READING + (1 - READING) * through / len(grid.z_m))
+                part = READING * (number + fraction) / len(cut.passes)
+                progress(part + (1 - READING) * done / work)
 
-        if aperture is None:
-            field[part.planes] = scattered.focus_slab(
-                capture.laser_m, capture.detector_m, spectrum, part.band, planes, focusing
-            )
-            continue
-        detector_m = None if confocal else capture.detector_m[0]
-        field[part.planes] = rsd.focus_slab(aperture, spectrum, part.band, planes, detector_m, focusing)
+        emitted = spectra(capture, pieces, fades, reading)
+        for piece in pieces:
+
+            def focusing(
+                fraction: float, piece: Slab = piece, number: int = number, done: int = done
+            ) -> None:
+                if progress:
+                    part = READING * (number + 1) / len(cut.passes)
+                    progress(part + (1 - READING) * (done + fraction * _work(piece)) / work)
+
+            planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[piece.planes])
+            # Taken out of the list, so that its memory is free when its slab is done.
+            arguments = emitted.pop(0), piece.band, planes
+            if aperture is None:
+                field[piece.planes] += scattered.focus_slab(
+                    capture.laser_m,
+                    capture.detector_m,
+                    *arguments,
+                    focusing,
+                    working_bytes=cut.working_bytes,
+                    propagate=propagate,
+                )
+            else:
+                detector_m = None if capture.confocal else capture.detector_m[0]
+                field[piece.planes] += propagate(
+                    aperture, *arguments, detector_m, focusing, working_bytes=cut.working_bytes
+                )
+            done += _work(piece)
     return field
+
+
+def _work(piece: Slab) -> int:
+    return (piece.planes.stop - piece.planes.start) * len(piece.band.weights)
 
 
 def _aperture(capture: Capture) -> Aperture | None:

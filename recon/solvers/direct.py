@@ -3,8 +3,8 @@
     F(v, omega) = sum_p H^(p, omega) exp(i omega r_p/c)/r_p,   with r_p + r_c in the exponent where spots are
     given for the second leg
 
-From one frequency to the next a pair's phase turns by exp(i d_omega r/c): a complex multiplication in place of
-a sine. Single precision loses 1e-7 a step; every `ANCHOR` frequencies the phase is evaluated anew.
+From one frequency to the next a pair's phase turns by exp(i d_omega r/c): a complex multiplication in place
+of a sine. Single precision loses 1e-7 a step; every `ANCHOR` frequencies the phase is evaluated anew.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The sum over positions by table: any positions, any pairs, at a cost that no frequency adds to.
 
 What one position adds to a voxel depends on the path alone: g H^ summed over the frequencies is a signal in
-time, and the voxel reads it at (r_p + r_c)/c. So each position's signal is tabulated once for a slab, and every
-pair of position and voxel is two square roots and a look-up:
+time, and the voxel reads it at (r_p + r_c)/c. So each position's signal is tabulated once for a slab, and
+every pair of position and voxel is two square roots and a look-up:
 
     U(v) = sum_p 1/r_p exp(i omega_m tau) B_p(tau),   tau = (r_p + r_c)/c,
     B_p(tau) = sum_omega g H^(p, omega) exp(i (omega - omega_m) tau)
@@ -27,7 +27,7 @@ from recon.wave import BAND_SIGMAS, Band
 
 #: Nodes of the table for each sigma_t.
 NODES = 32
-#: Memory for the tables of the positions that are summed at once.
+#: Most memory for the tables of the positions that are summed at once, and for what they are made from.
 TABLE_BYTES = 64 * 2**20
 #: Bytes of a node: value and difference to the next, each complex64.
 NODE_BYTES = 16
@@ -42,7 +42,8 @@ def focus_slab(
     band: Band,
     grid: VoxelGrid,
     progress: Callable[[float], None] | None = None,
-    table_bytes: int = TABLE_BYTES,
+    *,
+    working_bytes: int = TABLE_BYTES,
 ) -> NDArray[np.complex64]:
     """Image all planes of a grid with one band.
 
@@ -60,7 +61,7 @@ def focus_slab(
         Voxels.
     progress
         Called with the fraction that is done.
-    table_bytes
+    working_bytes
         Memory for tables; more positions than fit are taken in turns.
 
     Returns
@@ -79,7 +80,7 @@ def focus_slab(
         np.broadcast_to(spots, laser_m.shape)[order].astype(np.float32) for spots in (laser_m, detector_m)
     )
     axes = [axis.astype(np.float32) for axis in (grid.z_m, grid.y_m, grid.x_m)]
-    at_once = max(1, table_bytes // (NODE_BYTES * nodes))
+    at_once = max(1, min(working_bytes, TABLE_BYTES) // (2 * NODE_BYTES * nodes))
     field = np.zeros(grid.shape, np.complex64)
     for start in range(0, len(order), at_once):
         part = slice(start, min(start + at_once, len(order)))

@@ -38,7 +38,7 @@ from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan, plan_axis
 from recon.wave import Band
 
-#: Memory for the wall's spectra; more frequencies than fit are taken in turns.
+#: Memory for the wall's spectra, unless another is asked for.
 WALL_BYTES = 256 * 2**20
 
 
@@ -178,6 +178,8 @@ def focus_slab(
     grid: VoxelGrid,
     detector_m: NDArray[np.float64] | None,
     progress: Callable[[float], None] | None = None,
+    *,
+    working_bytes: int = WALL_BYTES,
 ) -> NDArray[np.complex64]:
     """Image all planes of a grid with one band.
 
@@ -195,6 +197,8 @@ def focus_slab(
         (3,) detector spot, or None for confocal data.
     progress
         Called with the fraction that is done, from the calling thread.
+    working_bytes
+        Memory for the wall's spectra; more frequencies than fit are taken in turns.
 
     Returns
     -------
@@ -206,7 +210,7 @@ def focus_slab(
     wavenumber = legs * band.last_rad_per_s / C_M_PER_S
     plans = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
     many = len(band.weights)
-    at_once = max(1, WALL_BYTES // (8 * plans[0].length * plans[1].length))
+    at_once = max(1, working_bytes // (8 * plans[0].length * plans[1].length))
     for start in range(0, many, at_once):
         part = slice(start, min(start + at_once, many))
         propagator = PlanePropagator(aperture, spectra[part], band[part], grid, legs, plans)

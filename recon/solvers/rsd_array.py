@@ -1,8 +1,8 @@
 """The RSD solver in plain array operations, for any library that speaks numpy's: numpy, torch, cupy.
 
-The same sum as `recon.solvers.rsd` on the same lattice, without its fused passes: for one plane and a batch of
-frequencies the spherical wave is evaluated, transformed, multiplied by the wall's spectrum and transformed
-back. It is for graphics processors, where batches are what counts; on a processor the fused solver is quicker.
+The same sum as `recon.solvers.rsd` on the same lattice, without its fused passes: for one plane and a batch
+of frequencies the spherical wave is evaluated, transformed, multiplied by the wall's spectrum and transformed
+back. It is for graphics processors, where batches are what counts; elsewhere the fused solver is quicker.
 Only what the three libraries spell alike is used, and nothing but numpy need be installed.
 """
 
@@ -115,7 +115,7 @@ def focus_slab(
     progress: Callable[[float], None] | None = None,
     *,
     on: Backend | None = None,
-    batch_bytes: int = BATCH_BYTES,
+    working_bytes: int = BATCH_BYTES,
 ) -> NDArray[np.complex64]:
     """Image all planes of a grid with one band, as `recon.solvers.rsd.focus_slab` does.
 
@@ -125,7 +125,7 @@ def focus_slab(
         As there.
     on
         Where to compute; numpy by default.
-    batch_bytes
+    working_bytes
         Memory of a batch; it sets how many frequencies are taken at once.
 
     Returns
@@ -138,7 +138,7 @@ def focus_slab(
     legs = 2 if detector_m is None else 1
     wavenumber = legs * band.last_rad_per_s / C_M_PER_S
     y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
-    at_once = max(1, batch_bytes // (POINT_BYTES * y.length * x.length))
+    at_once = max(1, working_bytes // (POINT_BYTES * y.length * x.length))
     turns_per_m = band.frequencies_rad_per_s / (2 * np.pi * C_M_PER_S)
     lateral2 = on.array(_offsets(y)[:, None] ** 2 + _offsets(x) ** 2)
     if detector_m is not None:

@@ -1,12 +1,12 @@
 """Any geometry at the speed of the RSD solver, or near it: what is not a regular grid with one detector.
 
-The image is U(v) = sum_omega g(omega) sum_j H^(j, omega) exp(i omega (r_p + r_c)/c) / r_p, each record j with
-its own laser and detector spot; the amplitude weight is 1/r_p, the laser leg's, as everywhere in this package.
+The image is U(v) = sum_omega g(omega) sum_j H^(j, omega) exp(i omega (r_p + r_c)/c) / r_p, each record j
+with its own laser and detector spot; the amplitude weight is 1/r_p, the laser leg's, as everywhere here.
 Two ways lead there:
 
 - **lattice**: where the positions lie on a plane of constant depth, they are spread over a lattice
-  (`recon.solvers.spreading`) and the RSD solver does the rest. Records that share a detector spot are one such
-  run, so that a few detectors by many lasers is a run for each detector.
+  (`recon.solvers.spreading`) and the RSD solver does the rest. Records that share a detector spot are one
+  such run, so that a few detectors by many lasers is a run for each detector.
 - **table**: anything else is summed by look-up in time (`recon.solvers.lookup`), positions times voxels.
 
 The quicker of the two is chosen by counting what each does; `LATTICE_NS` and `LOOKUP_NS` are measured.
@@ -28,6 +28,7 @@ from recon.solvers.lattice import plan_axis
 from recon.solvers.spreading import NEAREST_WAVELENGTHS, lattice_axis, spread
 from recon.wave import Band
 
+Propagation = Callable[..., NDArray[np.complex64]]
 #: Time of the RSD solver for each FFT point, plane and frequency; half of it for confocal data.
 LATTICE_NS = 10.0
 #: Time of the table for each voxel and record.
@@ -60,6 +61,9 @@ def focus_slab(
     band: Band,
     grid: VoxelGrid,
     progress: Callable[[float], None] | None = None,
+    *,
+    working_bytes: int = rsd.WALL_BYTES,
+    propagate: Propagation = rsd.focus_slab,
 ) -> NDArray[np.complex64]:
     """Image all planes of a grid with one band.
 
@@ -77,6 +81,10 @@ def focus_slab(
         Voxels.
     progress
         Called with the fraction that is done, from the calling thread.
+    working_bytes
+        Memory for wall spectra or tables.
+    propagate
+        What takes a lattice's emission to the voxels, with the arguments of `recon.solvers.rsd.focus_slab`.
 
     Returns
     -------
@@ -85,7 +93,9 @@ def focus_slab(
     """
     runs = planar_runs(laser_m, detector_m)
     if not quicker_on_lattice(runs, laser_m, band, grid):
-        return lookup.focus_slab(laser_m, detector_m, spectra, band, grid, progress)
+        return lookup.focus_slab(
+            laser_m, detector_m, spectra, band, grid, progress, working_bytes=working_bytes
+        )
     field = np.zeros(grid.shape, np.complex64)
     for number, run in enumerate(runs):
 
@@ -96,7 +106,7 @@ def focus_slab(
         planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m - run.depth_m)
         detector = None if run.detector_m is None else run.detector_m - [0, 0, run.depth_m]
         aperture, emitted = on_lattice(laser_m[run.records], spectra[:, run.records], run, band, planes)
-        field += rsd.focus_slab(aperture, emitted, band, planes, detector, running)
+        field += propagate(aperture, emitted, band, planes, detector, running, working_bytes=working_bytes)
     return field
 
 

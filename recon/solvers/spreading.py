@@ -1,10 +1,10 @@
 """Any positions on a plane become a lattice: each position's emission is spread over its neighbours.
 
-A few wavelengths from the wall the wave exp(ikr)/r, as a function of where on the wall it starts, holds spatial
-frequencies up to k only. So it can be interpolated from a lattice, by the same Kaiser-windowed sinc with which
-`recon.solvers.lattice` reads the field at voxels: wave(v - x_p) = sum_m w_pm wave(v - x_m). The sum over
-positions is then the sum over lattice points that emit sum_p w_pm H^(p, omega): spreading is interpolation
-transposed, and costs nothing beside the propagation. It is done once for each frequency, not for each plane.
+A few wavelengths from the wall the wave exp(ikr)/r, as a function of where on the wall it starts, holds
+spatial frequencies up to k only. So it can be interpolated from a lattice, by the same Kaiser-windowed sinc
+with which `recon.solvers.lattice` reads the field at voxels: wave(v - x_p) = sum_m w_pm wave(v - x_m). The
+sum over positions is then the sum over lattice points that emit sum_p w_pm H^(p, omega): spreading is
+interpolation transposed. It is done once for each frequency, not for each plane, and costs little.
 """
 
 from math import ceil, floor, pi

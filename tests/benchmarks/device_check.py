@@ -1,4 +1,4 @@
-"""Image planted points of the paper's size on a device and on numpy; print time and error as one JSON document.
+"""Image planted points at the paper's size on a device and on numpy; print time and error as JSON.
 
     python tests/benchmarks/device_check.py [cuda|cpu] [torch|cupy|numpy]
 

@@ -42,7 +42,7 @@ def test_equals_the_fused_solver(library, confocal, grid):
     parts = []
     on = rsd_array.backend("cpu", library)
     # Few frequencies at a time, so that batches are added up too.
-    found = rsd_array.focus_slab(*arguments, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
+    found = rsd_array.focus_slab(*arguments, parts.append, on=on, working_bytes=5 * 64 * 40 * 40)
     # Both are single precision: 1e-7 for each of some 30 frequencies and as many FFT stages.
     assert np.abs(found - wanted).max() < 3e-5 * np.abs(wanted).max()
     assert parts == sorted(parts)
@@ -69,7 +69,7 @@ def test_what_is_missing_is_said_once_and_clearly(monkeypatch):
         rsd_array.backend("cpu", "cupy")
     for name in ("torch", "cupy"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ParameterError, match="torch is not installed, cupy is not installed.* use cpu"):
+    with pytest.raises(ParameterError, match=r"torch is not installed, cupy is not installed.* use cpu"):
         rsd_array.backend("cuda")
 
 
