@@ -13,8 +13,9 @@ the wall's spectra (RSD)            8 bytes a point and frequency that are taken
 tables (scattered, no plane)        16 bytes a node of the positions that are taken at once
 ==================================  ========================================================================
 
-Frequencies are cut first: an image is a sum over them, so that a slab may be made in several passes over the
-record. Spectra and solver share what the fixed part leaves.
+An image is a sum over frequencies, so that a slab may be made in several passes over the record (on a
+lattice; tables take all of a slab's frequencies at once, and positions in turns). Spectra and solver share
+what the fixed part leaves.
 """
 
 from dataclasses import dataclass
@@ -34,8 +35,10 @@ from recon.solvers.spreading import lattice_axis
 BLOCK_POSITIONS = 1024
 #: What the solvers take at once when nothing is asked.
 WORKING_BYTES = 256 * 2**20
+#: Positions whose tables are made at once at the least; fewer would be slow.
+LEAST_TABLES = 256
 #: Small arrays, a file's block of counts, and the FFT library's own buffers.
-SLACK_BYTES = 64 * 2**20
+SLACK_BYTES = 32 * 2**20
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class _Need:
-    """Bytes: whatever is done, for each frequency of spectra, and the solver's least."""
+    """Bytes: whatever is done, for each frequency of spectra, and the solver's least.
+
+    `together` frequencies are taken at least: one, or all of a slab where each pass costs as much as all.
+    """
 
     fixed: int
     spectrum: int
     solver: int
+    together: int = 1
 
 
 def plan(
@@ -90,7 +97,7 @@ def plan(
     if memory_bytes is None:
         return Plan((tuple(reached),), WORKING_BYTES)
     need = _need(capture, aperture, reached, grid)
-    least = need.fixed + need.spectrum + need.solver
+    least = need.fixed + need.together * need.spectrum + need.solver
     if memory_bytes < least:
         raise MemoryBoundError(
             "memory",
@@ -100,13 +107,13 @@ def plan(
         )
     spare = memory_bytes - least
     working = min(WORKING_BYTES, need.solver + spare // 2)
-    at_once = 1 + (spare - (working - need.solver)) // need.spectrum
+    at_once = need.together + (spare - (working - need.solver)) // need.spectrum
     passes: list[list[Slab]] = [[]]
     room = at_once
     for part in reached:
         start, many = 0, len(part.band.weights)
         while start < many:
-            if room == 0:
+            if room < min(need.together, many):
                 passes.append([])
                 room = at_once
             stop = min(many, start + room)
@@ -129,7 +136,7 @@ def _need(capture: Capture, aperture: Aperture | None, reached: list[Slab], grid
         thread, solver = _lattice(aperture.x, aperture.y, grid, legs, reached)
         return _Need(fixed + thread, spectrum, solver)
     runs = scattered.planar_runs(capture.laser_m, capture.detector_m)
-    threads, solvers = [0], [0]
+    threads, solvers, together = [0], [0], [1]
     for part in reached:
         planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[part.planes])
         if scattered.quicker_on_lattice(runs, capture.laser_m, part.band, planes):
@@ -147,8 +154,9 @@ def _need(capture: Capture, aperture: Aperture | None, reached: list[Slab], grid
             nodes = lookup.node_range(capture.laser_m, capture.detector_m, part.band, planes)[2]
             # The table's phases, with their double-precision halves, belong to the pass's frequencies.
             threads.append(40 * nodes * len(part.band.weights) + 100 * capture.positions)
-            solvers.append(2 * lookup.NODE_BYTES * nodes)
-    return _Need(fixed + max(threads), spectrum, max(solvers))
+            together.append(len(part.band.weights))
+            solvers.append(2 * lookup.NODE_BYTES * nodes * LEAST_TABLES)
+    return _Need(fixed + max(threads), spectrum, max(solvers), max(together))
 
 
 def _lattice(

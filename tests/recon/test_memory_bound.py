@@ -1,0 +1,104 @@
+"""The memory of imaging stays below its bound, as the system counts it, and the image is the same."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_points import histograms, wall
+
+from recon.capture import ArrayHistograms, Capture
+from recon.errors import MemoryBoundError
+from recon.grid import VoxelGrid
+from recon.imaging import image
+from recon.wave import VirtualPulse
+
+PULSE = VirtualPulse(0.06)
+BIN = 16e-12
+
+
+def capture(side, pitch_m, shape="grid"):
+    laser_m = wall(side, side, pitch_m)
+    random = np.random.default_rng(4)
+    if shape != "grid":
+        laser_m[:, :2] += random.uniform(-pitch_m / 3, pitch_m / 3, (len(laser_m), 2))
+    if shape == "curved":
+        laser_m[:, 2] = 0.1 * laser_m[:, 0] ** 2
+    detector_m = np.array([[0.1, -0.05, 0.0]])
+    counts = histograms([[0.1, 0.05, 0.7]], laser_m, detector_m, 800, BIN)
+    return Capture(ArrayHistograms(counts), BIN, np.zeros(1), laser_m, detector_m)
+
+
+def voxels(side, planes, width_m=1.0):
+    axis = np.linspace(-width_m / 2, width_m / 2, side)
+    return VoxelGrid(axis, axis, np.linspace(0.5, 0.9, planes))
+
+
+SCRIPT = """
+import json, sys
+sys.path.insert(0, "tests/recon")
+from test_memory_bound import PULSE, capture, image, voxels
+def status(name):
+    with open("/proc/self/status") as status:
+        return next(1024 * int(line.split()[1]) for line in status if line.startswith(name))
+side, voxel_side, planes, shape, bound = json.loads(sys.argv[1])
+taken, grid = capture(side, 1.5 / side, shape), voxels(voxel_side, planes)
+image(capture(8, 0.05, shape), PULSE, voxels(4, 2))  # libraries, compiled code and threads are not imaging's
+with open("/proc/self/clear_refs", "w") as peak:
+    peak.write("5")  # the peak begins anew
+before = status("VmRSS")
+image(taken, PULSE, grid, memory_bytes=bound)
+print(status("VmHWM") - before)
+"""
+
+
+def peak_bytes(*arguments):
+    """Peak of resident memory while imaging, above what was resident before."""
+    if not Path("/proc/self/clear_refs").exists():
+        pytest.skip("only Linux tells the peak of a part of a run")
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps(arguments)],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout)
+
+
+def least_bytes(taken, grid):
+    with pytest.raises(MemoryBoundError, match="image fewer voxels") as refusal:
+        image(taken, PULSE, grid, memory_bytes=1000)
+    return int(re.search(r"Allow (\d+) MB", str(refusal.value)).group(1)) * 10**6
+
+
+@pytest.mark.parametrize("size", [(64, 40, 12), (180, 40, 12)], ids=["small", "large"])
+@pytest.mark.parametrize("shape", ["grid", "jittered"])
+def test_peak_stays_below_the_bound(size, shape):
+    side, voxel_side, planes = size
+    least = least_bytes(capture(side, 1.5 / side, shape), voxels(voxel_side, planes))
+    assert peak_bytes(*size, shape, least) <= least
+    if side > 100:
+        assert peak_bytes(*size, shape, None) > least
+
+
+def test_tables_stay_below_the_bound():
+    least = least_bytes(capture(48, 1.5 / 48, "curved"), voxels(32, 6))
+    assert peak_bytes(48, 32, 6, "curved", least) <= least
+
+
+@pytest.mark.parametrize("shape", ["grid", "jittered", "curved"])
+def test_a_bound_changes_no_number(shape):
+    taken, grid = capture(24, 1.5 / 24, shape), voxels(24, 12)
+    least = least_bytes(taken, grid)
+    parts = []
+    whole = image(taken, PULSE, grid).field
+    cut = image(taken, PULSE, grid, memory_bytes=least, progress=parts.append).field
+    # Runs of lower frequencies are interpolated with other weights, each right to 3e-4 along each axis.
+    assert np.abs(cut - whole).max() < 6e-4 * np.abs(whole).max()
+    assert parts == sorted(parts)
+    assert parts[-1] == pytest.approx(1)
