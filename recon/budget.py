@@ -19,7 +19,7 @@ what the fixed part leaves.
 """
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, pi
 from os import cpu_count
 
 from recon.aperture import Aperture, LatticeAxis
@@ -28,13 +28,15 @@ from recon.errors import MemoryBoundError
 from recon.grid import VoxelGrid
 from recon.reach import Slab
 from recon.solvers import lookup, scattered
-from recon.solvers.lattice import plan_axis
+from recon.solvers.lattice import plan_axis, taps_half_width
 from recon.solvers.spreading import lattice_axis
 
 #: Positions in a block of the record, as the readers of this program make them.
 BLOCK_POSITIONS = 1024
 #: What the solvers take at once when nothing is asked.
 WORKING_BYTES = 256 * 2**20
+#: What computing one weight of a position's spreading takes for a moment, in double precision.
+TAP_BYTES = 64
 #: Positions whose tables are made at once at the least; fewer would be slow.
 LEAST_TABLES = 256
 #: Small arrays, a file's block of counts, and the FFT library's own buffers.
@@ -148,7 +150,9 @@ def _need(capture: Capture, aperture: Aperture | None, reached: list[Slab], grid
                 for i, axis in ((0, grid.x_m), (1, grid.y_m))
             )
             thread, solver = _lattice(x, y, grid, legs, [part])
-            threads.append(thread + 8 * x.count * y.count * len(part.band.weights))
+            taps = 2 * taps_half_width(x.pitch_m * wavenumber / pi)
+            spreading = TAP_BYTES * taps * capture.positions
+            threads.append(thread + spreading + 8 * x.count * y.count * len(part.band.weights))
             solvers.append(solver)
         else:
             nodes = lookup.node_range(capture.laser_m, capture.detector_m, part.band, planes)[2]

@@ -35,6 +35,8 @@ class Request:
     height_m: float | None = None
     voxel_m: float | None = None
     fade_from_s: float | None = None
+    memory_bytes: int | None = None
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,14 @@ def reconstruct(
         fade_from_s = scan.fade_from_s if request.fade_from_s is None else request.fade_from_s
         warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s)
         focused = image(
-            capture, pulse, grid, solver=request.solver, fades=Fades(start_s=fade_from_s), progress=progress
+            capture,
+            pulse,
+            grid,
+            solver=request.solver,
+            fades=Fades(start_s=fade_from_s),
+            progress=progress,
+            memory_bytes=request.memory_bytes,
+            device=request.device,
         )
         volume = _volume(focused, scan_path.name, scan.digest)
     write_volume(volume_path, volume)

@@ -17,6 +17,13 @@ class Solver(StrEnum):
     BACKPROJECTION = "backprojection"
 
 
+class Device(StrEnum):
+    """Where it is computed."""
+
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
 class Camera(StrEnum):
     """What the virtual camera does."""
 
@@ -27,7 +34,7 @@ def recon(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     camera: Annotated[Camera, typer.Option(help="What the virtual camera does.")] = Camera.CONFOCAL,
     solver: Annotated[
-        Solver, typer.Option(help="rsd: by FFT, quick. backprojection: any geometry, slow.")
+        Solver, typer.Option(help="rsd: quick, any geometry. backprojection: the slow reference.")
     ] = Solver.RSD,
     wavelength: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
@@ -56,6 +63,13 @@ def recon(
             metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
         ),
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BYTES", help="Most memory for imaging, e.g. 2GB. [dim]\\[what is quickest][/dim]"
+        ),
+    ] = None,
+    device: Annotated[Device, typer.Option(help="Where the rsd solver computes.")] = Device.CPU,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="VOLUME.h5", help="The volume. [dim]\\[SCAN-volume.h5][/dim]"),
@@ -91,6 +105,8 @@ def recon(
         height_m=length(height),
         voxel_m=length(voxel),
         fade_from_s=parse(fade_from, "time") if fade_from else None,
+        memory_bytes=int(parse(memory, "memory")) if memory else None,
+        device=device.value,
     )
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")
