@@ -20,6 +20,8 @@ FWHM_SIGMAS = 2.355
 SPACINGS = 4.0
 #: Fewest wavelengths across the wall with which anything is told apart.
 LEAST_WAVELENGTHS = 4.0
+#: Part of a lattice that must be filled for its pitch to be the spacing.
+LEAST_FILLED = 0.5
 #: Nearest object in the paper's rooms, and the farthest depth that is imaged unasked.
 NEAR_M, FAR_M = 0.5, 3.0
 
@@ -35,15 +37,17 @@ class Choice:
 def spacing_m(capture: Capture) -> float:
     """Return the spacing that sets the aliasing.
 
-    That is the coarser pitch of a regular grid, which may lie on a plane of any depth; for scattered
-    positions the side of the square that each has to itself, sqrt(area / positions): random ones crowd, and
-    the distance of nearest neighbours, half of that, would promise too much. Spots that are lit more than
-    once, with several detectors, count once.
+    That is the coarser pitch of a regular grid, on a plane of any depth; for scattered positions, and for few
+    points of a grid, the side of the square that each has to itself, sqrt(area / positions): random ones
+    crowd, and the distance of nearest neighbours, half of that, would promise too much. Spots that are lit
+    more than once, with several detectors, count once.
     """
     spots_m = np.unique(np.round(capture.laser_m, 4), axis=0)
     try:
         aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
+        return _side_of_each_m(spots_m)
+    if len(spots_m) < LEAST_FILLED * aperture.x.count * aperture.y.count:
         return _side_of_each_m(spots_m)
     return max(aperture.x.pitch_m, aperture.y.pitch_m)
 
@@ -171,7 +175,7 @@ def warnings(
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
     if response_fwhm_s and extent_m < LEAST_WAVELENGTHS * passed_m:
         found.append(
-            f"an instrument response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
+            f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
             f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
             f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: no wavelength "
             f"can image this record; scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "

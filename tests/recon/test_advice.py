@@ -133,3 +133,9 @@ def test_a_response_too_slow_for_any_wavelength_is_said_with_figures():
     for figure in ("750 ps", "30 cm", "98.3 cm", "3.3", "1.2 m", "614 ps"):
         assert figure in why
     assert advice.warnings(taken, VirtualPulse(0.2), grid, 0.4e-9) == []
+
+
+def test_few_points_of_a_grid_have_the_spacing_of_scattered_ones():
+    full = wall(64, 64, 0.02)
+    few = full[np.random.default_rng(2).permutation(4096)[:256]]
+    assert advice.spacing_m(capture(few)) == pytest.approx(0.08, rel=0.06)
