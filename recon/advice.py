@@ -177,8 +177,9 @@ def warnings(
         found.append(
             f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
             f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
-            f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: no wavelength "
-            f"can image this record; scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "
+            f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: "
+            "no wavelength can image this record; "
+            f"scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "
             f"{_slowest_response_s(extent_m) * 1e12:.0f} ps or less"
         )
     elif response_fwhm_s and pulse.wavelength_m < passed_m * (1 - 1e-3):
