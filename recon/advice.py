@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from recon.aperture import LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
@@ -18,6 +18,10 @@ from recon.wave import ContinuousWave, Light, VirtualPulse
 FWHM_SIGMAS = 2.355
 #: The paper's trade-off: a wavelength of four spacings.
 SPACINGS = 4.0
+#: Fewest wavelengths across the wall with which anything is told apart.
+LEAST_WAVELENGTHS = 4.0
+#: Part of a lattice that must be filled for its pitch to be the spacing.
+LEAST_FILLED = 0.5
 #: Nearest object in the paper's rooms, and the farthest depth that is imaged unasked.
 NEAR_M, FAR_M = 0.5, 3.0
 
@@ -31,12 +35,20 @@ class Choice:
 
 
 def spacing_m(capture: Capture) -> float:
-    """Return the coarser pitch of a regular grid of positions, or else the median distance of neighbours."""
+    """Return the spacing that sets the aliasing.
+
+    That is the coarser pitch of a regular grid, on a plane of any depth; for scattered positions, and for few
+    points of a grid, the side of the square that each has to itself, sqrt(area / positions): random ones
+    crowd, and the distance of nearest neighbours, half of that, would promise too much. Spots that are lit
+    more than once, with several detectors, count once.
+    """
+    spots_m = np.unique(np.round(capture.laser_m, 4), axis=0)
     try:
-        aperture = recognise(capture.laser_m)
+        aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
-        nearest, _ = KDTree(capture.laser_m).query(capture.laser_m, k=2)
-        return float(np.median(nearest[:, 1]))
+        return _side_of_each_m(spots_m)
+    if len(spots_m) < LEAST_FILLED * aperture.x.count * aperture.y.count:
+        return _side_of_each_m(spots_m)
     return max(aperture.x.pitch_m, aperture.y.pitch_m)
 
 
@@ -47,6 +59,24 @@ def shortest_wavelength_m(response_fwhm_s: float) -> float:
     0.14 of it. That is lambda = pi c s: 2.6 cm for 65 ps.
     """
     return pi * C_M_PER_S * response_fwhm_s / FWHM_SIGMAS
+
+
+def _side_of_each_m(spots_m: NDArray[np.float64]) -> float:
+    """Return sqrt(area / positions), of the hull as seen from the front; of the distances, if it has none."""
+    try:
+        hull = ConvexHull(spots_m[:, :2])
+    except (QhullError, ValueError):
+        nearest, _ = KDTree(spots_m).query(spots_m, k=2)
+        return float(np.median(nearest[:, 1]))
+    # The hull passes through the outermost positions, which have half of their square outside.
+    count, rim_m = len(spots_m), hull.area
+    half_rim_m = rim_m / 2
+    return float((half_rim_m + np.sqrt(half_rim_m**2 + 4 * (count - 1) * hull.volume)) / (2 * (count - 1)))
+
+
+def _slowest_response_s(extent_m: float) -> float:
+    """Return the response whose shortest wavelength a wall of this extent holds `LEAST_WAVELENGTHS` times."""
+    return extent_m / LEAST_WAVELENGTHS * FWHM_SIGMAS / (pi * C_M_PER_S)
 
 
 def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice:
@@ -148,21 +178,30 @@ def warnings(
             f"positions, {pitch_m * 100:.3g} cm: ghosts will appear; use "
             f"{least * pitch_m * 100:.3g} cm or more"
         )
-    if response_fwhm_s and pulse.wavelength_m < shortest_wavelength_m(response_fwhm_s) * (1 - 1e-3):
+    extent_m = float(np.ptp(capture.laser_m, axis=0).max())
+    passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
+    if response_fwhm_s and extent_m < LEAST_WAVELENGTHS * passed_m:
+        found.append(
+            f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
+            f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
+            f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: "
+            "no wavelength can image this record; "
+            f"scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "
+            f"{_slowest_response_s(extent_m) * 1e12:.0f} ps or less"
+        )
+    elif response_fwhm_s and pulse.wavelength_m < passed_m * (1 - 1e-3):
         found.append(
             f"an instrument response of {response_fwhm_s * 1e12:.0f} ps blurs a wavelength of "
-            f"{pulse.wavelength_m * 100:.3g} cm away; use "
-            f"{shortest_wavelength_m(response_fwhm_s) * 100:.3g} cm or more"
+            f"{pulse.wavelength_m * 100:.3g} cm away; use {passed_m * 100:.3g} cm or more"
         )
-    extent_m = float(np.ptp(capture.laser_m, axis=0).max())
-    if extent_m < 4 * pulse.wavelength_m:
+    elif extent_m < LEAST_WAVELENGTHS * pulse.wavelength_m:
         found.append(
             f"the wall is only {extent_m / pulse.wavelength_m:.1f} wavelengths wide: at a depth of its own "
             f"width nothing smaller than {0.61 * pulse.wavelength_m * 100:.3g} cm is resolved"
         )
     if isinstance(light, ContinuousWave):
         return found
-    shortest_m, longest_m = path_limits_m(capture, grid)
+    shortest_m, _ = path_limits_m(capture, grid)
     begin_m = float(capture.first_bin_s.max()) * C_M_PER_S
     end_m = (float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s) * C_M_PER_S
     if shortest_m < begin_m:
@@ -170,9 +209,10 @@ def warnings(
             f"the record begins at {begin_m:.2f} m of path, the volume at {shortest_m:.2f} m: its near part "
             f"is dark; begin at a depth of {begin_m / 2:.2f} m"
         )
-    if longest_m > end_m:
+    if shortest_m > end_m or 2 * float(grid.z_m[-1]) > end_m * (1 + 1e-9):
         found.append(
-            f"the record ends at {end_m:.2f} m of path, the volume at {longest_m:.2f} m: its far part and "
-            "corners see only a part of the wall; take a longer record or a smaller volume"
+            f"the record ends at {end_m:.2f} m of path, the farthest plane, seen straight on, is at "
+            f"{2 * float(grid.z_m[-1]):.2f} m: it is dark; end at a depth of {end_m / 2:.2f} m or take a "
+            "longer record"
         )
     return found

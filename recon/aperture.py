@@ -131,5 +131,5 @@ def _irregular(found: str) -> GeometryError:
         "aperture",
         "laser positions on an even grid on the plane z = 0",
         found,
-        "Use the back-projection solver, which takes any positions.",
+        "Use the rsd solver or a back-projection, which take any positions.",
     )

@@ -2,6 +2,7 @@
 
 ReconError
 ├── GeometryError     positions that a solver cannot image
+├── MemoryBoundError  less memory allowed than imaging needs
 ├── ParameterError    a wavelength, fade, grid or solver that makes no sense
 └── ReachError        a volume that no bin of the record can come from
 """
@@ -32,6 +33,10 @@ class ReconError(Exception):
 
 class GeometryError(ReconError):
     """Raised when a solver cannot image the positions of a capture."""
+
+
+class MemoryBoundError(ReconError):
+    """Raised when imaging cannot stay below the memory that it was allowed."""
 
 
 class ParameterError(ReconError):

@@ -4,29 +4,32 @@ The camera says what (`recon.camera`), the solver how (`recon.solvers.task`); `S
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recon import budget
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
 from recon.reach import CONFOCAL, Slab, path_limits_m, slabs
-from recon.solvers import backprojection, direct, fresnel, rsd
+from recon.solvers import backprojection, direct, fresnel, scattered
 from recon.solvers.task import Solver, Task, ignore
 from recon.wave import VirtualPulse
 
 Progress = Callable[[float], None]
 #: All solvers, by name.
 SOLVERS: dict[str, Solver] = {
-    "rsd": rsd.focus,
+    "rsd": scattered.focus,
     "fresnel": fresnel.focus,
     "direct": direct.focus,
     "backprojection": backprojection.focus,
 }
+#: Those that can keep to a bound on memory.
+BOUNDED = ("rsd", "fresnel")
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ def image(
     camera: Camera = CONFOCAL,
     fades: Fades | None = None,
     progress: Progress | None = None,
+    memory_bytes: int | None = None,
+    device: str = "cpu",
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -86,8 +91,9 @@ def image(
     grid
         Voxels, any pitch, offset and extent in front of the wall.
     solver
-        A key of `SOLVERS`. "rsd": by FFT, for a regular grid of positions on the plane z = 0; "fresnel": the
-        same with the paraxial wave; "direct": term by term in double precision, any positions, very slow;
+        A key of `SOLVERS`. "rsd": any positions, by FFT or the quickest other way to the same numbers
+        (`recon.solvers.scattered`); "fresnel": by FFT with the paraxial wave, for a regular grid of positions
+        on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
         "backprojection": in time, any positions, slow.
     camera
         What to see; one that shows one frame.
@@ -95,24 +101,34 @@ def image(
         Soft edges of the record; by default only its end is softened.
     progress
         Called with the fraction that is done.
+    memory_bytes
+        Bound on the memory that imaging takes beyond the record (solvers rsd and fresnel); None takes what is
+        quickest.
+    device
+        "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
 
     Raises
     ------
     GeometryError
-        If the solver or the camera cannot take these positions.
+        If the solver, the camera or the device cannot take these positions.
+    MemoryBoundError
+        If the bound is below the least that imaging needs.
     ReachError
         If no path to the volume falls inside the record.
     ParameterError
-        If the volume is not in front of the wall, the solver is unknown or cannot serve the camera, or the
-        camera shows more than one frame.
+        If the volume is not in front of the wall, the solver or the device is unknown or missing, the solver
+        cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
     fades = fades or Fades()
-    task = plan(capture, pulse, grid, camera, fades, progress)
-    frames = len(task.times_s(0))
-    if frames != 1:
+    _check(solver, memory_bytes, device)
+    task = replace(plan(capture, pulse, grid, camera, fades, progress), device=device)
+    if task.frames != 1:
         raise ParameterError(
-            f"{camera.name} camera", "an image", f"it shows {frames} frames", "Ask for a video."
+            f"{camera.name} camera", "an image", f"it shows {task.frames} frames", "Ask for a video."
         )
+    if memory_bytes is not None:
+        cut = budget.plan(capture, camera, task.slabs, grid, memory_bytes)
+        task = replace(task, passes=cut.passes, working_bytes=cut.working_bytes)
     field = np.empty(grid.shape, np.complex64)
     for index, plane in enumerate(planes(task, solver)):
         field[index] = plane[0]
@@ -144,11 +160,27 @@ def plan(
 
 def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
+    _check(solver)
+    return SOLVERS[solver](task)
+
+
+def _check(solver: str, memory_bytes: int | None = None, device: str = "cpu") -> None:
+    """Refuse a solver that is unknown, or not able to do what is asked."""
     if solver not in SOLVERS:
         raise ParameterError(
             "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
         )
-    return SOLVERS[solver](task)
+    if memory_bytes is not None and solver not in BOUNDED:
+        raise ParameterError(
+            f"solver {solver}",
+            f"at most {memory_bytes / 1e6:.0f} MB of memory",
+            "it cannot keep to a bound",
+            f"Use {' or '.join(BOUNDED)}.",
+        )
+    if device != "cpu" and solver != "rsd":
+        raise ParameterError(
+            f"solver {solver}", f"device {device}", "it computes on the cpu alone", "Use rsd, or the cpu."
+        )
 
 
 def _unreached(capture: Capture, grid: VoxelGrid, camera: Camera) -> ReachError:

@@ -59,12 +59,12 @@ def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) 
     if capture.round_trip:
         legs.append(capture.laser_m if capture.confocal else capture.detector_m)
     for spots_m in legs:
-        least_m, greatest_m = _leg_limits_m(spots_m, grid)
+        least_m, greatest_m = leg_limits_m(spots_m, grid)
         shortest_m, longest_m = shortest_m + least_m, longest_m + greatest_m
     return shortest_m, longest_m
 
 
-def _leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
+def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
     """Least and greatest distance between any spot and the grid's box."""
     low = np.array([axis[0] for axis in (grid.x_m, grid.y_m, grid.z_m)])
     high = np.array([axis[-1] for axis in (grid.x_m, grid.y_m, grid.z_m)])

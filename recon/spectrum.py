@@ -40,10 +40,10 @@ def spectra(
     Returns
     -------
     list of ndarray
-        (F, P) of `dtype` for each slab.
+        (F, P) of `dtype` for each slab; (0, P) for one that the record does not reach.
     """
     real = np.empty(0, dtype).real.dtype
-    results = [np.zeros((len(slab.band.weights), capture.positions), dtype) for slab in slabs]
+    results = [np.zeros((slab.reached * len(slab.band), capture.positions), dtype) for slab in slabs]
     wanted = [slab.bins for slab in slabs if slab.reached]
     if not wanted:
         return results
@@ -62,7 +62,8 @@ def spectra(
         if progress:
             progress(block.stop / capture.positions)
     for slab, result in zip(slabs, results, strict=True):
-        result *= np.exp(-1j * np.multiply.outer(slab.band.frequencies_rad_per_s, capture.first_bin_s))
+        if slab.reached:
+            result *= np.exp(-1j * np.multiply.outer(slab.band.frequencies_rad_per_s, capture.first_bin_s))
     return results
 
 

@@ -39,6 +39,14 @@ class Band:
     def __len__(self) -> int:
         return len(self.weights)
 
+    def __getitem__(self, part: slice) -> "Band":
+        """Return a run of neighbouring frequencies."""
+        start, _, stride = part.indices(len(self.weights))
+        if stride != 1:
+            raise ValueError("a band is cut into runs of neighbours only")
+        first = self.first_rad_per_s + start * self.step_rad_per_s
+        return Band(first, self.step_rad_per_s, self.weights[part])
+
     @property
     def frequencies_rad_per_s(self) -> NDArray[np.float64]:
         """(F,) angular frequencies, ascending."""

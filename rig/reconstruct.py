@@ -29,7 +29,7 @@ from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.pictures import save, volume_figure
 from rig.pictures_sheet import frames_figure, refocus_figure
 from rig.pictures_video import check_video, save_video
-from rig.quantities import show, show_length
+from rig.result import Result
 
 #: A pixel has a depth where its intensity, compensated for the fall-off with depth, is at least this part of
 #: the greatest.
@@ -57,6 +57,8 @@ class Request:
     over: Over = "surface"
     all_depths: bool = False
     snr: float | None = None
+    memory_bytes: int | None = None
+    device: str = "cpu"
 
 
 class _Asked(TypedDict):
@@ -68,71 +70,6 @@ class _Asked(TypedDict):
     solver: str
     fades: Fades
     progress: Callable[[float], None] | None
-
-
-@dataclass(frozen=True)
-class Result:
-    """What was imaged, and how.
-
-    Attributes
-    ----------
-    volume
-        Intensity, axes and depth map.
-    reason
-        Why this wavelength.
-    warnings
-        What may spoil the image.
-    positions
-        Positions used.
-    took_s
-        Computer time from opening the scan to the picture.
-    """
-
-    volume: Volume
-    reason: str
-    warnings: tuple[str, ...]
-    positions: int
-    took_s: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as plain values."""
-        volume = self.volume
-        moments = {} if volume.t_s is None else {"frames": len(volume.t_s)}
-        return {
-            **volume.parameters,
-            "scan": volume.scan,
-            "scan_digest": volume.scan_digest,
-            "positions": self.positions,
-            "voxels": (len(volume.x_m), len(volume.y_m), len(volume.z_m)),
-            **moments,
-            **({"wavelength_reason": self.reason} if self.reason else {}),
-            "warnings": list(self.warnings),
-            "took_s": round(self.took_s, 2),
-        }
-
-    def summary(self) -> dict[str, str]:
-        """Return the result as a person reads it."""
-        volume, parameters = self.volume, self.volume.parameters
-        width, height, depth = len(volume.x_m), len(volume.y_m), len(volume.z_m)
-        moments = {}
-        if volume.t_s is not None:
-            first, last = (show(float(t_s), "s") for t_s in (volume.t_s[0], volume.t_s[-1]))
-            moments = {"frames": f"{len(volume.t_s)}, {first} to {last} after the flash"}
-        wave = {}
-        if "wavelength_m" in parameters:
-            wave = {
-                "camera": parameters["camera"],
-                "wavelength": f"{show_length(parameters['wavelength_m'])}: {self.reason}",
-                "pulse": f"{parameters['cycles']:g} cycles",
-            }
-        return {
-            **wave,
-            "solver": str(parameters["solver"]),
-            "positions": f"{self.positions:,}",
-            "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
-            **moments,
-            "took": f"{self.took_s:.1f} s",
-        }
 
 
 def reconstruct(
@@ -209,7 +146,7 @@ def reconstruct(
         if isinstance(camera, TransientCamera):
             volume = _film(asked, camera, request, volume, volume_path)
         else:
-            volume = _still(asked, camera, volume)
+            volume = _still(asked, camera, request, volume)
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
@@ -227,6 +164,16 @@ def _check(request: Request) -> None:
             f"solver {request.solver} forms no virtual wave, so it has no {request.camera} camera; "
             "use rsd, or leave --camera out"
         )
+    for option, given in (
+        ("--memory", request.memory_bytes is not None),
+        ("--device", request.device != "cpu"),
+    ):
+        if given and request.solver in BASELINES:
+            raise UsageError(f"solver {request.solver} has no {option}; use rsd, or leave {option} out")
+        if given and request.camera == "transient":
+            raise UsageError(
+                f"the transient camera has no {option}: it keeps every frequency's field; leave it out"
+            )
 
 
 def _baseline(
@@ -269,8 +216,9 @@ def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: Voxel
     return PhotoCamera() if request.camera == "photo" else ConfocalCamera()
 
 
-def _still(asked: _Asked, camera: Camera, volume: Volume) -> Volume:
-    volume = dataclasses.replace(volume, intensity=image(camera=camera, **asked).intensity)
+def _still(asked: _Asked, camera: Camera, request: Request, volume: Volume) -> Volume:
+    found = image(camera=camera, memory_bytes=request.memory_bytes, device=request.device, **asked)
+    volume = dataclasses.replace(volume, intensity=found.intensity)
     if not isinstance(camera, ConfocalCamera):
         return volume  # depth is told by the pulse alone
     return dataclasses.replace(

@@ -3,13 +3,16 @@
 Work is positions x voxels x frequencies. It is the reference that the quick solvers are held against.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.solvers.spectral import Field, Propagator, spectral
+from recon.solvers.spectral import Field, Propagator, by_planes, spectral
+from recon.solvers.task import Task
 from recon.wave import Band
 
 
@@ -28,11 +31,9 @@ class DirectPropagator(Propagator):
         Axes x and y are used.
     """
 
-    def __init__(
-        self, capture: Capture, emitted: NDArray[np.complex128], band: Band, grid: VoxelGrid
-    ) -> None:
+    def __init__(self, capture: Capture, emitted: Field, band: Band, grid: VoxelGrid) -> None:
         self.band = band
-        self._emitted = np.ascontiguousarray(emitted.T)
+        self._emitted = np.ascontiguousarray(emitted.T, np.complex128)
         self._grid = grid
         self._laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
         self._detector_m = np.ascontiguousarray(
@@ -85,4 +86,8 @@ def _sum(
                     wave *= turn
 
 
-focus = spectral(DirectPropagator, np.complex128)
+def _focus_slab(task: Task, emitted: Field) -> Iterator[Field]:
+    return by_planes(task, DirectPropagator(task.capture, emitted, task.band, task.grid).focus)
+
+
+focus = spectral(_focus_slab, np.complex128)

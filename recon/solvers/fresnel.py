@@ -12,7 +12,6 @@ and 0.75 FFTs of N points remain for each plane and frequency.
 """
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 from ducc0.fft import dct
@@ -23,7 +22,8 @@ from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan
 from recon.solvers.rsd import LatticePropagator, Workspace, aperture, propagator
-from recon.solvers.spectral import spectral
+from recon.solvers.spectral import Field, by_planes, spectral
+from recon.solvers.task import Task
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
 LARGEST_FIGURE = 0.1
@@ -76,4 +76,9 @@ def _chirp(axis: AxisPlan, k: float, z_m: float) -> NDArray[np.complex64]:
     return (dct(wave.real, type=1) + 1j * dct(wave.imag, type=1)).astype(np.complex64)
 
 
-focus = spectral(partial(propagator, kind=FresnelPropagator), check=aperture)
+def _focus_slab(task: Task, emitted: Field) -> Iterator[Field]:
+    through = propagator(task.capture, emitted, task.band, task.grid, FresnelPropagator)
+    return by_planes(task, through.focus)
+
+
+focus = spectral(_focus_slab, check=lambda task: aperture(task.capture))

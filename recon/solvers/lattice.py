@@ -12,7 +12,6 @@ of the spectrum (Kaiser's design formula). The lattice is refined until rho <= 0
 from dataclasses import dataclass
 from math import ceil, log, pi
 
-import ducc0
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,17 +82,34 @@ def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_p
         refine = max(1, ceil(wall.pitch_m * wavenumber_rad_per_m / (pi * DENSEST)))
         at = at * refine
         rho = wall.pitch_m / refine * wavenumber_rad_per_m / pi
-        half_width = max(2, ceil(-log(INTERPOLATION_ERROR) / (pi * (1 - rho))))
-        nearest, weights = _kaiser_sinc(at, half_width, rho)
+        nearest, weights = kaiser_sinc(at, taps_half_width(rho), rho)
     origin = int(nearest[0])
     wall_at = np.arange(wall.count) * refine - origin
     last_read = int(nearest[-1]) - origin + weights.shape[1] - 1
     longest = max(last_read - int(wall_at[0]), int(wall_at[-1]), 1)
-    half = int(ducc0.fft.good_size(max(longest, (last_read + 2) // 2)))
+    half = _good_size(max(longest, (last_read + 2) // 2))
     return AxisPlan(wall.pitch_m / refine, half, wall_at % (2 * half), nearest - origin, weights)
 
 
-def _kaiser_sinc(
+def _good_size(least: int) -> int:
+    """Return the first length from `least` on without prime factors above 11, which an FFT takes quickly."""
+    size = least
+    while True:
+        rest = size
+        for prime in (2, 3, 5, 7, 11):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return size
+        size += 1
+
+
+def taps_half_width(rho: float) -> int:
+    """Return W, for a field sampled at `rho` of the critical rate."""
+    return max(2, ceil(-log(INTERPOLATION_ERROR) / (pi * (1 - rho))))
+
+
+def kaiser_sinc(
     at: NDArray[np.float64], half_width: int, rho: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Return first lattice point and 2 W weights with which to read a field at `at` [lattice steps]."""

@@ -36,7 +36,7 @@ from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.solvers import fused
 from recon.solvers.lattice import AxisPlan, plan_axis
-from recon.solvers.spectral import Field, Propagator, spectral
+from recon.solvers.spectral import Field, Propagator
 from recon.wave import Band
 
 #: Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
@@ -223,9 +223,6 @@ def aperture(capture: Capture) -> Aperture:
             "solver by FFT",
             "one detector spot, or each position lit and seen at the same spot",
             f"there are {len(capture.detector_m)} detector spots apart from the laser's",
-            "Use the direct or the back-projection solver, which take any pairs.",
+            "Use the rsd solver, which takes any pairs.",
         )
     return recognise(capture.laser_m)
-
-
-focus = spectral(propagator, check=aperture)

@@ -1,22 +1,23 @@
 """What the solvers in the frequency domain share: spectra in, planes out, and the reading of a plane in time.
 
-Such a solver is a propagator: it takes the weighted wall field of each frequency to planes of voxels. All
-else, which bins, which frequencies, which moments, is here.
+Such a solver takes the weighted wall field of each frequency to the planes of one slab, most often by a
+propagator, plane by plane. All else, which bins, which frequencies, which passes over the record, is here.
 """
 
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from itertools import islice
 from os import cpu_count
-from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from recon.capture import Capture
 from recon.grid import VoxelGrid
-from recon.solvers.task import Solver, Task
+from recon.reach import Slab
+from recon.solvers.task import Solver, Task, part_of
 from recon.spectrum import spectra
 from recon.wave import Band
 
@@ -79,67 +80,99 @@ def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
 
 
 def spectral(
-    propagator: Callable[[Capture, Any, Band, VoxelGrid], Propagator],
+    focus_slab: Callable[[Task, Field], Iterator[Field]],
     dtype: DTypeLike = np.complex64,
-    check: Callable[[Capture], object] | None = None,
+    check: Callable[[Task], object] | None = None,
 ) -> Solver:
-    """Make a solver of a kind of propagator.
+    """Make a solver of what images one slab.
 
     Parameters
     ----------
-    propagator
-        Called with the capture, the (F, P) weighted spectra g(omega) a_p H^(p, omega), their band and the
-        voxels, for each slab.
+    focus_slab
+        Called for each slab with a task of it alone and the (F, P) weighted spectra g(omega) a_p
+        H^(p, omega); yields its planes.
     dtype
         Type of spectra and fields.
     check
-        Called before the record is read; raises if the propagator cannot take these positions.
+        Called before the record is read; raises if the task cannot be done.
     """
 
     def focus(task: Task) -> Iterator[Field]:
-        capture, grid = task.capture, task.grid
         if check:
-            check(capture)
-        found = spectra(capture, task.slabs, task.fades, lambda part: task.progress(READING * part), dtype)
-        done = 0
-        for slab in task.slabs:
-            planes = range(*slab.planes.indices(len(grid.z_m)))
-            emitted = found.pop(0)
-            if slab.reached:
-                emitted *= slab.band.weights[:, None]
-                emitted *= task.weights
-                voxels = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[slab.planes])
-                through = propagator(capture, emitted, slab.band, voxels)
-                focused = _in_order(task, through, planes)
-            else:
-                focused = (np.zeros((len(task.times_s(plane)), *grid.shape[1:]), dtype) for plane in planes)
-            for plane in focused:
-                yield plane
-                done += 1
-                task.progress(READING + (1 - READING) * done / len(grid.z_m))
+            check(task)
+        passes = task.passes or (task.slabs,)
+        work = sum(_work(slab) for slab in task.slabs)
+        missing = deque(len(slab.band) for slab in task.slabs)
+        held: list[Field] = []
+        done = 0.0
+        for pieces in passes:
+            told = part_of(task.progress, done, done := done + READING / len(passes))
+            found = spectra(task.capture, pieces, task.fades, told, dtype)
+            for piece in pieces:
+                told = part_of(task.progress, done, done := done + (1 - READING) * _work(piece) / work)
+                voxels = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[piece.planes])
+                part = replace(task, grid=voxels, slabs=(piece,), progress=told)
+                # Taken out of the list, so that its memory is free when its piece is done.
+                planes = _planes(focus_slab, part, found.pop(0), dtype)
+                missing[0] -= len(piece.band)
+                if held:
+                    for sum_, plane in zip(held, planes, strict=True):
+                        sum_ += plane
+                    planes = iter(held)
+                if missing[0]:
+                    held = list(planes)
+                else:
+                    yield from planes
+                    missing.popleft()
+                    held = []
 
     return focus
 
 
-def _in_order(task: Task, propagator: Propagator, planes: range) -> Iterator[Field]:
-    """Share planes out to threads; yield them in order, with no more in work than memory is meant for."""
+def _work(piece: Slab) -> int:
+    return piece.reached * (piece.planes.stop - piece.planes.start) * len(piece.band)
 
-    def focus(plane: int) -> Field:
-        return propagator.focus(float(task.grid.z_m[plane]), task.times_s(plane))
 
-    frames = len(task.times_s(planes[0]))
-    frequencies = max(len(slab.band) for slab in task.slabs) if frames > 1 else 1
-    one = 8 * (frequencies + frames) * task.grid.shape[1] * task.grid.shape[2]
+def _planes(
+    focus_slab: Callable[[Task, Field], Iterator[Field]], part: Task, emitted: Field, dtype: DTypeLike
+) -> Iterator[Field]:
+    """Image a task of one slab: darkness, where the record does not reach it."""
+    if not part.slabs[0].reached:
+        return (np.zeros((part.frames, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
+    emitted *= part.band.weights[:, None]
+    emitted *= part.weights
+    return focus_slab(part, emitted)
+
+
+def by_planes(task: Task, focus: Callable[[float, NDArray[np.float64]], Field]) -> Iterator[Field]:
+    """Image a task of one slab plane by plane.
+
+    Planes are shared out to threads, and come in order, with no more in work than memory is meant for.
+
+    Parameters
+    ----------
+    task
+        Its planes.
+    focus
+        Called with a depth and the moments there, as `Propagator.focus`.
+    """
+
+    def one_plane(plane: int) -> Field:
+        return focus(float(task.grid.z_m[plane]), task.times_s(plane))
+
+    planes = range(len(task.grid.z_m))
+    frequencies = len(task.band) if task.frames > 1 else 1
+    one = 8 * (frequencies + task.frames) * task.grid.shape[1] * task.grid.shape[2]
     workers = max(1, min(cpu_count() or 1, PLANE_BYTES // (2 * one)))
     with ThreadPoolExecutor(workers) as threads:
         waiting: deque[Future[Field]] = deque()
+        unsent = iter(planes)
         try:
-            for plane in planes:
-                waiting.append(threads.submit(focus, plane))
-                if len(waiting) > 2 * workers:
-                    yield waiting.popleft().result()
-            while waiting:
+            for done in planes:
+                for plane in islice(unsent, 2 * workers + 1 - len(waiting)):
+                    waiting.append(threads.submit(one_plane, plane))
                 yield waiting.popleft().result()
+                task.progress((done + 1) / len(planes))
         finally:
             for unwanted in waiting:
                 unwanted.cancel()

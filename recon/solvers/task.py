@@ -15,11 +15,16 @@ from recon.capture import Capture
 from recon.grid import VoxelGrid
 from recon.preparation import Fades
 from recon.reach import Slab, plane_times_s
-from recon.wave import Light
+from recon.wave import Band, Light
 
 
 def ignore(fraction: float) -> None:
     """Take progress that nobody asked for."""
+
+
+def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:
+    """Return what takes the progress of a part of the work, and tells that of the whole."""
+    return lambda fraction: progress(begin + fraction * (end - begin))
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,13 @@ class Task:
         Soft edges of the record.
     progress
         To be called with the fraction that is done.
+    passes
+        The work cut for a bound on memory: slabs, or runs of a slab's frequencies, that share one pass over
+        the record. Empty takes all slabs in one.
+    working_bytes
+        What a solver may take at once for tables.
+    device
+        Where the rsd solver computes: "cpu" or "cuda".
     """
 
     capture: Capture
@@ -47,10 +59,23 @@ class Task:
     slabs: tuple[Slab, ...]
     fades: Fades
     progress: Callable[[float], None] = ignore
+    passes: tuple[tuple[Slab, ...], ...] = ()
+    working_bytes: int = 64 * 2**20
+    device: str = "cpu"
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
         """(T, y or 1, x or 1) moments at which the plane is read."""
         return plane_times_s(self.capture, self.grid, self.camera, self.grid.z_m[plane])
+
+    @property
+    def band(self) -> Band:
+        """The frequencies of a task of one slab."""
+        return self.slabs[0].band
+
+    @property
+    def frames(self) -> int:
+        """Number of moments T."""
+        return len(self.times_s(0))
 
     @property
     def weights(self) -> NDArray[np.float64]:

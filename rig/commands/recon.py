@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.reconstruct import Result
+    from rig.result import Result
 
 
 class Solver(StrEnum):
@@ -22,6 +22,13 @@ class Solver(StrEnum):
     LOG_FBP = "log-fbp"
     LCT = "lct"
     FK = "fk"
+
+
+class Device(StrEnum):
+    """Where it is computed."""
+
+    CPU = "cpu"
+    CUDA = "cuda"
 
 
 class Camera(StrEnum):
@@ -52,9 +59,9 @@ def recon(
     solver: Annotated[
         Solver,
         typer.Option(
-            help="rsd: by FFT, quick, exact. fresnel: paraxial, for far scenes. direct: the defining sum, "
-            "very slow. backprojection: any geometry, slow. The others are earlier methods, to compare "
-            "with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
+            help="rsd: quick, exact, any geometry. fresnel: paraxial, for far scenes. direct: the defining "
+            "sum, very slow. backprojection: in the time domain, slow. The others are earlier methods, to "
+            "compare with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
         ),
     ] = Solver.RSD,
     wavelength: Annotated[
@@ -88,6 +95,14 @@ def recon(
         float | None,
         typer.Option(metavar="RATIO", help="Signal to noise power, for lct only. [dim]\\[0.8][/dim]"),
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BYTES",
+            help="Most memory for imaging, e.g. 2GB, for rsd and fresnel. [dim]\\[what is quickest][/dim]",
+        ),
+    ] = None,
+    device: Annotated[Device, typer.Option(help="Where the rsd solver computes.")] = Device.CPU,
     frames: Annotated[
         str | None,
         typer.Option(
@@ -146,6 +161,8 @@ def recon(
         voxel_m=length(voxel),
         fade_from_s=parse(fade_from, "time") if fade_from else None,
         snr=snr,
+        memory_bytes=int(parse(memory, "memory")) if memory else None,
+        device=device.value,
     )
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")

@@ -88,9 +88,54 @@ def test_warns_of_what_the_record_does_not_reach():
     dark, cut = advice.warnings(late, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 3, 0.1)))
     assert "begin at a depth of 0.75 m" in dark
     assert "the record ends at 2.70 m of path" in cut
+    assert "end at a depth of 1.35 m" in cut
 
 
 @pytest.mark.parametrize("spec", [(0, 1, 0.1, (1, 2, 0.1)), (1, 1, 0, (1, 2, 0.1)), (1, 1, 0.1, (2, 1, 0.1))])
 def test_refuses_empty_boxes(spec):
     with pytest.raises(ParameterError, match="near:far:step"):
         VoxelGrid.from_spec(*spec)
+
+
+def test_spacing_of_random_positions_is_their_share_of_the_wall():
+    laser_m = np.random.default_rng(1).uniform(-0.5, 0.5, (2500, 3)) * [1, 1, 0]
+    # 2500 squares of 2 cm; the hull of random positions is a little smaller than the wall.
+    assert advice.spacing_m(capture(laser_m)) == pytest.approx(0.02, rel=0.03)
+    # Lit once for each of two detectors.
+    assert advice.spacing_m(capture(np.tile(laser_m, (2, 1)))) == pytest.approx(0.02, rel=0.03)
+    line = np.array([[0.0, 0, 0], [0.1, 0, 0.01], [0.2, 0, 0.03]])
+    assert advice.spacing_m(capture(line)) == pytest.approx(0.1, rel=0.05)
+
+
+def test_a_plane_behind_the_origin_is_a_grid_too():
+    assert advice.spacing_m(capture(wall(20, 20, 0.03) - [0, 0, 0.05])) == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize("bins", [500, 2000, 6000])
+def test_the_depths_that_the_program_chose_are_not_warned_of(bins):
+    taken = capture(wall(64, 64, 0.02), confocal=True, bins=bins)
+    pulse = VirtualPulse(0.08)
+    assert not [one for one in advice.warnings(taken, pulse, advice.voxels(taken, pulse)) if "ends" in one]
+    end_m = bins * 4e-12 * 299792458
+    for far_m, expected in ((end_m / 2 - 0.001, False), (end_m / 2 + 0.001, True)):
+        grid = VoxelGrid(np.zeros(1), np.zeros(1), np.array([0.1, far_m]))
+        assert any("record ends" in one for one in advice.warnings(taken, pulse, grid)) == expected
+    aside = VoxelGrid(np.array([9.0]), np.zeros(1), np.array([0.1]))
+    assert any("record ends" in one for one in advice.warnings(taken, pulse, aside))
+
+
+def test_a_response_too_slow_for_any_wavelength_is_said_with_figures():
+    taken = capture(wall(64, 64, 0.0156), confocal=True)
+    grid = VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1))
+    choice = advice.wavelength(taken, 0.75e-9)
+    (why,) = advice.warnings(taken, VirtualPulse(choice.value), grid, 0.75e-9)
+    # pi c 750 ps / 2.355 = 30 cm; a wall of 98.3 cm is 3.3 of those, and needs 1.2 m or 615 ps.
+    for figure in ("750 ps", "30 cm", "98.3 cm", "3.3", "1.2 m", "614 ps"):
+        assert figure in why
+    assert advice.warnings(taken, VirtualPulse(0.2), grid, 0.4e-9) == []
+
+
+def test_few_points_of_a_grid_have_the_spacing_of_scattered_ones():
+    full = wall(64, 64, 0.02)
+    few = full[np.random.default_rng(2).permutation(4096)[:256]]
+    assert advice.spacing_m(capture(few)) == pytest.approx(0.08, rel=0.06)

@@ -68,3 +68,11 @@ def test_summary_names_the_solver(rig, scan):
     assert done.code == 0
     assert "solver" in done.out
     assert "cycles" not in done.out
+
+
+@pytest.mark.parametrize("solver", ["bp", "lct"])
+@pytest.mark.parametrize("option", [("--memory", "2GB"), ("--device", "cuda")])
+def test_what_only_virtual_waves_have_is_refused(rig, scan, solver, option):
+    refused = rig("recon", scan(True), "--solver", solver, *option)
+    assert refused.code == 2
+    assert f"solver {solver} has no {option[0]}" in refused.err

@@ -196,3 +196,23 @@ def test_a_video_by_planes_appears_whole_or_not_at_all(tmp_path):
 
 def test_every_solver_has_its_name_on_the_command_line():
     assert {solver.value for solver in Solver} == {*SOLVERS, *BASELINES}
+
+
+def test_memory_bounds_the_image(rig, scan):
+    whole = json.loads(rig("recon", scan, *AROUND).out)
+    wanted = read_volume(whole["volume"]).intensity
+    done = rig("recon", scan, "--memory", "200MB", *AROUND)
+    assert done.code == 0, done.err
+    found = read_volume(json.loads(done.out)["volume"]).intensity
+    # Runs of lower frequencies may be interpolated with other weights, right to 3e-4 along each axis.
+    assert np.abs(found - wanted).max() < 2e-3 * wanted.max()
+    refused = rig("recon", scan, "--memory", "1MB", *AROUND)
+    assert refused.code == 2
+    assert "image fewer voxels" in refused.err + refused.out
+
+
+@pytest.mark.parametrize("option", [("--memory", "2GB"), ("--device", "cuda")])
+def test_a_video_has_no_bound_and_no_device(rig, scan, option):
+    refused = rig("recon", scan, "--camera", "transient", *option)
+    assert refused.code == 2
+    assert f"the transient camera has no {option[0]}" in refused.err

@@ -1,0 +1,128 @@
+"""The memory of imaging stays below its bound, as the system counts it, and the image is the same."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_points import histograms, wall
+
+from recon.capture import ArrayHistograms, Capture
+from recon.errors import MemoryBoundError, ParameterError
+from recon.grid import VoxelGrid
+from recon.imaging import image
+from recon.wave import VirtualPulse
+
+PULSE = VirtualPulse(0.06)
+BIN = 16e-12
+
+
+def capture(side, pitch_m, shape="grid"):
+    laser_m = wall(side, side, pitch_m)
+    random = np.random.default_rng(4)
+    if shape != "grid":
+        laser_m[:, :2] += random.uniform(-pitch_m / 3, pitch_m / 3, (len(laser_m), 2))
+    if shape == "curved":
+        laser_m[:, 2] = 0.1 * laser_m[:, 0] ** 2
+    detector_m = np.array([[0.1, -0.05, 0.0]])
+    counts = histograms([[0.1, 0.05, 0.7]], laser_m, detector_m, 800, BIN)
+    return Capture(ArrayHistograms(counts), BIN, np.zeros(1), laser_m, detector_m)
+
+
+def voxels(side, planes, width_m=1.0):
+    axis = np.linspace(-width_m / 2, width_m / 2, side)
+    return VoxelGrid(axis, axis, np.linspace(0.5, 0.9, planes))
+
+
+SCRIPT = """
+import json, sys
+sys.path.insert(0, "tests/recon")
+from test_memory_bound import PULSE, capture, image, voxels
+from recon.solvers import scattered
+def status(name):
+    with open("/proc/self/status") as status:
+        return next(1024 * int(line.split()[1]) for line in status if line.startswith(name))
+side, voxel_side, planes, width_m, shape, bound = json.loads(sys.argv[1])
+taken, grid = capture(side, 1.5 / side, shape), voxels(voxel_side, planes, width_m)
+choose = scattered.quicker_on_lattice
+for way in (False, True) if shape == "jittered" else (False,):
+    scattered.quicker_on_lattice = lambda *_: way
+    image(capture(8, 0.05, shape), PULSE, voxels(4, 2))  # libraries, compiled code, threads are not imaging's
+scattered.quicker_on_lattice = choose
+with open("/proc/self/clear_refs", "w") as peak:
+    peak.write("5")  # the peak begins anew
+before = status("VmRSS")
+image(taken, PULSE, grid, memory_bytes=bound)
+print(status("VmHWM") - before)
+"""
+
+
+def peak_bytes(*arguments):
+    """Peak of resident memory while imaging, above what was resident before."""
+    if not Path("/proc/self/clear_refs").exists():
+        pytest.skip("only Linux tells the peak of a part of a run")
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps(arguments)],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout)
+
+
+def least_bytes(taken, grid):
+    with pytest.raises(MemoryBoundError, match="image fewer voxels") as refusal:
+        image(taken, PULSE, grid, memory_bytes=1000)
+    return int(re.search(r"Allow (\d+) MB", str(refusal.value)).group(1)) * 10**6
+
+
+@pytest.mark.parametrize("size", [(64, 40, 12, 1.0), (96, 64, 2, 6.0)], ids=["small", "large"])
+@pytest.mark.parametrize("shape", ["grid", "jittered"])
+def test_peak_stays_below_the_bound(size, shape):
+    side, voxel_side, planes, width_m = size
+    least = least_bytes(capture(side, 1.5 / side, shape), voxels(voxel_side, planes, width_m))
+    assert peak_bytes(*size, shape, least) <= least
+    if width_m > 1:
+        assert peak_bytes(*size, shape, None) > least
+
+
+def test_tables_stay_below_the_bound():
+    least = least_bytes(capture(48, 1.5 / 48, "curved"), voxels(32, 6))
+    assert peak_bytes(48, 32, 6, 1.0, "curved", least) <= least
+
+
+@pytest.mark.parametrize("shape", ["grid", "jittered", "curved"])
+def test_a_bound_changes_no_number(shape):
+    taken, grid = capture(24, 1.5 / 24, shape), voxels(24, 12)
+    least = least_bytes(taken, grid)
+    parts = []
+    whole = image(taken, PULSE, grid).field
+    cut = image(taken, PULSE, grid, memory_bytes=least, progress=parts.append).field
+    # Runs of lower frequencies are interpolated with other weights, each right to 3e-4 along each axis.
+    assert np.abs(cut - whole).max() < 6e-4 * np.abs(whole).max()
+    assert parts == sorted(parts)
+    assert parts[-1] == pytest.approx(1)
+
+
+def test_the_fresnel_solver_keeps_to_a_bound_too():
+    taken = capture(24, 1.5 / 24)
+    # On the wall's lattice: between its points the paraxial wave is read rightly only up to 45 degrees.
+    axis_m = taken.laser_m[:24, 0]
+    grid = VoxelGrid(axis_m, axis_m, np.linspace(0.5, 0.9, 12))
+    least = least_bytes(taken, grid)
+    whole, cut = (image(taken, PULSE, grid, solver="fresnel", memory_bytes=b).field for b in (None, least))
+    # Single precision: 1e-7 for each of some 30 frequencies and as many FFT stages.
+    assert np.abs(cut - whole).max() < 3e-5 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("solver", ["direct", "backprojection"])
+def test_solvers_that_keep_to_no_bound_say_so(solver):
+    with pytest.raises(ParameterError, match=f"solver {solver}: .*cannot keep to a bound.* rsd or fresnel"):
+        image(capture(8, 0.05), PULSE, voxels(4, 2), solver=solver, memory_bytes=10**9)
+    with pytest.raises(ParameterError, match=f"solver {solver}: asked for device cuda"):
+        image(capture(8, 0.05), PULSE, voxels(4, 2), solver=solver, device="cuda")
