@@ -215,6 +215,7 @@ class ScanEngine:
             self._done += 1
             if self._done == len(lines) or lines[self._done] != lines[index]:
                 consume(LineDone(self._done))
+        self._require_light(seen_at)  # the positions since the last look, too
 
     def _require_light(self, seen_at: int) -> None:
         """Raise if the laser went dark by itself, and tell since which position the data is in doubt."""

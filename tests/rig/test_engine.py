@@ -181,6 +181,15 @@ def test_a_laser_that_goes_dark_by_itself_ends_the_scan_and_the_doubt_is_told():
     assert not rig.biased
 
 
+def test_a_laser_that_goes_dark_at_the_very_end_is_noticed():
+    rig, events = ScriptedRig(), []
+    rig.trips_at = 5  # during the last position
+    with pytest.raises(RefusedError, match="positions 4 to 5 may be dark"):
+        run(rig, events)
+    assert events[-1].outcome is Outcome.FAILED
+    assert events[-1].positions_done == 6
+
+
 def test_refuses_to_measure_without_sync_pulses():
     rig, events = ScriptedRig(sync_hz=0.0), []
     with pytest.raises(RefusedError, match="sync"):
