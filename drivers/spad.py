@@ -170,6 +170,30 @@ class Id120Spad:
         if self._flag("REG:RUN?"):
             raise self._refused("stop", "it says that it still runs")
 
+    def set_gate(self, delay_s: float, width_s: float) -> None:
+        """Move the gate: opening edge after the sync pulse, and how long it stays open.
+
+        Raises
+        ------
+        LimitError
+            One of them is outside the instrument's range; nothing was sent.
+        RefusedError
+            The instrument kept another value.
+        LinkError, ProtocolError
+            No answer, or none that makes sense.
+        """
+        self._set({"gate_delay_s": delay_s, "gate_width_s": width_s})
+
+    def set_hold_off(self, hold_off_s: float) -> None:
+        """Set the time after a detection during which the detector stays off.
+
+        Raises
+        ------
+        LimitError, RefusedError, LinkError, ProtocolError
+            As for `set_gate`.
+        """
+        self._set({"hold_off_s": hold_off_s})
+
     def gate_rate_hz(self) -> float:
         """Return how often the gate opens: the rate at the sync input."""
         return self._number("GATE:RATE?")
@@ -202,20 +226,25 @@ class Id120Spad:
         self.identity = identity
 
     def _configure(self) -> None:
-        """Check everything against the instrument's limits, then set and verify it."""
-        steps = {quantity.name: self._check_limits(quantity) for quantity in GATE_EXTENSION}
-        for quantity in GATE_EXTENSION:
-            value = round(self._wanted[quantity.name] * quantity.units_per_si)
-            self._tell(f"{quantity.command} {value}")
-            kept = self._number(f"{quantity.command}?")
-            if abs(kept - value) > steps[quantity.name]:
-                raise self._refused(f"set {quantity.command} {value}", f"it kept {kept:g}")
+        """Set the gate as wanted, and verify it."""
+        self._set(self._wanted)
         self._tell(f"GATE:MODE {self._mode}")
         mode = self._ask("GATE:MODE?")
         if mode != self._mode:
             raise self._refused(f"gate in mode {self._mode}", f"it is in mode {mode}")
 
-    def _check_limits(self, quantity: Quantity) -> float:
+    def _set(self, wanted: dict[str, float]) -> None:
+        """Check all values against the instrument's limits, then set and verify each."""
+        quantities = [quantity for quantity in GATE_EXTENSION if quantity.name in wanted]
+        steps = [self._check_limits(quantity, wanted[quantity.name]) for quantity in quantities]
+        for quantity, step in zip(quantities, steps, strict=True):
+            value = round(wanted[quantity.name] * quantity.units_per_si)
+            self._tell(f"{quantity.command} {value}")
+            kept = self._number(f"{quantity.command}?")
+            if abs(kept - value) > step:
+                raise self._refused(f"set {quantity.command} {value}", f"it kept {kept:g}")
+
+    def _check_limits(self, quantity: Quantity, wanted: float) -> float:
         """Return the instrument's step, after refusing what is outside its range.
 
         Unconfirmed: the form of the answer; lowest, highest and step are taken from it in this order.
@@ -225,7 +254,6 @@ class Id120Spad:
         if len(numbers) not in (2, 3) or numbers[0] > numbers[1]:
             raise self._nonsense(quantity.capability, answer)
         low, high = (number / quantity.units_per_si for number in numbers[:2])
-        wanted = self._wanted[quantity.name]
         slack = 0.5 / quantity.units_per_si  # what rounding to the wire's unit may add
         if not isfinite(wanted) or not low - slack <= wanted <= high + slack:
             raise LimitError(

@@ -3,19 +3,20 @@
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from rig.calibration import use
+from rig.calibration.use import Calibrations
 from rig.config import RigConfig, recorded
 from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, Ready, ScanEngine
 from rig.errors import DataFileError, RefusedError, UsageError
-from rig.files.description import Legs, ScanDescription
+from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
-from rig.pointing import Pointing
 from rig.session import open_devices
 
 
@@ -26,6 +27,22 @@ class ScanResult:
     ended: Ended
     photons: int
     live_time_s: float
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who looks on while a scan runs.
+
+    Attributes
+    ----------
+    consumers
+        Told of every event, after the file.
+    should_stop
+        Asked between positions whether to stop.
+    """
+
+    consumers: Sequence[Consumer] = ()
+    should_stop: Callable[[], bool] = lambda: False
 
 
 class Recorder:
@@ -58,25 +75,24 @@ class Recorder:
                 self.live_time_s += exposure.live_time_s
             case LineDone():
                 self._writer.checkpoint()
-            case Ended(outcome=outcome, reason=reason):
+            case Ended(outcome=outcome, positions_done=trusted, reason=reason):
+                self._writer.withdraw(trusted)
                 self._writer.close(outcome.value, reason, list(self._warnings))
 
     def _note(self, warnings: tuple[str, ...]) -> None:
         self._warnings.update(dict.fromkeys(warnings))
 
 
-def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescription:
+def describe(
+    plan: ScanPlan, config: RigConfig, devices: Devices, calibrations: Calibrations
+) -> ScanDescription:
     """Say all that is known before the first photon."""
-    legs = Legs(
-        np.array(config.galvo.position_m),
-        np.array(config.spad.position_m),
-        config.timing.electronics_delay_s,
-    )
+    legs = calibrations.legs(config)
     detector_m = np.array([plan.detector_spot_m])
     gate_start_s = gate_stop_s = fade_from_s = None
     if config.spad.gated:
-        gate_start_s = config.spad.gate_delay_s
-        gate_stop_s = gate_start_s + config.spad.gate_width_s
+        gate_start_s, width_s = calibrations.gate_s(config)
+        gate_stop_s = gate_start_s + width_s
         # one time after the sync pulse; in rectified time the latest opening is where the legs are shortest
         fade_from_s = gate_start_s - float(legs.delay_s(plan.spots_m, detector_m).min())
     return ScanDescription(
@@ -93,17 +109,13 @@ def describe(plan: ScanPlan, config: RigConfig, devices: Devices) -> ScanDescrip
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
-        instrument_response_s=config.timing.instrument_response_s,
+        instrument_response_s=calibrations.instrument_response_s(config),
+        mirror_rad=calibrations.pointing(config).angles_rad(plan.spots_m),
+        calibrations=calibrations.documents(),
     )
 
 
-def acquire(
-    plan: ScanPlan,
-    config: RigConfig,
-    target: Path,
-    consumers: Sequence[Consumer] = (),
-    should_stop: Callable[[], bool] = lambda: False,
-) -> ScanResult:
+def acquire(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None = None) -> ScanResult:
     """Run a plan on the rig that a configuration names, into a new scan file.
 
     Raises
@@ -112,12 +124,25 @@ def acquire(
         If a device fails; the file then ends with the status "failed" and keeps what was measured.
     rig.errors.UsageError
         If ``target`` exists already.
+    rig.errors.RefusedError
+        If the plan goes beyond what was calibrated.
     """
-    with (
-        open_devices(config) as devices,
-        ScanWriter.create(target, describe(plan, config, devices)) as writer,
-    ):
-        return _run(plan, config, devices, writer, consumers, should_stop)
+    with open_devices(config) as devices:
+        return record(plan, config, devices, target, watch, use.choose(config, devices.identities()))
+
+
+def record(
+    plan: ScanPlan,
+    config: RigConfig,
+    devices: Devices,
+    target: Path,
+    watch: Watch | None = None,
+    calibrations: Calibrations | None = None,
+) -> ScanResult:
+    """Run a plan on open devices, into a new scan file; see `acquire`."""
+    calibrations = calibrations or Calibrations()
+    with ScanWriter.create(target, describe(plan, config, devices, calibrations)) as writer:
+        return _run(plan, config, devices, writer, calibrations, watch or Watch())
 
 
 def interrupted(target: Path) -> tuple[ScanPlan, RigConfig]:
@@ -138,14 +163,8 @@ def interrupted(target: Path) -> tuple[ScanPlan, RigConfig]:
         return ScanPlan(**scan.plan), recorded(json.dumps(scan.configuration))
 
 
-def resume(
-    plan: ScanPlan,
-    config: RigConfig,
-    target: Path,
-    consumers: Sequence[Consumer] = (),
-    should_stop: Callable[[], bool] = lambda: False,
-) -> ScanResult:
-    """Take up an interrupted scan where it stopped, in the same file, with the same devices and settings.
+def resume(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None = None) -> ScanResult:
+    """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
     Raises
     ------
@@ -157,8 +176,9 @@ def resume(
     with open_devices(config) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
+            calibrations = use.recorded(scan.calibrations, target)
         with ScanWriter.resume(target) as writer:
-            return _run(plan, config, devices, writer, consumers, should_stop)
+            return _run(plan, config, devices, writer, calibrations, watch or Watch())
 
 
 def _run(
@@ -166,24 +186,28 @@ def _run(
     config: RigConfig,
     devices: Devices,
     writer: ScanWriter,
-    consumers: Sequence[Consumer],
-    should_stop: Callable[[], bool],
+    calibrations: Calibrations,
+    watch: Watch,
 ) -> ScanResult:
     recorder = Recorder(writer)
-    everyone: tuple[Consumer, ...] = (recorder, *consumers)
+    everyone: tuple[Consumer, ...] = (recorder, *watch.consumers)
 
     def consume(event: Event) -> None:
+        if isinstance(event, Ready):
+            event = replace(event, warnings=(*event.warnings, *calibrations.warnings))
         for consumer in everyone:
             consumer(event)
 
+    if calibrations.gate and config.spad.gated:
+        devices.spad.set_gate(*calibrations.gate_s(config))
     engine = ScanEngine(
         devices,
         plan,
-        Pointing(config.galvo.position_m),
+        calibrations.pointing(config),
         settle_timeout_s=config.galvo.settle_timeout_s,
         first=writer.appended,
     )
-    ended = engine.run(consume, should_stop)
+    ended = engine.run(consume, watch.should_stop)
     return ScanResult(ended, recorder.photons, recorder.live_time_s)
 
 

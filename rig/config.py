@@ -37,6 +37,10 @@ class GalvoConfig(_Section):
     """Serial port or pyserial URL."""
     position_m: Point = (-0.15, 0.0, 2.5)
     """The mirror, from which the beam leaves; it faces the wall squarely."""
+    mirrors: Literal[1, 2] = 1
+    """1: one mirror that turns about both axes. 2: a galvanometer pair."""
+    separation_m: Metres = Field(0.0, ge=0)
+    """Distance between the mirrors of a pair."""
     max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
     """Largest optical angle to either side."""
     max_angle_y_rad: Radians = Field(0.349065850398866, gt=0)  # 20 degrees
@@ -120,6 +124,32 @@ class ScanConfig(_Section):
     """Side of the square around the detector's spot that is not scanned."""
 
 
+class CalibrationConfig(_Section):
+    """What the rig has learned of itself."""
+
+    folder: Path = Path("calibrations")
+    """Where calibrations are kept; a relative path begins where the program is called."""
+    use: bool = True
+    """Whether scans use them."""
+
+
+class MisalignmentConfig(_Section):
+    """By how much the simulated rig differs from what the rest of the configuration says of it."""
+
+    wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """The wall, turned about its vertical and its horizontal middle line."""
+    galvo_shift_m: Point = (0.0, 0.0, 0.0)
+    spad_shift_m: Point = (0.0, 0.0, 0.0)
+    mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
+    """The mirror's mount, turned about x, y and z."""
+    mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Optical angles at command zero."""
+    mirror_gain: tuple[float, float] = (1.0, 1.0)
+    """Real angle for each commanded one."""
+    cable_delay_s: Seconds = 0.0
+    """Delay of forgotten cable."""
+
+
 class FaultsConfig(_Section):
     """What the simulated detector and timing do wrong; where a number is 0, that effect is off.
 
@@ -170,6 +200,7 @@ class SimulationConfig(_Section):
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
+    misalignment: MisalignmentConfig = MisalignmentConfig()
 
 
 class RigConfig(_Section):
@@ -182,6 +213,7 @@ class RigConfig(_Section):
     hydraharp: HydraHarpConfig = HydraHarpConfig()
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 

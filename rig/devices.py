@@ -5,6 +5,7 @@ identifies itself on entry and is left safe on exit: the laser dark, the gate cl
 """
 
 from collections.abc import Mapping
+from enum import Enum
 from typing import Protocol
 
 import numpy as np
@@ -83,6 +84,14 @@ class GatedSpad(Device, Protocol):
         """Remove the bias; safe to call at any time."""
         ...
 
+    def set_gate(self, delay_s: float, width_s: float) -> None:
+        """Move the gate: opening edge after the sync pulse, and how long it stays open."""
+        ...
+
+    def set_hold_off(self, hold_off_s: float) -> None:
+        """Set the time after a detection during which the detector stays off."""
+        ...
+
 
 class Exposure(Protocol):
     """What one timed measurement gave."""
@@ -140,4 +149,39 @@ class Tcspc(Device, Protocol):
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the instrument itself warns about, as plain sentences."""
+        ...
+
+
+class Preparation(Enum):
+    """What calibrations ask of the person at the rig. The value says it in words."""
+
+    MEASURE = "Take filters and covers away, the lamp off: the rig as for a scan"
+    ATTENUATE = "Put the filter (optical density 1 or more) into the laser beam"
+    BLOCK = "Put the beam stop before the laser; its sync pulses go on"
+    COVER = "Cover the detector's lens"
+    LAMP = "Put the beam stop before the laser, and light the wall with a steady lamp"
+
+
+class Operator(Protocol):
+    """The person at the rig, or the bench in their place."""
+
+    def prepare(self, preparation: Preparation) -> None:
+        """Return when the rig is prepared so, and only so."""
+        ...
+
+    def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
+        """Steer the beam onto a mark (x, y) on the wall, and return the commanded optical angles."""
+        ...
+
+
+class WallCamera(Protocol):
+    """A camera that sees the relay wall."""
+
+    @property
+    def name(self) -> str:
+        """Which camera it is."""
+        ...
+
+    def image(self) -> NDArray[np.uint16]:
+        """Return a picture taken now, (height, width), grey."""
         ...

@@ -84,7 +84,15 @@ class LineDone:
 
 @dataclass(frozen=True)
 class Ended:
-    """The scan is over and the laser is dark."""
+    """The scan is over and the laser is dark.
+
+    Attributes
+    ----------
+    outcome, reason
+        How and why.
+    positions_done
+        Positions that can be trusted; fewer than were measured where the laser went dark unnoticed.
+    """
 
     outcome: Outcome
     positions_done: int
@@ -105,15 +113,19 @@ class Devices:
     tcspc: Tcspc
     clock: Clock
 
+    def identities(self) -> dict[str, str]:
+        """Return the identity of each device."""
+        return {name: device.identity for name, device in self._named.items()}
+
     def read_back(self) -> dict[str, Settings]:
         """Return identity and settings of each device as they are now."""
-        named: dict[str, Device] = {
-            "galvo": self.galvo,
-            "laser": self.laser,
-            "spad": self.spad,
-            "tcspc": self.tcspc,
+        return {
+            name: {"identity": device.identity, **device.settings()} for name, device in self._named.items()
         }
-        return {name: {"identity": device.identity, **device.settings()} for name, device in named.items()}
+
+    @property
+    def _named(self) -> dict[str, Device]:
+        return {"galvo": self.galvo, "laser": self.laser, "spad": self.spad, "tcspc": self.tcspc}
 
 
 class ScanEngine:
@@ -220,9 +232,11 @@ class ScanEngine:
     def _require_light(self, seen_at: int) -> None:
         """Raise if the laser went dark by itself, and tell since which position the data is in doubt."""
         if not self._devices.laser.emitting():
+            measured, self._done = self._done, seen_at
             raise RefusedError(
                 "the laser went dark by itself: check interlock and key. It was last seen emitting at "
-                f"position {seen_at}; positions {seen_at} to {self._done - 1} may be dark: repeat the scan"
+                f"position {seen_at}; positions {seen_at} to {measured - 1} may be dark and are taken back: "
+                "mend it and resume the scan"
             )
 
     def _aim(self, index: int) -> None:

@@ -4,6 +4,7 @@
     ├── UsageError           exit 2  the command line or a quantity is wrong
     ├── ConfigError          exit 2  the configuration file is wrong
     ├── RefusedError         exit 4  a limit, disk space or safety forbids it; nothing was started
+    ├── CalibrationError     exit 5  a measurement does not allow a calibration; nothing was stored
     ├── DataFileError        exit 5  a file is damaged, foreign, or lacks what is needed
     └── InterruptedScanError exit 6  the scan was stopped; what was measured is safe in the file
 
@@ -46,3 +47,9 @@ class InterruptedScanError(RigError):
     """Raised when a scan was stopped before its end; the file keeps all that was measured."""
 
     exit_code = 6
+
+
+class CalibrationError(RigError):
+    """Raised when what was measured does not allow a calibration; nothing is stored."""
+
+    exit_code = 5

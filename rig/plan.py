@@ -121,8 +121,17 @@ class ScanPlan:
         photons = self.exposure_total_s * ASSUMED_RATE_HZ
         return int(min(self.bytes_in_memory, photons * BYTES_PER_PHOTON + self.positions * 500))
 
-    def check(self, config: RigConfig, folder: Path) -> None:
+    def check(self, config: RigConfig, folder: Path, pointing: Pointing) -> None:
         """Refuse what the rig cannot do, before anything moves.
+
+        Parameters
+        ----------
+        config
+            The rig's limits.
+        folder
+            Where the scan file shall be.
+        pointing
+            The model of the mirror.
 
         Raises
         ------
@@ -136,7 +145,7 @@ class ScanPlan:
             raise RefusedError(
                 "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
             )
-        angles = np.abs(Pointing(config.galvo.position_m).angles_rad(self.spots_m)).max(axis=0)
+        angles = np.abs(pointing.angles_rad(self.spots_m)).max(axis=0)
         limits = (config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)
         for axis, angle, limit in zip("xy", angles, limits, strict=True):
             if angle > limit:

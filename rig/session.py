@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
 from drivers.galvo import OptotuneMirror
@@ -10,8 +11,20 @@ from drivers.hydraharp import HHLib, HydraHarp, load_library
 from drivers.laser import KatanaLaser
 from drivers.spad import Id120Spad
 from rig.config import RigConfig
-from rig.devices import Clock
+from rig.devices import Clock, Operator, WallCamera
 from rig.engine import Devices
+
+if TYPE_CHECKING:
+    from simulators.bench import Bench
+
+
+@dataclass(frozen=True)
+class Station:
+    """A whole rig for calibration: devices, the person at it, and the cameras that see the wall."""
+
+    devices: Devices
+    operator: Operator
+    cameras: tuple[WallCamera, ...]
 
 
 @contextmanager
@@ -24,17 +37,29 @@ def open_devices(config: RigConfig) -> Iterator[Devices]:
         If a device is missing, is another one, or fails.
     """
     with ExitStack() as stack:
-        if config.simulated:
-            wires = stack.enter_context(_simulated(config))
-        else:
-            wires = _Wires(
-                galvo=config.galvo.address or "",
-                laser=config.laser.address or "",
-                usb_backend=None,
-                hhlib=load_library(config.hydraharp.library),
-                clock=SystemClock(),
-            )
+        wires = stack.enter_context(_simulated(config))[0] if config.simulated else _real(config)
         yield _open(config, wires, stack)
+
+
+@contextmanager
+def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
+    """Open devices and cameras. On the simulated rig the bench takes the place of ``operator``.
+
+    Raises
+    ------
+    drivers.errors.DeviceError
+        If a device is missing, is another one, or fails.
+    """
+    cameras: tuple[WallCamera, ...] = ()
+    with ExitStack() as stack:
+        if config.simulated:
+            wires, bench = stack.enter_context(_simulated(config))
+            from rig.stand_in import stand_ins
+
+            operator, cameras = stand_ins(bench)
+        else:
+            wires = _real(config)
+        yield Station(_open(config, wires, stack), operator, cameras)
 
 
 @dataclass(frozen=True)
@@ -48,19 +73,32 @@ class _Wires:
     clock: Clock
 
 
+def _real(config: RigConfig) -> _Wires:
+    return _Wires(
+        galvo=config.galvo.address or "",
+        laser=config.laser.address or "",
+        usb_backend=None,
+        hhlib=load_library(config.hydraharp.library),
+        clock=SystemClock(),
+    )
+
+
 @contextmanager
-def _simulated(config: RigConfig) -> Iterator[_Wires]:
+def _simulated(config: RigConfig) -> "Iterator[tuple[_Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.simulated import rack as build
 
     bench, rack = build(config)
     with rack:
-        yield _Wires(
-            galvo=rack.galvo_url,
-            laser=rack.laser_url,
-            usb_backend=rack.usb_backend,
-            hhlib=HHLib(rack.hhlib),
-            clock=bench.clock,
+        yield (
+            _Wires(
+                galvo=rack.galvo_url,
+                laser=rack.laser_url,
+                usb_backend=rack.usb_backend,
+                hhlib=HHLib(rack.hhlib),
+                clock=bench.clock,
+            ),
+            bench,
         )
 
 

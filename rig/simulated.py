@@ -26,19 +26,14 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
     ConfigError
         If there is no such scene, or it cannot be made as bright as wanted.
     """
-    from simulators.bench import Bench, BenchGeometry
+    from simulators.bench import Bench
     from simulators.clock import BenchClock
     from simulators.wire.hydraharp import Nonlinearity, Timing
     from simulators.wire.rack import Rack
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults
-    geometry = BenchGeometry(
-        galvo_m=config.galvo.position_m,
-        detector_head_m=config.spad.position_m,
-        detector_spot_m=config.spad.spot_m,
-        electronics_delay_s=config.timing.electronics_delay_s,
-    )
+    geometry = true_geometry(config)
     clock = BenchClock(real_time=simulation.real_time)
     bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
     timing = Timing(
@@ -47,6 +42,36 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
         drift_s_per_s=faults.drift_per_minute_s / 60,
     )
     return bench, Rack(bench, timing=timing, count_depth=faults.largest_count)
+
+
+def true_geometry(config: RigConfig) -> "BenchGeometry":
+    """Return where things really stand in the wall's frame: as configured, and then misaligned.
+
+    A tilted wall is a rig that is turned the other way about the wall's centre. The detector still looks at
+    its mark on the wall, since it was pointed there by eye.
+    """
+    from simulators.bench import BenchGeometry
+    from simulators.mount import MirrorMount, turned
+
+    wrong = (config.simulation or SimulationConfig()).misalignment
+    about_vertical, about_horizontal = wrong.wall_tilt_rad
+    turn = turned(-about_horizontal, -about_vertical, 0.0)
+    galvo_m = turn @ np.add(config.galvo.position_m, wrong.galvo_shift_m)
+    head_m = turn @ np.add(config.spad.position_m, wrong.spad_shift_m)
+    rotation = turn @ turned(*wrong.mirror_turn_rad)
+    return BenchGeometry(
+        galvo_m=tuple(galvo_m.tolist()),
+        detector_head_m=tuple(head_m.tolist()),
+        detector_spot_m=config.spad.spot_m,
+        electronics_delay_s=config.timing.electronics_delay_s + wrong.cable_delay_s,
+        mount=MirrorMount(
+            rotation=tuple(map(tuple, rotation.tolist())),
+            offset_rad=wrong.mirror_offset_rad,
+            gain=wrong.mirror_gain,
+            mirrors=config.galvo.mirrors,
+            separation_m=config.galvo.separation_m,
+        ),
+    )
 
 
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,9 +4,8 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import radians, tan
 from typing import Protocol
 
 import numpy as np
@@ -14,13 +13,11 @@ from numpy.typing import NDArray
 
 from simulators.clock import BenchClock
 from simulators.mirror import SteeringMirror
+from simulators.mount import MirrorMount
 
 #: Beam movement inside one exposure that is followed in steps rather than taken at its middle [mirror units],
 #: about 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
 MOVEMENT_STEP = 5e-4
-
-#: Optical deflection of one mirror unit, as a tangent (Optotune MR-15-30: the unit circle is 50 degrees).
-TAN_PER_UNIT = tan(radians(50.0))
 
 
 @dataclass(frozen=True)
@@ -30,24 +27,37 @@ class BenchGeometry:
     Attributes
     ----------
     galvo_m
-        The mirror, from which the beam leaves; it faces the wall squarely.
+        The mirror, from which the beam leaves.
     detector_head_m
         The detector's lens.
     detector_spot_m
         The spot on the wall that the detector looks at.
     electronics_delay_s
         From the sync pulse to light leaving the mirror, plus from detection to the timing input.
+    mount
+        How the mirror stands there, and how it obeys.
     """
 
     galvo_m: tuple[float, float, float] = (-0.2, 0.0, 2.5)
     detector_head_m: tuple[float, float, float] = (0.2, 0.0, 2.5)
     detector_spot_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     electronics_delay_s: float = 12.3e-9
+    mount: MirrorMount = field(default_factory=MirrorMount)
 
     def laser_spot_m(self, mirror: tuple[float, float]) -> tuple[float, float, float]:
-        """Where the beam meets the wall z = 0 when the mirror points at ``mirror`` [mirror units]."""
-        x, y, z = self.galvo_m
-        return x + z * TAN_PER_UNIT * mirror[0], y + z * TAN_PER_UNIT * mirror[1], 0.0
+        """Where the beam meets the wall z = 0 when the mirror points at ``mirror`` [mirror units].
+
+        Raises
+        ------
+        ValueError
+            If the beam goes away from the wall.
+        """
+        start_m, direction = self.mount.ray(mirror)
+        start_m = start_m + self.galvo_m
+        if not direction[2] < 0:
+            raise ValueError(f"the mirror at {mirror} sends the beam away from the wall")
+        x, y, _ = start_m - direction * (start_m[2] / direction[2])
+        return float(x), float(y), 0.0
 
 
 @dataclass(frozen=True)
@@ -70,6 +80,14 @@ class LightState:
         When the gate is half open after the sync pulse, at the detector; the time until it is half closed.
     hold_off_s
         Time after a detection during which the detector stays off.
+    attenuation
+        What filters in the beam let pass.
+    blocked
+        Whether a beam stop keeps the light from the wall; the laser's sync pulses go on.
+    covered
+        Whether the detector's lens is covered.
+    lamp_hz
+        Counts a second, while sensitive, of a steady lamp that shines on the wall.
     """
 
     emitting: bool = False
@@ -80,6 +98,20 @@ class LightState:
     gate_delay_s: float = 0.0
     gate_width_s: float = 40e-9
     hold_off_s: float = 100e-9
+    attenuation: float = 1.0
+    blocked: bool = False
+    covered: bool = False
+    lamp_hz: float = 0.0
+
+    @property
+    def on_wall(self) -> float:
+        """Fraction of the laser's full power that reaches the wall."""
+        return self.power * self.attenuation if self.emitting and not self.blocked else 0.0
+
+    @property
+    def received(self) -> float:
+        """Fraction of the laser's full power by which the detector's lens gets its light."""
+        return 0.0 if self.covered else self.on_wall
 
 
 @dataclass(frozen=True)

@@ -122,9 +122,7 @@ class Camera:
         The exposure is taken as short: a moving mirror is not smeared.
         """
         spot_m = bench.geometry.laser_spot_m(bench.mirror.position(bench.clock.now_s()))
-        light = bench.light
-        power = light.power if light.emitting else 0.0
-        return self.image_of_spot(spot_m, power, rng)
+        return self.image_of_spot(spot_m, bench.light.on_wall, rng)
 
     def image_of_spot(
         self, spot_m: tuple[float, float, float], power: float, rng: np.random.Generator

@@ -80,7 +80,7 @@ class HiddenScenePhotons:
     ) -> Detections:
         """Draw the detections of ``duration_s``, times after sync folded into one period [s]."""
         seen_s = [self.detector.background_times(light, duration_s, rng)]
-        if light.biased and light.emitting and light.power > 0:
+        if light.biased and light.received > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
             passed = rng.random(len(arrivals_s)) * peak < self.detector.sensitivity(arrivals_s, light)
@@ -92,7 +92,7 @@ class HiddenScenePhotons:
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second; the gate's edges are met at the patches' centres."""
         seen_hz = self.detector.background_hz(light)
-        if light.biased and light.emitting:
+        if light.biased and light.received > 0:
             seen_hz += self._light_hz(laser_spot_m, light)
         return self.detector.detected_hz(seen_hz, light)
 
@@ -104,7 +104,7 @@ class HiddenScenePhotons:
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
         stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
-        light_hz = light.power * (self._detections_m2_hz * seen_per_m2 + stray_hz)
+        light_hz = light.received * (self._detections_m2_hz * seen_per_m2 + stray_hz)
         if light.gated:
             light_hz += self.first_bounce.rate_hz(
                 laser_spot_m, self.geometry, light, self.detector.sensitivity
@@ -118,7 +118,7 @@ class HiddenScenePhotons:
         arrivals_s = [self._hidden_s(spot_m, light, duration_s, rng)]
         arrivals_s.append(self._stray_s(spot_m, light, duration_s, rng))
         if light.gated:
-            pulses = duration_s * light.repetition_hz * light.power
+            pulses = duration_s * light.repetition_hz * light.received
             late_s = self.first_bounce.arrivals(spot_m, self.geometry, pulses, rng)
             arrivals_s.append(late_s + self._pulse_s(len(late_s), rng))
         return np.concatenate(arrivals_s)
@@ -127,7 +127,7 @@ class HiddenScenePhotons:
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Draw the first bounce where the gate fails."""
-        pulses = duration_s * light.repetition_hz * light.power
+        pulses = duration_s * light.repetition_hz * light.received
         early_s = self.first_bounce.passing_the_gate(spot_m, self.geometry, pulses, rng)
         return early_s + self._pulse_s(len(early_s), rng)
 
@@ -137,7 +137,7 @@ class HiddenScenePhotons:
         """Light of the hidden scene, bounce by bounce."""
         paths_m = []
         for way, weight_per_m2 in zip(self._ways, self._from_spot(spot_m), strict=True):
-            expected = self._detections_m2_hz * light.power * duration_s * float(weight_per_m2.sum())
+            expected = self._detections_m2_hz * light.received * duration_s * float(weight_per_m2.sum())
             paths_m.append(way.random_paths(spot_m, weight_per_m2, rng.poisson(expected), rng))
         path_m = np.concatenate(paths_m)
         return self._legs_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
@@ -150,7 +150,7 @@ class HiddenScenePhotons:
         span_s = arrival_s + PULSE_SPAN * self.optics.pulse_fwhm_s
         if not self.detector.sensitivity(span_s, light).any():
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
-        per_s = self.optics.stray_per_pulse * light.repetition_hz * light.power
+        per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
         return arrival_s + self._pulse_s(number, rng)
 

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 import rig
+from rig.commands.calibrate import calibrate
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
@@ -51,6 +52,7 @@ def _root(
 app.command("scan")(scan)
 app.command("resume")(resume)
 app.command("recon")(recon)
+app.add_typer(calibrate, name="calibrate")
 app.command("measure")(measure)
 app.command("stats")(stats)
 app.command("plot")(plot)

@@ -15,8 +15,9 @@ def resume(
     The devices must be those that the scan began with. Photons that the file holds are never touched.
     """
     from rig import acquisition
+    from rig.calibration import use
     from rig.commands.running import run
 
     plan, config = acquisition.interrupted(scan)
-    plan.check(config, scan.parent)
-    run(lambda progress, stop: acquisition.resume(plan, config, scan, progress, stop), plan, scan, as_json)
+    plan.check(config, scan.parent, use.choose(config).pointing(config))
+    run(lambda watch: acquisition.resume(plan, config, scan, watch), plan, scan, as_json)

@@ -1,20 +1,20 @@
 """What ``rig scan`` and ``rig resume`` share: progress, Ctrl-C, and the result."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import typer
 
-from rig.acquisition import ScanResult
+from rig.acquisition import ScanResult, Watch
 from rig.commands import console
-from rig.engine import Consumer, Outcome
+from rig.engine import Outcome
 from rig.errors import InterruptedScanError
 from rig.interrupt import StopRequest
 from rig.plan import ScanPlan
 from rig.quantities import show, show_duration
 
-Acquisition = Callable[[Sequence[Consumer], Callable[[], bool]], ScanResult]
+Acquisition = Callable[[Watch], ScanResult]
 
 
 def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -> None:
@@ -28,7 +28,7 @@ def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -
     began_s = time.monotonic()
     try:
         with StopRequest(console.say) as stop:
-            result = acquisition([console.ScanProgress(plan.positions)], stop)
+            result = acquisition(Watch([console.ScanProgress(plan.positions)], stop))
     except KeyboardInterrupt:
         console.say(f"Stopped at once. The lines finished before are safe. Go on with: rig resume {target}")
         raise typer.Exit(130) from None

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from rig.calibration.use import Calibrations
     from rig.config import RigConfig
     from rig.plan import ScanPlan
 
@@ -67,6 +68,7 @@ def scan(
     Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
     """
     from rig.acquisition import acquire
+    from rig.calibration import use
     from rig.commands import console
     from rig.commands.running import run
     from rig.plan import ScanPlan
@@ -85,13 +87,16 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
     )
     target = out or Path(_default_name())
-    plan.check(rig_config, target.parent)
+    calibrations = use.choose(rig_config)
+    plan.check(rig_config, target.parent, calibrations.pointing(rig_config))
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     if dry_run:
-        _show_plan(plan, rig_config, as_json)
+        _show_plan(plan, rig_config, calibrations, as_json)
         return
-    run(lambda progress, stop: acquire(plan, rig_config, target, progress, stop), plan, target, as_json)
+    if calibrations.records:
+        console.say(f"Calibrations: {calibrations.in_words()}")
+    run(lambda watch: acquire(plan, rig_config, target, watch), plan, target, as_json)
 
 
 def _show_presets(as_json: bool) -> None:
@@ -140,14 +145,13 @@ def _default_name() -> str:
     return datetime.now().strftime("scan-%Y%m%d-%H%M%S.h5")
 
 
-def _show_plan(plan: "ScanPlan", config: "RigConfig", as_json: bool) -> None:
+def _show_plan(plan: "ScanPlan", config: "RigConfig", calibrations: "Calibrations", as_json: bool) -> None:
     import numpy as np
 
     from rig.commands import console
-    from rig.pointing import Pointing
     from rig.quantities import show, show_duration, show_length
 
-    angles = np.degrees(np.abs(Pointing(config.galvo.position_m).angles_rad(plan.spots_m)).max(axis=0))
+    angles = np.degrees(np.abs(calibrations.pointing(config).angles_rad(plan.spots_m)).max(axis=0))
     limits = np.degrees([config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad])
     if as_json:
         console.print_json(
@@ -163,6 +167,7 @@ def _show_plan(plan: "ScanPlan", config: "RigConfig", as_json: bool) -> None:
                 "bytes_on_disk": plan.bytes_on_disk,
                 "mirror_angle_deg": angles.tolist(),
                 "mirror_limit_deg": limits.tolist(),
+                "calibrations": sorted(calibrations.records),
             }
         )
         return
@@ -179,5 +184,6 @@ def _show_plan(plan: "ScanPlan", config: "RigConfig", as_json: bool) -> None:
             "file": f"~{plan.bytes_on_disk / 1e6:.0f} MB compressed, "
             f"{plan.bytes_in_memory / 1e6:.0f} MB of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
+            "calibrations": calibrations.in_words() or "none: as configured",
         },
     )

@@ -138,7 +138,7 @@ def _wrong_object(place: Any, entry: Entry, sizes: dict[str, int]) -> str:
         return "" if isinstance(place, h5py.Group) else "is not a group"
     if not isinstance(place, h5py.Dataset) or place.shape is None:
         return "is not a dataset"
-    kinds = {"counts": "uif", "unsigned": "ui", "float": "f", "bool": "bu"}[entry.type]
+    kinds = {"counts": "uif", "unsigned": "ui", "float": "f", "bool": "bu", "document": "OSU"}[entry.type]
     if place.dtype.kind not in kinds:
         return f"has type {place.dtype}, not {TYPES[entry.type]}"
     if not _shape_fits(place.shape, entry.shape, sizes):

@@ -79,6 +79,10 @@ class ScanDescription:
         Full width at half maximum.
     imported
         JSON text: which file of another layout the photons come from; empty where they were measured here.
+    mirror_rad
+        (P, 2) commanded mirror angles.
+    calibrations
+        JSON text of each calibration that the scan uses, by kind.
     dtype
         Type of the counts; a floating type says that they are expectations, not photons.
     """
@@ -101,6 +105,8 @@ class ScanDescription:
     imported: str = ""
     dtype: DTypeLike = "<u4"
     delay_s: NDArray[np.float64] | None = None
+    mirror_rad: NDArray[np.float64] | None = None
+    calibrations: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         positions = len(self.laser_m)

@@ -11,6 +11,7 @@ TYPES = {
     "group": "group",
     "text": "text",
     "json": "text (JSON)",
+    "document": "text (JSON)",
     "flag": "true or false",
     "whole": "whole number",
     "number": "number",
@@ -113,6 +114,14 @@ SCAN: Layout = {
         "number",
         "delay of cables and electronics [s]; needed where time_origin is laser, unless there is delay_s",
     ),
+    "/geometry/mirror_rad": Entry(
+        "float",
+        "commanded optical angles of the steering mirror, right and up [rad], from which a later calibration "
+        "can tell the spots again",
+        ("positions", 2),
+    ),
+    "/calibration": Entry("group", "the calibrations that the scan used, one dataset for each kind"),
+    "/calibration/*": Entry("document", "the calibration as it was stored, with its own digest", ()),
     "/transients": Entry("group", "photons of each position over time", required=True),
     "/transients@bin_width_s": Entry("number", "width of a bin [s]", required=True),
     "/transients@first_bin_s": Entry("number", "left edge of bin 0 [s]", required=True),

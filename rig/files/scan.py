@@ -211,6 +211,20 @@ class ScanFile:
             }
 
     @property
+    def calibrations(self) -> dict[str, str]:
+        """JSON text of each calibration that the scan used, by kind."""
+        with reading(self.path):
+            group = self._file.get("calibration", {})
+            return {kind: dataset.asstr()[()] for kind, dataset in group.items()}
+
+    @property
+    def mirror_rad(self) -> NDArray[np.float64] | None:
+        """(P, 2) commanded mirror angles; None where the file does not say."""
+        with reading(self.path):
+            angles = self._file.get("geometry/mirror_rad")
+            return None if angles is None else angles[()].astype(float)
+
+    @property
     def fade_from_s(self) -> float | None:
         """Rectified time before which the record holds the wall's own light."""
         return self._time("fade_from_s")

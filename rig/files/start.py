@@ -41,6 +41,12 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
         geometry.attrs["electronics_delay_s"] = float(description.legs.electronics_delay_s)
     if description.delay_s is not None:
         geometry["delay_s"] = np.asarray(description.delay_s, "<f8")
+    if description.mirror_rad is not None:
+        geometry["mirror_rad"] = np.asarray(description.mirror_rad, "<f8")
+    if description.calibrations:
+        calibrations = file.create_group("calibration")
+        for kind, document in description.calibrations.items():
+            calibrations[kind] = document
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
     transients.attrs["bins"] = bins

@@ -171,6 +171,29 @@ class ScanWriter:
                 group.attrs.update(settings)
             self._file.flush()
 
+    def withdraw(self, first: int) -> None:
+        """Take back the positions from ``first`` on, because they turned out not to be trusted.
+
+        Raises
+        ------
+        DataFileError
+            If the file cannot be written.
+        """
+        if first >= self.appended:
+            return
+        with _named(self.path, "write"):
+            size = len(self._buffer)
+            start, kept = self.appended // size * size, first // size * size
+            self._unmark_from(first)
+            for chunk in range(kept, self.appended, size):
+                rows = slice(chunk, min(chunk + size, self.appended))
+                written = self._counts[rows] if chunk < start else self._buffer[: rows.stop - chunk]
+                self._photons -= float(written[max(first - chunk, 0) :].sum(dtype=np.float64))
+                if chunk == kept:
+                    self._buffer[: first - kept] = written[: first - kept]
+            self._live[first:] = np.nan
+            self.appended = first
+
     def checkpoint(self) -> None:
         """Make all that was appended permanent: counts, flush, marks, flush.
 

@@ -74,7 +74,7 @@ class Detector:
             return 0.0
         width_s = light.gate_width_s + self.ringing.added_s
         duty = width_s * light.repetition_hz if gate.gates(light) else 1.0
-        return (self.dark_hz + self.ambient_hz) * duty
+        return self._steady_hz(light) * duty
 
     def background_times(
         self, light: LightState, duration_s: float, rng: np.random.Generator
@@ -83,13 +83,17 @@ class Detector:
         if not light.biased:
             return np.empty(0)
         duty = light.gate_width_s * light.repetition_hz if gate.gates(light) else 1.0
-        expected = (self.dark_hz + self.ambient_hz) * duty * duration_s
+        expected = self._steady_hz(light) * duty * duration_s
         if not self.ringing.overshoot or not gate.gates(light):
             return gate.times_inside(rng.poisson(expected), light, self.gate_edge_s, rng)
         peak = self.ringing.peak
         times_s = gate.times_inside(rng.poisson(expected * peak), light, self.gate_edge_s, rng)
         open_s = times_s - gate.opening_s(light, self.gate_edge_s) - self.gate_edge_s * gate.FULL_EDGE
         return times_s[rng.random(len(times_s)) * peak < self.ringing.factor(open_s)]
+
+    def _steady_hz(self, light: LightState) -> float:
+        """Return dark counts and steady light, counts a second while sensitive."""
+        return self.dark_hz + (0.0 if light.covered else self.ambient_hz + light.lamp_hz)
 
     def detect(
         self, seen_s: NDArray[np.float64], light: LightState, duration_s: float, rng: np.random.Generator

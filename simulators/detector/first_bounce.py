@@ -107,7 +107,7 @@ class FirstBounce:
             waits_s = -self.memory_decay_s * np.log1p(-(np.arange(4000) + 0.5) / 4000)
             seen = sensitivity(direct_s(spot_m, geometry) + waits_s, light).mean()
             per_pulse += self.per_pulse * self.memory * float(seen)
-        return per_pulse * light.repetition_hz * light.power
+        return per_pulse * light.repetition_hz * light.received
 
     def _reflections(self, spot_m: Spot, geometry: BenchGeometry) -> list[tuple[float, float]]:
         """Return arrival [s] and detections a pulse of each reflection, which fall with distance squared."""

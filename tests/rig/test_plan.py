@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig.calibration.use import nominal_pointing
 from rig.config import built_in
 from rig.errors import RefusedError
 from rig.plan import ScanPlan
@@ -66,14 +67,14 @@ def test_pointing_and_its_inverse(x_m, y_m):
 def test_refuses_what_the_rig_cannot_do(tmp_path, changes, told):
     config = built_in()
     with pytest.raises(RefusedError, match=told):
-        ScanPlan.from_config(config, **changes).check(config, tmp_path)
+        ScanPlan.from_config(config, **changes).check(config, tmp_path, nominal_pointing(config))
 
 
 def test_refuses_a_scan_that_the_disk_cannot_hold(tmp_path, monkeypatch):
     monkeypatch.setattr("rig.plan.disk_usage", lambda folder: SimpleNamespace(free=10))
     config = built_in()
     with pytest.raises(RefusedError, match="0 MB free"):
-        ScanPlan.from_config(config).check(config, tmp_path)
+        ScanPlan.from_config(config).check(config, tmp_path, nominal_pointing(config))
 
 
 def test_the_duration_counts_exposure_settling_and_readout():

@@ -1,0 +1,1 @@
+"""How calibrations are measured through the devices, fitted, and shown."""

@@ -1,0 +1,51 @@
+"""One calibration from beginning to end: measured or read, fitted, stored with its picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.acquisition import Watch
+from rig.calibrating.routine import Routine
+from rig.calibration import use
+from rig.calibration.record import Calibration
+from rig.calibration.store import CalibrationStore
+from rig.config import RigConfig
+from rig.devices import Operator
+from rig.pictures import save
+from rig.session import open_station
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A new calibration, and where it and its picture are."""
+
+    calibration: Calibration
+    path: Path
+    picture: Path
+
+
+def measured(
+    routine: Routine, config: RigConfig, operator: Operator, folder: Path, watch: Watch
+) -> list[Path]:
+    """Measure the raw data of a calibration into ``folder``, and return its files."""
+    setup = routine.setup(config)
+    with open_station(setup, operator) as station:
+        known = use.choose(config, station.devices.identities())
+        return routine.measure(station, setup, known, folder, watch)
+
+
+def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibrated:
+    """Fit raw data, and store calibration and picture.
+
+    Raises
+    ------
+    CalibrationError
+        If the data does not allow it; nothing is stored then.
+    """
+    calibration = routine.fit(files, config, use.choose(config))
+    store = CalibrationStore(config.calibration.folder)
+    figure = routine.figure(files, calibration)
+    path = store.add(calibration)
+    picture = store.path_for(calibration, ".png")
+    save(figure, picture)
+    return Calibrated(calibration, path, picture)

@@ -1,0 +1,150 @@
+"""The kinds of calibrations, and what each found. Standard errors are named after what they belong to."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from rig.calibration.record import Calibration
+from rig.files.description import Legs
+from rig.pointing import Pointing
+
+Point = tuple[float, float, float]
+
+
+class TimeZero(Calibration):
+    """When the pulse is on the wall.
+
+    A first bounce arrives at delay + |x_p - laser head| / c + |x_p - detector head| / c.
+    """
+
+    kind: ClassVar[str] = "time-zero"
+    belongs_to: ClassVar[tuple[str, ...]] = ("galvo", "laser", "spad", "tcspc")
+
+    electronics_delay_s: float
+    electronics_delay_error_s: float
+    laser_head_m: Point
+    detector_head_m: Point
+    detector_spot_m: Point
+    rectified_error_s: float
+    """Standard error of the rectified time of a position, the median over those measured."""
+    residual_s: float
+    """Root mean square of what the fit leaves."""
+    positions: int
+
+    @property
+    def legs(self) -> Legs:
+        """The ways and delays to subtract from recorded times."""
+        return Legs(np.array(self.laser_head_m), np.array(self.detector_head_m), self.electronics_delay_s)
+
+
+class GalvoModel(Calibration):
+    """Where the beam meets the wall for each command, see `rig.pointing.Pointing`."""
+
+    kind: ClassVar[str] = "galvo"
+    belongs_to: ClassVar[tuple[str, ...]] = ("galvo",)
+
+    method: Literal["cameras", "flight"]
+    mirror_m: Point
+    rotation_rad: Point
+    offset_rad: tuple[float, float]
+    gain: tuple[float, float]
+    mirrors: Literal[1, 2]
+    separation_m: float
+    area_m: list[tuple[float, float]]
+    spot_error_m: float
+    """Standard error of a spot on the wall, root mean square over those measured."""
+    residual_m: float
+    """Root mean square distance between measured and modelled spots, or of the flight paths."""
+    positions: int
+
+    def pointing(self) -> Pointing:
+        """Return the model; it refuses spots outside the calibrated area."""
+        return Pointing(
+            mirror_m=self.mirror_m,
+            rotation_rad=self.rotation_rad,
+            offset_rad=self.offset_rad,
+            gain=self.gain,
+            mirrors=self.mirrors,
+            separation_m=self.separation_m,
+            area_m=tuple(self.area_m),
+        )
+
+
+class Response(Calibration):
+    """The response of the whole system to a pulse."""
+
+    kind: ClassVar[str] = "irf"
+    belongs_to: ClassVar[tuple[str, ...]] = ("laser", "spad", "tcspc")
+
+    fwhm_s: float
+    fwhm_error_s: float
+    centroid_s: float
+    """Mean of the response after its peak."""
+    tail_s: float
+    """Time constant of its exponential tail."""
+    tail_fraction: float
+    """Part of the detections in that tail."""
+    counts: int
+    time_s: list[float]
+    response: list[float]
+    """The measured response at ``time_s`` about its peak, area 1 [1/s]."""
+
+
+class DarkRates(Calibration):
+    """What the detector counts without laser light."""
+
+    kind: ClassVar[str] = "dark"
+    belongs_to: ClassVar[tuple[str, ...]] = ("spad",)
+
+    dark_hz: float
+    dark_error_hz: float
+    ambient_hz: float
+    ambient_error_hz: float
+    afterpulse_probability: float
+    """That an avalanche leaves a carrier behind."""
+    afterpulse_probability_error: float
+    afterpulse_decay_s: float
+    afterpulse_decay_error_s: float
+    hold_off_s: list[float]
+    rate_hz: list[float]
+    """Rates of one steady light at these hold-offs, corrected for the hold-off itself."""
+    rate_error_hz: list[float]
+
+
+class GateOpening(Calibration):
+    """When to open the gate."""
+
+    kind: ClassVar[str] = "gate"
+    belongs_to: ClassVar[tuple[str, ...]] = ("laser", "spad")
+
+    gate_delay_s: float
+    """Earliest opening that blocks the first bounce wherever it can be blocked."""
+    gate_delay_error_s: float
+    gate_width_s: float
+    nearest_m: float
+    """Distance from the wall of the nearest object that was to be kept."""
+    spots_m: list[tuple[float, float]]
+    earliest_s: list[float | None]
+    """Earliest opening at each of these spots; None where there is none that keeps the nearest object."""
+
+
+class BinWidths(Calibration):
+    """Real widths of the timing instrument's bins."""
+
+    kind: ClassVar[str] = "dnl"
+    belongs_to: ClassVar[tuple[str, ...]] = ("tcspc",)
+
+    bin_width_s: float
+    first_bin_s: float
+    widths: list[float]
+    """(bins,) real width of each bin, in nominal ones; their mean is 1."""
+    counts_per_bin: float
+    """How many counts each was measured with; the standard error of a width is 1 / sqrt of it."""
+    nonlinearity: float
+    """Root mean square of the widths' deviations, the counting noise taken off."""
+
+
+KINDS: dict[str, type[Calibration]] = {
+    each.kind: each for each in (GalvoModel, TimeZero, Response, DarkRates, GateOpening, BinWidths)
+}
+"""By name, in the order in which they are measured: each may build on those before it."""
