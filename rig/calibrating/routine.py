@@ -1,4 +1,4 @@
-"""What a calibration routine is: it measures through the devices, fits what it measured, and shows the fit."""
+"""What a calibration routine is: it measures through the devices, fits what it measured, and shows it."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
