@@ -23,6 +23,9 @@ from recon.preparation import Fades
 from recon.solvers import fresnel
 from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import VirtualPulse
+from rig.calibration.apply import Seen, as_recorded, from_store, recalibrated, with_even_bins
+from rig.calibration.store import CalibrationStore
+from rig.calibration.use import recorded
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
@@ -59,6 +62,8 @@ class Request:
     snr: float | None = None
     memory_bytes: int | None = None
     device: str = "cpu"
+    calibrations: Path | None = None
+    even_bins: bool = False
 
 
 class _Asked(TypedDict):
@@ -98,8 +103,9 @@ def reconstruct(
         if request.camera != "transient":
             raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
     with ScanFile(scan_path) as scan:
-        capture = scan.capture()
-        choice = _wavelength(request, capture, scan.instrument_response_s)
+        seen = _seen_with(scan, request)
+        capture = seen.capture
+        choice = _wavelength(request, capture, seen.instrument_response_s)
         pulse = VirtualPulse(choice.value, request.cycles)
         grid = advice.voxels(
             capture,
@@ -109,15 +115,16 @@ def reconstruct(
             voxel_m=request.voxel_m,
             depth_m=request.depth_m,
         )
-        fade_from_s = scan.fade_from_s if request.fade_from_s is None else request.fade_from_s
+        fade_from_s = seen.fade_from_s if request.fade_from_s is None else request.fade_from_s
         if request.solver in BASELINES:
             volume, notes = _baseline(request, capture, grid, Fades(start_s=fade_from_s), progress)
             volume = dataclasses.replace(volume, scan=scan_path.name, scan_digest=scan.digest)
+            volume = _with(volume, **_calibrated(seen))
             write_volume(volume_path, volume)
             save(_picture(volume), picture_path)
             return Result(volume, "", notes, capture.positions, time.monotonic() - began_s)
         camera = _camera(request, capture, pulse, grid)
-        warnings = advice.warnings(capture, pulse, grid, scan.instrument_response_s, camera.light(pulse))
+        warnings = advice.warnings(capture, pulse, grid, seen.instrument_response_s, camera.light(pulse))
         if request.solver == "fresnel":
             warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
         volume = Volume(
@@ -131,6 +138,7 @@ def reconstruct(
                 "wavelength_m": pulse.wavelength_m,
                 "cycles": pulse.cycles,
                 "fade_from_s": fade_from_s,
+                **_calibrated(seen),
             },
             scan=scan_path.name,
             scan_digest=scan.digest,
@@ -153,6 +161,23 @@ def reconstruct(
         save_video(_seen(volume), video_path, compensation="t⁴")
     took_s = time.monotonic() - began_s
     return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
+
+
+def _seen_with(scan: ScanFile, request: Request) -> Seen:
+    """Return the scan as the calibrations asked for show it; by default as it was recorded."""
+    if request.calibrations is None and not request.even_bins:
+        return as_recorded(scan)
+    if request.calibrations is None:
+        calibrations = recorded(scan.calibrations, scan.path)
+        seen = as_recorded(scan)
+    else:
+        calibrations = from_store(scan, CalibrationStore(request.calibrations))
+        seen = recalibrated(scan, calibrations)
+    return with_even_bins(seen, scan, calibrations) if request.even_bins else seen
+
+
+def _calibrated(seen: Seen) -> dict[str, list[str]]:
+    return {"calibrated": list(seen.notes)} if seen.notes else {}
 
 
 def _check(request: Request) -> None:

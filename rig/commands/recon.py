@@ -103,6 +103,16 @@ def recon(
         ),
     ] = None,
     device: Annotated[Device, typer.Option(help="Where the rsd solver computes.")] = Device.CPU,
+    calibrations: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Use the newest calibrations of this folder instead of those that the scan was taken with.",
+        ),
+    ] = None,
+    even_bins: Annotated[
+        bool, typer.Option("--even-bins", help="Divide counts by the calibrated widths of the bins.")
+    ] = False,
     frames: Annotated[
         str | None,
         typer.Option(
@@ -163,6 +173,8 @@ def recon(
         snr=snr,
         memory_bytes=int(parse(memory, "memory")) if memory else None,
         device=device.value,
+        calibrations=calibrations,
+        even_bins=even_bins,
     )
     volume = out or scan.with_name(f"{scan.stem}-volume.h5")
     picture = image or scan.with_suffix(".png")

@@ -182,16 +182,18 @@ class ScanWriter:
         if first >= self.appended:
             return
         with _named(self.path, "write"):
-            size = len(self._buffer)
-            start, kept = self.appended // size * size, first // size * size
             self._unmark_from(first)
-            for chunk in range(kept, self.appended, size):
-                rows = slice(chunk, min(chunk + size, self.appended))
-                written = self._counts[rows] if chunk < start else self._buffer[: rows.stop - chunk]
-                self._photons -= float(written[max(first - chunk, 0) :].sum(dtype=np.float64))
-                if chunk == kept:
-                    self._buffer[: first - kept] = written[: first - kept]
             self._live[first:] = np.nan
+            self._live_time_s[first:] = np.nan
+            size = len(self._buffer)
+            kept = first // size * size
+            partial = self.appended // size * size
+            for start in range(kept, self.appended, size):
+                rows = self._buffer if start == partial else self._counts[start : start + size]
+                untrusted = rows[max(first - start, 0) : self.appended - start]
+                self._photons -= float(untrusted.sum(dtype=np.float64))
+            if kept < partial:
+                self._buffer[:] = self._counts[kept : kept + size]
             self.appended = first
 
     def checkpoint(self) -> None:

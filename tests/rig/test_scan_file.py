@@ -152,6 +152,35 @@ def test_an_interrupted_file_gives_what_is_there_and_can_be_resumed(tmp_path):
         assert len(json.loads(resumed["start"].attrs["resumed"])) == 1
 
 
+@pytest.mark.parametrize("kept", [0, 3, 15, 16, 17, 30, 32, 36, 37])
+@pytest.mark.parametrize("measured", [33, 37])
+@pytest.mark.parametrize("saved_at", [0, 20, 33])
+def test_positions_taken_back_are_measured_again(tmp_path, kept, measured, saved_at):
+    path, counts = tmp_path / "a.h5", draw()
+    with ScanWriter.create(path, describe()) as writer:
+        for number, row in enumerate(counts[:measured]):
+            writer.append(row + np.uint32(number >= kept), 0.01)  # wrong from there on
+            if number == saved_at:
+                writer.checkpoint()
+        writer.withdraw(kept)
+        writer.close("failed", "the laser went dark")
+    kept = min(kept, measured)
+    with ScanFile(path) as scan:
+        assert scan.done.sum() == kept
+        assert np.isnan(scan.live_time_s[kept:]).all()
+        if kept:
+            assert (dense(scan.capture()) == counts[:kept]).all()
+    with h5py.File(path) as file:
+        assert file["stop"].attrs["photons"] == counts[:kept].sum()
+    with ScanWriter.resume(path) as writer:
+        assert writer.appended == kept
+        for row in counts[kept:]:
+            writer.append(row, 0.01)
+    with ScanFile(path) as scan:
+        assert scan.status == "complete"
+        assert (dense(scan.capture()) == counts).all()
+
+
 def test_a_complete_file_is_not_resumed(tmp_path):
     path = write(tmp_path / "a.h5", describe(), draw())
     with pytest.raises(UsageError, match="complete"):

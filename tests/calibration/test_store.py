@@ -1,0 +1,126 @@
+"""Calibrations are kept whole, known again, and doubted where there is reason to."""
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from rig.calibration import use
+from rig.calibration.kinds import GateOpening, TimeZero
+from rig.calibration.store import CalibrationStore, doubts, read
+from rig.config import CalibrationConfig, built_in
+from rig.errors import DataFileError
+
+NOON = datetime(2026, 3, 4, 12, tzinfo=UTC)
+DEVICES = {"galvo": "G1", "laser": "L1", "spad": "S1", "tcspc": "T1"}
+
+
+def time_zero(**changes):
+    given = {
+        "created": NOON,
+        "valid_days": 7,
+        "rig_name": "a rig",
+        "devices": DEVICES,
+        "measured_from": {"raw.h5": "00ff"},
+        "simulated": True,
+        "electronics_delay_s": 15.3e-9,
+        "electronics_delay_error_s": 2e-12,
+        "laser_head_m": (0.1, 0.2, 2.5),
+        "detector_head_m": (-0.1, 0.2, 2.5),
+        "detector_spot_m": (0.0, 0.0, 0.0),
+        "rectified_error_s": 1e-12,
+        "residual_s": 3e-12,
+        "positions": 99,
+    }
+    return TimeZero(**(given | changes))
+
+
+def gate(**changes):
+    given = {
+        "created": NOON,
+        "valid_days": 30,
+        "rig_name": "a rig",
+        "devices": {"laser": "L1", "spad": "S1"},
+        "measured_from": {},
+        "simulated": True,
+        "gate_delay_s": 33e-9,
+        "gate_delay_error_s": 10e-12,
+        "gate_width_s": 40e-9,
+        "nearest_m": 0.5,
+        "spots_m": [(0.0, 0.0)],
+        "earliest_s": [None],
+    }
+    return GateOpening(**(given | changes))
+
+
+def configured(folder, **spad):
+    config = built_in()
+    return config.model_copy(
+        update={
+            "calibration": CalibrationConfig(folder=folder),
+            "spad": config.spad.model_copy(update=spad),
+        }
+    )
+
+
+def test_what_is_stored_is_read_back(tmp_path):
+    store = CalibrationStore(tmp_path / "new")
+    path = store.add(time_zero())
+    assert path.name == "time-zero-20260304T120000Z.json"
+    assert read(path) == time_zero()
+    assert [one.calibration for one in store.everything()] == [time_zero()]
+    assert list((tmp_path / "new").iterdir()) == [path]  # nothing half written beside it
+
+
+def test_a_changed_file_is_noticed(tmp_path):
+    path = CalibrationStore(tmp_path).add(time_zero())
+    content = json.loads(path.read_text())
+    content["electronics_delay_s"] += 1e-12
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataFileError, match="changed after it was stored.*measure it again"):
+        read(path)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"kind": "dark"}', '{"kind": 1, "digest": "x"}'])
+def test_what_is_no_calibration_is_refused_by_name(tmp_path, text):
+    path = tmp_path / "dark-1.json"
+    path.write_text(text)
+    with pytest.raises(DataFileError, match="dark-1.json"):
+        read(path)
+
+
+def test_the_newest_of_the_connected_devices_counts(tmp_path):
+    store = CalibrationStore(tmp_path)
+    for hours, delay_s, laser in ((0, 1e-9, "L1"), (1, 2e-9, "L1"), (2, 3e-9, "L2")):
+        store.add(
+            time_zero(
+                created=NOON + timedelta(hours=hours),
+                electronics_delay_s=delay_s,
+                devices=DEVICES | {"laser": laser},
+            )
+        )
+    chosen = use.choose(configured(tmp_path), DEVICES)
+    assert chosen.time_zero.electronics_delay_s == 2e-9
+    assert any("belongs to another laser and is not used" in sentence for sentence in chosen.warnings)
+    assert use.choose(configured(tmp_path), DEVICES | {"laser": "L2"}).time_zero.electronics_delay_s == 3e-9
+
+
+def test_an_old_calibration_is_used_and_doubted(tmp_path):
+    CalibrationStore(tmp_path).add(time_zero())
+    assert doubts(time_zero(), NOON + timedelta(days=6.9)) == ""
+    told = doubts(time_zero(), NOON + timedelta(days=10))
+    assert "10 days old" in told
+    assert "rig calibrate time-zero" in told
+
+
+def test_a_rehearsal_says_nothing_of_the_real_rig(tmp_path):
+    CalibrationStore(tmp_path).add(time_zero(simulated=False))
+    assert use.choose(configured(tmp_path), DEVICES).time_zero is None
+
+
+def test_a_gate_that_overrules_the_configuration_is_told(tmp_path):
+    CalibrationStore(tmp_path).add(gate(created=datetime.now(UTC).replace(microsecond=0)))
+    chosen = use.choose(configured(tmp_path, gate_delay_s=31.5e-9))
+    assert chosen.gate_s(configured(tmp_path)) == (33e-9, 40e-9)
+    assert chosen.warnings == ("the gate opens at 33 ns as calibrated, not at 31.5 ns as configured",)
+    assert use.choose(configured(tmp_path, gate_delay_s=33e-9)).warnings == ()
