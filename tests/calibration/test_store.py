@@ -77,7 +77,7 @@ def test_a_changed_file_is_noticed(tmp_path):
     content = json.loads(path.read_text())
     content["electronics_delay_s"] += 1e-12
     path.write_text(json.dumps(content))
-    with pytest.raises(DataFileError, match="changed after it was stored.*measure it again"):
+    with pytest.raises(DataFileError, match=r"changed after it was stored.*measure it again"):
         read(path)
 
 
@@ -85,7 +85,7 @@ def test_a_changed_file_is_noticed(tmp_path):
 def test_what_is_no_calibration_is_refused_by_name(tmp_path, text):
     path = tmp_path / "dark-1.json"
     path.write_text(text)
-    with pytest.raises(DataFileError, match="dark-1.json"):
+    with pytest.raises(DataFileError, match=r"dark-1\.json"):
         read(path)
 
 
