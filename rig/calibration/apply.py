@@ -2,12 +2,13 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from recon.capture import Capture
 from rig.calibration import use
-from typing import Any
+
 corrected: Any = None
 from rig.calibration.store import CalibrationStore
 from rig.calibration.use import Calibrations

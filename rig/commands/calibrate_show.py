@@ -1,0 +1,81 @@
+"""``rig calibrate show``: what the rig knows of itself, and whether it is still good."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rig.calibration.store import Stored
+
+
+def show(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+) -> None:
+    """List the newest calibration of each kind: what it found, of which devices, and until when it holds.
+
+    Whether they belong to the devices that are connected is seen when a scan begins.
+    """
+    from rig.calibration.kinds import KINDS
+    from rig.calibration.record import utc_now
+    from rig.calibration.store import CalibrationStore
+    from rig.commands import console
+    from rig.config import built_in, load
+
+    rig_config = load(config) if config else built_in()
+    store = CalibrationStore(rig_config.calibration.folder)
+    now = utc_now()
+    newest = {kind: store.newest(kind) for kind in KINDS}
+    if as_json:
+        console.print_json(
+            {
+                "folder": str(store.folder),
+                "calibrations": {
+                    kind: _as_dict(stored, now) if stored else None for kind, stored in newest.items()
+                },
+            }
+        )
+        return
+    facts = {}
+    for kind, stored in newest.items():
+        facts[kind] = _in_words(stored, now) if stored else f"never measured: rig calibrate {kind}"
+    console.print_facts(f"{rig_config.name}: calibrations in {store.folder}", facts)
+
+
+def _in_words(stored: "Stored", now: datetime) -> str:
+    from rig.calibration.headlines import headline
+
+    calibration = stored.calibration
+    verdict = (
+        "OLD, measure again" if calibration.is_old(now) else f"good until {calibration.expires:%Y-%m-%d}"
+    )
+    serials = ", ".join(f"{name} '{identity}'" for name, identity in calibration.devices.items())
+    simulated = " (simulated)" if calibration.simulated else ""
+    return (
+        f"{headline(calibration)}\n"
+        f"{calibration.created:%Y-%m-%d %H:%M} UTC{simulated}, {verdict}; {stored.path.name}\n"
+        f"of {serials or 'no particular device'}"
+    )
+
+
+def _as_dict(stored: "Stored", now: datetime) -> dict:
+    from rig.calibration.headlines import headline
+
+    calibration = stored.calibration
+    return {
+        "file": str(stored.path),
+        "created": calibration.created,
+        "expires": calibration.expires,
+        "valid": not calibration.is_old(now),
+        "devices": calibration.devices,
+        "software": calibration.software,
+        "simulated": calibration.simulated,
+        "found": headline(calibration),
+    }
