@@ -24,7 +24,7 @@ def main() -> None:
             sys.exit(1)
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
-        _report(str(error), code)
+        _report(f"{error}{_hint(error)}", code)
         sys.exit(code)
 
 
@@ -43,6 +43,13 @@ def _exit_code(error: Exception) -> int | None:
     if isinstance(error, ReconError):
         return 2
     return None
+
+
+def _hint(error: Exception) -> str:
+    """Return where to look on, for a device that is missing: it may not be the only one."""
+    from drivers.errors import DeviceNotFoundError
+
+    return " What else is missing: rig doctor" if isinstance(error, DeviceNotFoundError) else ""
 
 
 def _report(message: str, code: int) -> None:

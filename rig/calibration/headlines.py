@@ -31,7 +31,5 @@ def headline(calibration: Calibration) -> str:
                 f"{without} of {len(found.earliest_s)} positions cannot be gated"
             )
         case BinWidths() as found:
-            return (
-                f"widths differ by {found.nonlinearity:.2%} rms, from {found.counts_per_bin:.3g} counts each"
-            )
+            return f"widths differ by {found.nonlinearity:.2%} rms; {found.counts_per_bin:.3g} counts each"
     raise TypeError(f"no headline for {type(calibration).__name__}")
