@@ -13,6 +13,7 @@ from recon.measures import (
     CLOSE_M,
     contrast,
     depth_error,
+    displacement_m,
     overlap,
     predicted,
     pulse_depth_m,
@@ -96,6 +97,8 @@ class Measures:
         if "depth" in found:
             depth = found["depth"]
             lines["overlap"] = f"{_number(found['overlap'])} (intersection over union)"
+            aside = found["displacement"]
+            lines["displacement"] = f"x {_length(aside['x_m'])}, y {_length(aside['y_m'])}"
             lines["depth error"] = (
                 f"median {_length(depth['median_m'])}, mean {_length(depth['mean_m'])}, "
                 f"rms {_length(depth['rms_m'])}"
@@ -164,6 +167,8 @@ def measure(
     }
     if truth_m is not None:
         found["overlap"] = overlap(seen, occupied)
+        aside = displacement_m(seen, occupied, volume.x_m, volume.y_m)
+        found["displacement"] = dict(zip(("x_m", "y_m"), aside, strict=True))
         found["depth"] = asdict(depth_error(depth_m, truth_m))
     return Measures(_plain(found))
 

@@ -1,5 +1,6 @@
 """Numbers for an image: how wide a point is, how far off a depth, how well two shapes overlap, how noisy."""
 
+from recon.measures.displacement import displacement_m
 from recon.measures.quality import contrast, signal_to_noise, surroundings
 from recon.measures.resolution import Resolution, predicted, pulse_depth_m
 from recon.measures.surface import (
@@ -21,6 +22,7 @@ __all__ = [
     "Widths",
     "contrast",
     "depth_error",
+    "displacement_m",
     "half_maximum_width",
     "overlap",
     "predicted",
