@@ -30,20 +30,6 @@ from recon.measures import (
 
 
 @given(st.floats(-0.4, 0.4), st.floats(0.03, 0.2), st.floats(0, 30), st.integers(3, 12), st.floats(1e-6, 1e6))
-@pytest.mark.parametrize(("rows", "columns"), [(0, 0), (3, -2), (-5, 4)])
-def test_displacement_is_that_of_a_moved_shape_whatever_its_blur(rows, columns):
-    x_m, y_m = np.arange(60) * 0.02, np.arange(50) * 0.03
-    shape = np.zeros((50, 60), bool)
-    shape[15:35, 20:24] = shape[31:35, 20:38] = shape[23:26, 20:33] = True  # no symmetry of its own
-    moved = np.roll(shape, (rows, columns), axis=(0, 1))
-    blurred = binary_dilation(moved, iterations=2)
-    for seen in (moved, blurred):
-        # a half of a pixel is what the parabola of two even, blurred masks may err by
-        found = displacement_m(seen, shape, x_m, y_m)
-        assert found == pytest.approx((columns * 0.02, rows * 0.03), abs=0.005)
-    assert np.isnan(displacement_m(np.zeros_like(shape), shape, x_m, y_m)).all()
-
-
 def test_a_gaussian_has_its_width_wherever_it_is(shift, fwhm, offset, samples, height):
     """Three samples or more in the full width; the spline is then within a percent, as its docstring says."""
     axis = offset + np.arange(-2.0, 2.0, fwhm / samples)
@@ -206,3 +192,20 @@ def test_contrast_and_noise():
     assert signal_to_noise(front, ~occupied) == pytest.approx((9 - 7 / 3) / (sqrt(8) / 3))
     assert isnan(contrast(front, occupied & False, ~occupied))
     assert isnan(signal_to_noise(front, occupied))
+
+
+# --- displacement
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(0, 0), (3, -2), (-5, 4)])
+def test_displacement_is_that_of_a_moved_shape_whatever_its_blur(rows, columns):
+    x_m, y_m = np.arange(60) * 0.02, np.arange(50) * 0.03
+    shape = np.zeros((50, 60), bool)
+    shape[15:35, 20:24] = shape[31:35, 20:38] = shape[23:26, 20:33] = True  # no symmetry of its own
+    moved = np.roll(shape, (rows, columns), axis=(0, 1))
+    blurred = binary_dilation(moved, iterations=2)
+    for seen in (moved, blurred):
+        # a half of a pixel is what the parabola of two even, blurred masks may err by
+        found = displacement_m(seen, shape, x_m, y_m)
+        assert found == pytest.approx((columns * 0.02, rows * 0.03), abs=0.005)
+    assert np.isnan(displacement_m(np.zeros_like(shape), shape, x_m, y_m)).all()
