@@ -4,14 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
 
+#: Shifts at which the overlap of two masks is at least this part of its greatest are taken together: a shape
+#: that is blurred holds the sharp one at many shifts alike, evenly about the right one.
+NEARLY_ALL = 0.95
+
 
 def displacement_m(
     seen: NDArray[np.bool_], occupied: NDArray[np.bool_], x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return by how much (x, y) the pixels seen lie beside those occupied [m].
 
-    It is where the cross-correlation of the two masks is greatest, with a parabola through its neighbours:
-    blur that is even to all sides does not move it.
+    It is the centre of the shifts at which the two masks overlap most. Blur that is even to all sides does
+    not move it.
 
     Parameters
     ----------
@@ -22,17 +26,9 @@ def displacement_m(
     """
     if not (seen.any() and occupied.any() and min(seen.shape) > 1):
         return float("nan"), float("nan")
-    likeness = correlate(seen.astype(float), occupied.astype(float), mode="full")
-    row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
-    shift_y = row - (seen.shape[0] - 1) + _beyond(likeness[:, column], int(row))
-    shift_x = column - (seen.shape[1] - 1) + _beyond(likeness[row], int(column))
+    overlap = correlate(seen.astype(float), occupied.astype(float), mode="full")
+    weight = np.where(overlap >= NEARLY_ALL * overlap.max(), overlap, 0.0)
+    rows, columns = (np.arange(length) - (length // 2) for length in weight.shape)
+    shift_y = rows @ weight.sum(axis=1) / weight.sum()
+    shift_x = columns @ weight.sum(axis=0) / weight.sum()
     return float(shift_x * (x_m[1] - x_m[0])), float(shift_y * (y_m[1] - y_m[0]))
-
-
-def _beyond(profile: NDArray[np.float64], peak: int) -> float:
-    """Return how far beyond its greatest sample a profile's parabola has its top, in samples."""
-    if not 0 < peak < len(profile) - 1:
-        return 0.0
-    before, top, after = profile[peak - 1 : peak + 2]
-    curve = before - 2 * top + after
-    return float((before - after) / (2 * curve)) if curve < 0 else 0.0

@@ -205,7 +205,7 @@ def test_displacement_is_that_of_a_moved_shape_whatever_its_blur(rows, columns):
     moved = np.roll(shape, (rows, columns), axis=(0, 1))
     blurred = binary_dilation(moved, iterations=2)
     for seen in (moved, blurred):
-        # a half of a pixel is what the parabola of two even, blurred masks may err by
+        # the shifts that are taken together are whole pixels, evenly about the right one
         found = displacement_m(seen, shape, x_m, y_m)
         assert found == pytest.approx((columns * 0.02, rows * 0.03), abs=0.005)
     assert np.isnan(displacement_m(np.zeros_like(shape), shape, x_m, y_m)).all()
