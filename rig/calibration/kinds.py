@@ -3,6 +3,7 @@
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.calibration.record import Calibration
 from rig.files.description import Legs
@@ -91,24 +92,29 @@ class Response(Calibration):
 
 
 class DarkRates(Calibration):
-    """What the detector counts without laser light."""
+    """What the detector counts without laser light, and what each avalanche leaves behind."""
 
     kind: ClassVar[str] = "dark"
     belongs_to: ClassVar[tuple[str, ...]] = ("spad",)
 
     dark_hz: float
+    """Counts a second of the covered detector while it is ready, afterpulses taken off."""
     dark_error_hz: float
     ambient_hz: float
+    """What uncovering adds to it."""
     ambient_error_hz: float
     afterpulse_probability: float
-    """That an avalanche leaves a carrier behind."""
+    """That an avalanche leaves a carrier behind; 0 where no afterpulses were seen."""
     afterpulse_probability_error: float
-    afterpulse_decay_s: float
-    afterpulse_decay_error_s: float
+    afterpulse_decay_s: float | None
+    """Mean time until it is released; None where no afterpulses were seen."""
+    afterpulse_decay_error_s: float | None
+    chi2_per_bin: float
+    """Of the fit to the afterpulses; 1 where the model leaves only counting noise."""
     hold_off_s: list[float]
-    rate_hz: list[float]
-    """Rates of one steady light at these hold-offs, corrected for the hold-off itself."""
-    rate_error_hz: list[float]
+    after_hold_off: list[float]
+    """Measured probability that a carrier outlasts each of these hold-offs."""
+    after_hold_off_error: list[float]
 
 
 class GateOpening(Calibration):
@@ -123,9 +129,22 @@ class GateOpening(Calibration):
     gate_width_s: float
     nearest_m: float
     """Distance from the wall of the nearest object that was to be kept."""
+    passed: float
+    """Part of the first bounce that still passes where it is blocked latest."""
+    edge_s: float
+    """Time that the gate takes from 20 to 80 %."""
+    edge_error_s: float
+    offset_s: float
+    """Delay of the half open gate less the recorded arrival of the light that it halves."""
+    residual: float
+    """Root mean square of what the fitted edge leaves, in standard errors."""
     spots_m: list[tuple[float, float]]
     earliest_s: list[float | None]
     """Earliest opening at each of these spots; None where there is none that keeps the nearest object."""
+    latest_s: list[float]
+    """Latest opening at each of these spots that keeps the nearest object."""
+    failed: list[bool]
+    """Where the first bounce passes the closed gate."""
 
 
 class BinWidths(Calibration):
@@ -136,12 +155,28 @@ class BinWidths(Calibration):
 
     bin_width_s: float
     first_bin_s: float
-    widths: list[float]
-    """(bins,) real width of each bin, in nominal ones; their mean is 1."""
+    measured: list[float | None]
+    """(bins,) width of each bin as counted, in mean ones; None where the sync period ends before the bin."""
     counts_per_bin: float
-    """How many counts each was measured with; the standard error of a width is 1 / sqrt of it."""
+    """How many counts each was measured with."""
     nonlinearity: float
-    """Root mean square of the widths' deviations, the counting noise taken off."""
+    """Root mean square of the real widths' deviations from 1: of the counted ones, counting noise taken off."""
+    nonlinearity_at_most: float
+    """Its upper limit at two standard errors."""
+    kept: float
+    """Part of a counted deviation that is to be believed, S / (S + N): S is the variance of the real widths,
+    N that of counting them."""
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a counted width by counting alone."""
+        return self.counts_per_bin**-0.5
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """(bins,) best estimate of each width: counted deviations shrunk towards 1, and 1 where not measured."""
+        counted = np.array([1.0 if width is None else width for width in self.measured])
+        return 1 + self.kept * (counted - 1)
 
 
 KINDS: dict[str, type[Calibration]] = {
