@@ -222,8 +222,7 @@ class Bench:
         if duration_s <= 0:
             return []
         moved = max(
-            dist(self.mirror.position(begin_s), self.mirror.position(at_s))
-            for at_s in (middle_s, end_s)
+            dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
         )
         if moved <= MOVEMENT_STEP or duration_s < 10e-6:
             return [(middle_s, duration_s)]
