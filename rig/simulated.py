@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from simulators.bench import Bench, BenchGeometry, LightState, Photons
     from simulators.detector import Detector
     from simulators.detector.first_bounce import FirstBounce
+    from simulators.scenes import Scene
     from simulators.wire.rack import Rack
 
 #: The mean rate is taken over so many laser spots along x and y.
@@ -74,6 +75,24 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
     )
 
 
+def hidden_scene(config: RigConfig) -> "Scene":
+    """Build the hidden scene, as rough as it is wanted.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    simulation = config.simulation or SimulationConfig()
+    try:
+        hidden = scene(simulation.scene)
+    except (ValueError, ModuleNotFoundError) as error:
+        raise ConfigError(f"simulation.scene: {error}") from None
+    return hidden if simulation.roughness is None else hidden.with_roughness(simulation.roughness)
+
+
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
 
@@ -94,18 +113,11 @@ def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
     from simulators.brightness import tuned
     from simulators.optics import Optics
     from simulators.photons import HiddenScenePhotons
-    from simulators.scenes import scene
 
     simulation = config.simulation or SimulationConfig()
-    try:
-        hidden = scene(simulation.scene)
-    except (ValueError, ModuleNotFoundError) as error:
-        raise ConfigError(f"simulation.scene: {error}") from None
-    if simulation.roughness is not None:
-        hidden = hidden.with_roughness(simulation.roughness)
     faults = simulation.faults
     photons = HiddenScenePhotons(
-        hidden,
+        hidden_scene(config),
         geometry,
         Optics(),
         _detector(faults),

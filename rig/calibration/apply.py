@@ -2,14 +2,13 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from recon.capture import Capture
 from rig.calibration import use
 
-corrected: Any = None
+from rig.calibration.bin_widths import corrected
 from rig.calibration.store import CalibrationStore
 from rig.calibration.use import Calibrations
 from rig.errors import DataFileError, UsageError
@@ -121,7 +120,9 @@ def with_even_bins(seen: Seen, scan: ScanFile, calibrations: Calibrations) -> Se
             f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, and "
             "name the folder with --calibrations"
         )
-    histograms = corrected(seen.capture.histograms, widths, scan.bin_width_s, scan.first_bin_s)
+    histograms = corrected(
+        seen.capture.histograms, widths, bin_width_s=scan.bin_width_s, first_bin_s=scan.first_bin_s
+    )
     note = f"bin widths: counts divided by widths that differ by {widths.nonlinearity:.2%} rms"
     return dataclasses.replace(
         seen,
