@@ -79,23 +79,26 @@ def next_frequency(wave: F32, step: F32) -> None:
 
 @njit(nogil=True, cache=True, fastmath=True)
 def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
-    """Multiply a spectrum (2 h, 2 w) by an even kernel's quarter (2, h + 1, w + 1), into or onto `out`."""
+    """Multiply a spectrum (2 h, 2 w) by an even kernel's quarter (2, h + 1, w + 1), into or onto `out`.
+
+    The product is folded into `out` where that is shorter by whole factors: parts of its length are added up.
+    """
     height, width = wall.shape
+    high, wide = out.shape
     half = width // 2
-    for j in range(height):
-        row = min(j, height - j)
-        re, im = kernel[0, row], kernel[1, row]
-        source, target = wall[j], out[j]
-        if add:
-            for i in range(half + 1):
-                target[i] += source[i] * complex(re[i], im[i])
-            for i in range(half + 1, width):
-                target[i] += source[i] * complex(re[width - i], im[width - i])
-        else:
-            for i in range(half + 1):
-                target[i] = source[i] * complex(re[i], im[i])
-            for i in range(half + 1, width):
-                target[i] = source[i] * complex(re[width - i], im[width - i])
+    if not add:
+        out[:] = 0
+    re, im = np.empty(width, np.float32), np.empty(width, np.float32)
+    for row in range(height // 2 + 1):
+        re[: half + 1], im[: half + 1] = kernel[0, row], kernel[1, row]
+        for i in range(1, half):
+            re[width - i], im[width - i] = re[i], im[i]
+        for mirrored in range(1 if row in (0, height - row) else 2):
+            j = height - row if mirrored else row
+            source, target = wall[j], out[j % high]
+            for start in range(0, width, wide):
+                for i in range(wide):
+                    target[i] += source[start + i] * complex(re[start + i], im[start + i])
 
 
 @njit(nogil=True, cache=True, fastmath=True)
