@@ -8,8 +8,9 @@ a block of the record               8 bytes a bin of `BLOCK_POSITIONS` positions
 spectra                             8 bytes a position and frequency; 40 more while phases are applied, where
                                     each position has its own first bin
 a thread's plane (lattice)          about 15 bytes a point of the padded lattice and 48 a voxel
-the wall's spectra (lattice)        8 bytes a point and frequency that are taken at once; 8 more a point of
-                                    the lattice that scattered positions are spread over
+the wall's spectra (lattice)        8 bytes a point and frequency that are taken at once, and 16 a point while
+                                    one is made; 8 more a point of the lattice that scattered positions are
+                                    spread over
 tables (other geometry)             16 bytes a node of the positions that are taken at once
 ==================================  ========================================================================
 
@@ -159,6 +160,7 @@ def _lattice(x: LatticeAxis, y: LatticeAxis, grid: VoxelGrid, legs: int, part: S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)
-    thread = 24 * quarter + 8 * points + 8 * len(grid.y_m) * along_x.length
+    thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
     thread += 48 * len(grid.y_m) * len(grid.x_m)
-    return (cpu_count() or 1) * thread, 8 * points
+    # One wall field is put on its lattice at a time, in two steps where it is spread.
+    return (cpu_count() or 1) * thread + 16 * points, 8 * points

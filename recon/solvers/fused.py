@@ -86,19 +86,24 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
     height, width = wall.shape
     high, wide = out.shape
     half = width // 2
-    if not add:
-        out[:] = 0
-    re, im = np.empty(width, np.float32), np.empty(width, np.float32)
-    for row in range(height // 2 + 1):
-        re[: half + 1], im[: half + 1] = kernel[0, row], kernel[1, row]
-        for i in range(1, half):
-            re[width - i], im[width - i] = re[i], im[i]
-        for mirrored in range(1 if row in (0, height - row) else 2):
-            j = height - row if mirrored else row
-            source, target = wall[j], out[j % high]
+    for folded in range(high):
+        target = out[folded]
+        for j in range(folded, height, high):
+            re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
             for start in range(0, width, wide):
-                for i in range(wide):
-                    target[i] += source[start + i] * complex(re[start + i], im[start + i])
+                source, turn = wall[j, start : start + wide], width - start
+                forward = min(max(half + 1 - start, 0), wide)
+                # Written out four times: so the compiler vectorises each.
+                if add or j > folded or start > 0:
+                    for i in range(forward):
+                        target[i] += source[i] * complex(re[start + i], im[start + i])
+                    for i in range(forward, wide):
+                        target[i] += source[i] * complex(re[turn - i], im[turn - i])
+                else:
+                    for i in range(forward):
+                        target[i] = source[i] * complex(re[start + i], im[start + i])
+                    for i in range(forward, wide):
+                        target[i] = source[i] * complex(re[turn - i], im[turn - i])
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -16,7 +16,7 @@ of the spectrum (Kaiser's design formula). The lattice is refined until rho <= 0
 """
 
 from dataclasses import dataclass
-from math import ceil, log, pi
+from math import ceil, gcd, log, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,9 @@ def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_p
     refine = max(1, ceil(wall.pitch_m * wavenumber_rad_per_m / (pi * DENSEST)))
     rho = wall.pitch_m / refine * wavenumber_rad_per_m / pi
     first, weights = kaiser_sinc(at * refine, taps_half_width(rho), rho)
-    read = _plan(wall.pitch_m / refine, np.arange(wall.count) * refine - first[0], 1, first - first[0], weights)
+    read = _plan(
+        wall.pitch_m / refine, np.arange(wall.count) * refine - first[0], 1, first - first[0], weights
+    )
     spread = _through(wall, voxels_m, wavenumber_rad_per_m)
     return spread if spread.length <= LONGER * read.length else read
 
@@ -142,7 +144,7 @@ def _plan(
     """Choose the FFT's length; `wall` counts from the first lattice point that is read."""
     last_read = fold * (int(first[-1]) + weights.shape[1] - 1)
     longest = max(last_read - int(wall[0]), int(wall[-1]), 1)
-    half = _good_size(max(longest, (last_read + 2) // 2), fold)
+    half = _good_size(max(longest, (last_read + 2) // 2), fold // gcd(fold, 2))
     return AxisPlan(step_m, half, wall % (2 * half), spread, fold, first, weights)
 
 
@@ -162,7 +164,9 @@ def _good_size(least: int, divisor: int = 1) -> int:
         size += divisor
 
 
-def put(aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan) -> NDArray[np.complex64]:
+def put(
+    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
     """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
     grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
     np.add.at(grid, (aperture.row, aperture.column), emitted)

@@ -12,8 +12,8 @@ How it is made quick, per plane and frequency, for an FFT of N points and V voxe
   points (half an FFT of N) in place of an FFT;
 - from one frequency to the next the wave is multiplied by exp(-i dk r): no sine or cosine (N/4 complex
   multiplications; single precision loses 1e-7 a step);
-- one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read), and
-  folds the product where voxels are several lattice steps apart;
+- one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read),
+  and folds the product where voxels are several lattice steps apart;
 - the inverse FFT along y takes all columns, the one along x only the rows that are read (3/4 of an FFT of N,
   or of as many points as the folded spectrum has);
 - the phase of the moment t(v) at which a voxel is read and the sum over frequencies are one pass of Horner's
