@@ -25,8 +25,6 @@ from recon.wave import Band
 Field = NDArray[np.complexfloating]
 #: Part of the progress that reading the record makes up.
 READING = 0.3
-#: Memory for planes in work, their frequencies and frames; fewer threads run where it would not suffice.
-PLANE_BYTES = 2**30
 
 
 class Propagator(ABC):
@@ -188,7 +186,7 @@ def by_planes(task: Task, focus: Callable[[float, NDArray[np.float64]], Field]) 
     planes = range(len(task.grid.z_m))
     frequencies = len(task.band) if task.frames > 1 else 1
     one = 8 * (frequencies + task.frames) * task.grid.shape[1] * task.grid.shape[2]
-    workers = max(1, min(cpu_count() or 1, PLANE_BYTES // (2 * one)))
+    workers = max(1, min(cpu_count() or 1, task.plane_bytes // (2 * one)))
     with ThreadPoolExecutor(workers) as threads:
         waiting: deque[Future[Field]] = deque()
         unsent = iter(planes)
