@@ -43,8 +43,8 @@ WORKING_BYTES = 256 * 2**20
 TAP_BYTES = 64
 #: Positions whose tables are made at once at the least; fewer would be slow.
 LEAST_TABLES = 256
-#: Planes of a video that are held for each thread: the one in work, two that wait in turn, and the one that is
-#: taken, with its squares.
+#: Planes of a video that are held for each thread: the one in work, two that wait in turn, and the one
+#: that is taken, with its squares.
 PLANES_PER_THREAD = 5
 #: Small arrays, a file's block of counts, and the FFT library's own buffers.
 SLACK_BYTES = 32 * 2**20
