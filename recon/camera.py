@@ -32,29 +32,34 @@ from recon.wave import ContinuousWave, Light, VirtualPulse
 SAME_SPOT_M = 1e-3
 
 
+@dataclass(frozen=True)
+class Plane:
+    """Voxels at one depth, and where they are seen from.
+
+    Attributes
+    ----------
+    x_m, y_m
+        (1, nx) and (ny, 1) coordinates of voxels.
+    z_m
+        Depth.
+    detector_m
+        (3,) the one detector spot, or None where each position has its own.
+    """
+
+    x_m: NDArray[np.float64]
+    y_m: NDArray[np.float64]
+    z_m: float
+    detector_m: NDArray[np.float64] | None
+
+
 class Camera(ABC):
     """A virtual camera on the wall; a new one needs a name and `reading_times_s`."""
 
     name: str
 
     @abstractmethod
-    def reading_times_s(
-        self,
-        x_m: NDArray[np.float64],
-        y_m: NDArray[np.float64],
-        z_m: float,
-        detector_m: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
+    def reading_times_s(self, plane: Plane) -> NDArray[np.float64]:
         """Return the moments at which the voxels of a plane are read.
-
-        Parameters
-        ----------
-        x_m, y_m
-            (1, nx) and (ny, 1) coordinates of voxels.
-        z_m
-            Depth of the plane.
-        detector_m
-            (3,) the one detector spot, or None where each position has its own.
 
         Returns
         -------
@@ -84,18 +89,13 @@ class ConfocalCamera(Camera):
 
     name = "confocal"
 
-    def reading_times_s(
-        self,
-        x_m: NDArray[np.float64],
-        y_m: NDArray[np.float64],
-        z_m: float,
-        detector_m: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
+    def reading_times_s(self, plane: Plane) -> NDArray[np.float64]:
         """Return r_c/c, (1, ny, nx), or (1, 1, 1) zero."""
-        if detector_m is None:
+        spot_m = plane.detector_m
+        if spot_m is None:
             return np.zeros((1, 1, 1))
-        across = (x_m - detector_m[0]) ** 2 + (y_m - detector_m[1]) ** 2
-        return np.sqrt(across + (z_m - detector_m[2]) ** 2)[None] / C_M_PER_S
+        across = (plane.x_m - spot_m[0]) ** 2 + (plane.y_m - spot_m[1]) ** 2
+        return np.sqrt(across + (plane.z_m - spot_m[2]) ** 2)[None] / C_M_PER_S
 
 
 class PhotoCamera(Camera):
@@ -111,13 +111,7 @@ class PhotoCamera(Camera):
         """Return the pulse's carrier alone."""
         return ContinuousWave(pulse.wavelength_m)
 
-    def reading_times_s(
-        self,
-        x_m: NDArray[np.float64],
-        y_m: NDArray[np.float64],
-        z_m: float,
-        detector_m: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
+    def reading_times_s(self, plane: Plane) -> NDArray[np.float64]:
         """Return zero, (1, 1, 1): any moment gives the same image."""
         return np.zeros((1, 1, 1))
 
@@ -150,26 +144,21 @@ class TransientCamera(Camera):
         if np.size(self.times_s) == 0:
             raise ParameterError("transient camera", "a video", "it has no frames", "Give it times to show.")
 
-    def reading_times_s(
-        self,
-        x_m: NDArray[np.float64],
-        y_m: NDArray[np.float64],
-        z_m: float,
-        detector_m: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
+    def reading_times_s(self, plane: Plane) -> NDArray[np.float64]:
         """Return the frames' moments, (T, 1, 1)."""
-        if detector_m is None:
+        spot_m = plane.detector_m
+        if spot_m is None:
             raise GeometryError(
                 "transient camera",
                 "a video of the flash of one point source",
                 "each position of this scan has its own detector spot, so that there is no one source",
                 "Use a scan with one detector spot, or the confocal or the photo camera.",
             )
-        if self.source_m is not None and np.linalg.norm(self.source_m - detector_m) > SAME_SPOT_M:
+        if self.source_m is not None and np.linalg.norm(self.source_m - spot_m) > SAME_SPOT_M:
             raise GeometryError(
                 "transient camera",
                 f"a virtual source at {_place(self.source_m)}",
-                f"the scan was taken with one detector spot, at {_place(detector_m)}, and only light "
+                f"the scan was taken with one detector spot, at {_place(spot_m)}, and only light "
                 "from there was measured",
                 "Leave the source out, or take a scan with the detector there.",
             )

@@ -120,15 +120,16 @@ def image(
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
     fades = fades or Fades()
-    _check(solver, memory_bytes, device)
+    if device != "cpu" and solver != "rsd":
+        raise ParameterError(
+            f"solver {solver}", f"device {device}", "it computes on the cpu alone", "Use rsd, or the cpu."
+        )
     task = replace(plan(capture, pulse, grid, camera, fades, progress), device=device)
     if task.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {task.frames} frames", "Ask for a video."
         )
-    if memory_bytes is not None:
-        cut = budget.plan(capture, camera, task.slabs, grid, memory_bytes)
-        task = replace(task, passes=cut.passes, working_bytes=cut.working_bytes)
+    task = bounded(task, solver, memory_bytes)
     field = np.empty(grid.shape, np.complex64)
     for index, plane in enumerate(planes(task, solver)):
         field[index] = plane[0]
@@ -160,26 +161,29 @@ def plan(
 
 def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
-    _check(solver)
+    _known(solver)
     return SOLVERS[solver](task)
 
 
-def _check(solver: str, memory_bytes: int | None = None, device: str = "cpu") -> None:
-    """Refuse a solver that is unknown, or not able to do what is asked."""
-    if solver not in SOLVERS:
-        raise ParameterError(
-            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
-        )
-    if memory_bytes is not None and solver not in BOUNDED:
+def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
+    """Cut a task so that it keeps to a bound on memory, if there is one; raises as `image`."""
+    _known(solver)
+    if memory_bytes is None:
+        return task
+    if solver not in BOUNDED:
         raise ParameterError(
             f"solver {solver}",
             f"at most {memory_bytes / 1e6:.0f} MB of memory",
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
         )
-    if device != "cpu" and solver != "rsd":
+    return budget.cut(task, memory_bytes)
+
+
+def _known(solver: str) -> None:
+    if solver not in SOLVERS:
         raise ParameterError(
-            f"solver {solver}", f"device {device}", "it computes on the cpu alone", "Use rsd, or the cpu."
+            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
         )
 
 

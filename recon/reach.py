@@ -7,7 +7,7 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.camera import Camera, ConfocalCamera
+from recon.camera import Camera, ConfocalCamera, Plane
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.wave import Band, Light
@@ -42,7 +42,7 @@ class Slab:
 def plane_times_s(capture: Capture, grid: VoxelGrid, camera: Camera, z_m: float) -> NDArray[np.float64]:
     """Return the moments at which a camera reads the plane at `z_m`: (T, ny or 1, nx or 1)."""
     detector_m = None if capture.round_trip else capture.detector_m[0]
-    return camera.reading_times_s(grid.x_m[None], grid.y_m[:, None], float(z_m), detector_m)
+    return camera.reading_times_s(Plane(grid.x_m[None], grid.y_m[:, None], float(z_m), detector_m))
 
 
 def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) -> tuple[float, float]:

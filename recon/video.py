@@ -3,7 +3,7 @@
 For each plane the fields of all frequencies are kept, and one small matrix product turns them into its
 frames; these go to a sink, and into a front view that holds one image for each moment. In memory, for F
 frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front view and, on each thread, about
-8 (F + 3 T) V bytes; `recon.solvers.spectral.PLANE_BYTES` bounds the latter by running fewer threads.
+8 (F + 3 T) V bytes; fewer threads run where the latter would be more than `Task.plane_bytes`.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from recon.camera import TransientCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
-from recon.imaging import Progress, plan, planes
+from recon.imaging import Progress, bounded, plan, planes
 from recon.preparation import Fades
 from recon.reach import path_limits_m
 from recon.wave import VirtualPulse
@@ -64,12 +64,13 @@ def video(
     sink: Sink | None = None,
     fades: Fades | None = None,
     progress: Progress | None = None,
+    memory_bytes: int | None = None,
 ) -> Video:
     """Film how the flash of one point source travels through the hidden scene.
 
     Parameters
     ----------
-    capture, pulse, grid, solver, fades, progress
+    capture, pulse, grid, solver, fades, progress, memory_bytes
         As of `recon.imaging.image`.
     camera
         Which moments to show.
@@ -85,14 +86,14 @@ def video(
 
     Raises
     ------
-    GeometryError, ReachError, ParameterError
+    GeometryError, MemoryBoundError, ReachError, ParameterError
         As of `recon.imaging.image`.
     """
     if (surface_m is None) == (over == "surface"):
         raise ParameterError(
             "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
         )
-    task = plan(capture, pulse, grid, camera, fades or Fades(), progress)
+    task = bounded(plan(capture, pulse, grid, camera, fades or Fades(), progress), solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(task, solver)):

@@ -75,6 +75,7 @@ class _Asked(TypedDict):
     solver: str
     fades: Fades
     progress: Callable[[float], None] | None
+    memory_bytes: int | None
 
 
 def reconstruct(
@@ -150,6 +151,7 @@ def reconstruct(
             solver=request.solver,
             fades=Fades(start_s=fade_from_s),
             progress=progress,
+            memory_bytes=request.memory_bytes,
         )
         if isinstance(camera, TransientCamera):
             volume = _film(asked, camera, request, volume, volume_path)
@@ -195,10 +197,12 @@ def _check(request: Request) -> None:
     ):
         if given and request.solver in BASELINES:
             raise UsageError(f"solver {request.solver} has no {option}; use rsd, or leave {option} out")
-        if given and request.camera == "transient":
-            raise UsageError(
-                f"the transient camera has no {option}: it keeps every frequency's field; leave it out"
-            )
+
+    if request.device != "cpu" and request.camera == "transient":
+        raise UsageError(
+            "the transient camera has no --device: a graphics processor adds the frequencies up at one "
+            "moment, and a video reads them at every frame's; leave --device out"
+        )
 
 
 def _baseline(
@@ -242,7 +246,7 @@ def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: Voxel
 
 
 def _still(asked: _Asked, camera: Camera, request: Request, volume: Volume) -> Volume:
-    found = image(camera=camera, memory_bytes=request.memory_bytes, device=request.device, **asked)
+    found = image(camera=camera, device=request.device, **asked)
     volume = dataclasses.replace(volume, intensity=found.intensity)
     if not isinstance(camera, ConfocalCamera):
         return volume  # depth is told by the pulse alone

@@ -15,7 +15,7 @@ from rig.files.atomic import appearing
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
-from rig.simulated import true_geometry, hidden_scene
+from rig.simulated import hidden_scene, true_geometry
 
 if TYPE_CHECKING:
     from simulators.transport import Way

@@ -60,9 +60,7 @@ def main(folder: Path, picture: Path) -> None:
             fontsize=10,
         )
         axes[1, column].set_facecolor("0.82")
-        depths = draw_front(
-            axes[1, column], volume.depth_m, volume.x_m, volume.y_m, "viridis", DEPTH_COLOURS
-        )
+        depths = draw_front(axes[1, column], volume.depth_m, volume.x_m, volume.y_m, "viridis", DEPTH_COLOURS)
         print(title, json.dumps({"displacement": aside, "depth": depth, "overlap": measured["overlap"]}))
     figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum, intensity times z⁴")
     figure.colorbar(depths, ax=axes[1], label="depth z (m)", extend="both")

@@ -9,42 +9,19 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.capture import C_M_PER_S, Capture
-from recon.grid import VoxelGrid
-from recon.solvers.spectral import Field, Propagator, by_planes, spectral
+from recon.capture import C_M_PER_S
+from recon.solvers.spectral import Field, SumPropagator, by_planes, spectral
 from recon.solvers.task import Task
-from recon.wave import Band
 
 
-class DirectPropagator(Propagator):
-    """Sums over all positions.
-
-    Parameters
-    ----------
-    capture
-        Where the positions are; with a detector spot for each, the phase is that of both legs.
-    emitted
-        (F, P) complex128: what each position emits at each frequency.
-    band
-        The frequencies.
-    grid
-        Axes x and y are used.
-    """
-
-    def __init__(self, capture: Capture, emitted: Field, band: Band, grid: VoxelGrid) -> None:
-        self.band = band
-        self._emitted = np.ascontiguousarray(emitted.T, np.complex128)
-        self._grid = grid
-        self._laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
-        self._detector_m = np.ascontiguousarray(
-            capture.detector_m if capture.round_trip else np.empty((0, 3))
-        )
+class DirectPropagator(SumPropagator):
+    """Sums over all positions in double precision, from complex128 spectra."""
 
     def fields(self, z_m: float) -> Field:
         """Return the fields on the plane at depth `z_m`: (F, y, x) complex128."""
         fields = np.zeros((*self._grid.shape[1:], len(self.band)), np.complex128)
         _sum(
-            self._emitted,
+            np.asarray(self._emitted, np.complex128),
             self._laser_m,
             self._detector_m,
             self._grid.x_m,

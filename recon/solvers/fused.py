@@ -79,23 +79,31 @@ def next_frequency(wave: F32, step: F32) -> None:
 
 @njit(nogil=True, cache=True, fastmath=True)
 def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
-    """Multiply a spectrum (2 h, 2 w) by an even kernel's quarter (2, h + 1, w + 1), into or onto `out`."""
+    """Multiply a spectrum (2 h, 2 w) by an even kernel's quarter (2, h + 1, w + 1), into or onto `out`.
+
+    The product is folded into `out` where that is shorter by whole factors: parts of its length are added up.
+    """
     height, width = wall.shape
+    high, wide = out.shape
     half = width // 2
-    for j in range(height):
-        row = min(j, height - j)
-        re, im = kernel[0, row], kernel[1, row]
-        source, target = wall[j], out[j]
-        if add:
-            for i in range(half + 1):
-                target[i] += source[i] * complex(re[i], im[i])
-            for i in range(half + 1, width):
-                target[i] += source[i] * complex(re[width - i], im[width - i])
-        else:
-            for i in range(half + 1):
-                target[i] = source[i] * complex(re[i], im[i])
-            for i in range(half + 1, width):
-                target[i] = source[i] * complex(re[width - i], im[width - i])
+    for folded in range(high):
+        target = out[folded]
+        for j in range(folded, height, high):
+            re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
+            for start in range(0, width, wide):
+                source, turn = wall[j, start : start + wide], width - start
+                forward = min(max(half + 1 - start, 0), wide)
+                # Written out four times: so the compiler vectorises each.
+                if add or j > folded or start > 0:
+                    for i in range(forward):
+                        target[i] += source[i] * complex(re[start + i], im[start + i])
+                    for i in range(forward, wide):
+                        target[i] += source[i] * complex(re[turn - i], im[turn - i])
+                else:
+                    for i in range(forward):
+                        target[i] = source[i] * complex(re[start + i], im[start + i])
+                    for i in range(forward, wide):
+                        target[i] = source[i] * complex(re[turn - i], im[turn - i])
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -1,7 +1,13 @@
-"""Where the field is computed along one axis, and how it is read at the voxels.
+"""Where the field is computed along one axis: how the wall is put there, and how it is read at the voxels.
 
-The wall's lattice and the voxels' axis need not match. The field is computed on the wall's lattice, or on
-one that is finer by a whole factor; voxels that lie on it are picked, others are interpolated.
+The wall's lattice and the voxels' axis need not match. Where the voxels lie on the wall's lattice, the field
+is computed on that. Otherwise the lattice goes through the voxels, and what the wall emits is spread over it
+by interpolation transposed: once for each frequency, where interpolating at the voxels would cost as much for
+each plane too. Only voxels so fine that a lattice through them would be far longer are interpolated, from the
+wall's lattice or one that is finer by a whole factor.
+
+Voxels that are s lattice steps apart see a spectrum that is folded s times, so that the transform back has
+only one point for each.
 
 A field of wavenumber k holds spatial frequencies up to k. Sampled at h, it is rho = h k / pi of the
 critical rate, and a sinc under a Kaiser window of half-width W samples interpolates it with an error of about
@@ -10,17 +16,20 @@ of the spectrum (Kaiser's design formula). The lattice is refined until rho <= 0
 """
 
 from dataclasses import dataclass
-from math import ceil, log, pi
+from math import ceil, gcd, log, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.aperture import LatticeAxis
+from recon.aperture import Aperture, LatticeAxis
 
 #: Largest part of the critical sampling rate that is interpolated from.
 DENSEST = 0.75
 #: Error of the interpolation, as a part of the field's peak.
 INTERPOLATION_ERROR = 3e-4
+#: How much longer a lattice through the voxels may be than the wall's: interpolating at the voxels takes as
+#: long as the rest together.
+LONGER = 1.3
 #: Voxels this near to a lattice point, in lattice steps, are read at it: at a quarter wavelength a step the
 #: phase is wrong by 1.6 mrad at most.
 ON_LATTICE = 1e-3
@@ -38,15 +47,22 @@ class AxisPlan:
         Length of the FFT is 2 `half`, and the kernel is evaluated at offsets 0 to `half` steps; offsets from
         any wall point to any lattice point that is read are no longer, so that nothing wraps around.
     wall
-        (wall points,) lattice index of each point of the wall's axis.
+        (points,) lattice index of each point that emits.
+    spread
+        (points, wall points) float32 what each of them takes of each point of the wall's axis; None where
+        they are the wall's points themselves.
+    fold
+        How many times the spectrum is folded: only every `fold`-th lattice point is read.
     first, weights
-        (voxels,) index of the first lattice point that a voxel reads, and (voxels, taps) float32 weights of
-        it and its successors. Reading begins at lattice index 0.
+        (voxels,) index of the first such point that a voxel reads, and (voxels, taps) float32 weights of
+        it and its successors. Reading begins at index 0.
     """
 
     step_m: float
     half: int
     wall: NDArray[np.intp]
+    spread: NDArray[np.float32] | None
+    fold: int
     first: NDArray[np.intp]
     weights: NDArray[np.float32]
 
@@ -56,8 +72,13 @@ class AxisPlan:
         return 2 * self.half
 
     @property
+    def folded(self) -> int:
+        """Length of the FFT back."""
+        return self.length // self.fold
+
+    @property
     def read(self) -> int:
-        """Number of lattice points that are read, from index 0."""
+        """Number of points that are read, from index 0."""
         return int(self.first[-1]) + self.weights.shape[1]
 
 
@@ -69,31 +90,70 @@ def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_p
     wall
         The wall's axis.
     voxels_m
-        (n,) ascending coordinates of voxels.
+        (n,) ascending coordinates of voxels, evenly spaced.
     wavenumber_rad_per_m
         Highest wavenumber of the field: omega/c, or 2 omega/c for confocal data.
     """
-    refine = 1
     at = (voxels_m - wall.start_m) / wall.pitch_m
     if np.abs(at - np.rint(at)).max() <= ON_LATTICE:
-        nearest = np.rint(at).astype(np.intp)
-        weights = np.ones((len(at), 1), np.float32)
-    else:
-        refine = max(1, ceil(wall.pitch_m * wavenumber_rad_per_m / (pi * DENSEST)))
-        at = at * refine
-        rho = wall.pitch_m / refine * wavenumber_rad_per_m / pi
-        nearest, weights = kaiser_sinc(at, taps_half_width(rho), rho)
-    origin = int(nearest[0])
-    wall_at = np.arange(wall.count) * refine - origin
-    last_read = int(nearest[-1]) - origin + weights.shape[1] - 1
-    longest = max(last_read - int(wall_at[0]), int(wall_at[-1]), 1)
-    half = _good_size(max(longest, (last_read + 2) // 2))
-    return AxisPlan(wall.pitch_m / refine, half, wall_at % (2 * half), nearest - origin, weights)
+        return _picked(np.rint(at).astype(np.intp), np.arange(wall.count), wall.pitch_m)
+    refine = max(1, ceil(wall.pitch_m * wavenumber_rad_per_m / (pi * DENSEST)))
+    rho = wall.pitch_m / refine * wavenumber_rad_per_m / pi
+    first, weights = kaiser_sinc(at * refine, taps_half_width(rho), rho)
+    read = _plan(
+        wall.pitch_m / refine, np.arange(wall.count) * refine - first[0], 1, first - first[0], weights
+    )
+    spread = _through(wall, voxels_m, wavenumber_rad_per_m)
+    return spread if spread.length <= LONGER * read.length else read
 
 
-def _good_size(least: int) -> int:
-    """Return the first length from `least` on without prime factors above 11, which an FFT takes quickly."""
-    size = least
+def _through(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_per_m: float) -> AxisPlan:
+    """Plan a lattice through the voxels."""
+    step_m, stride = pi * DENSEST / wavenumber_rad_per_m, 1
+    if len(voxels_m) > 1:
+        pitch_m = float(voxels_m[-1] - voxels_m[0]) / (len(voxels_m) - 1)
+        stride = ceil(pitch_m / step_m)
+        step_m = pitch_m / stride
+    rho = step_m * wavenumber_rad_per_m / pi
+    first, weights = kaiser_sinc((wall.coordinates_m - voxels_m[0]) / step_m, taps_half_width(rho), rho)
+    points = np.arange(first[0], first[-1] + weights.shape[1])
+    spread = np.zeros((len(points), wall.count), np.float32)
+    rows = first[:, None] - first[0] + np.arange(weights.shape[1])
+    spread[rows, np.arange(wall.count)[:, None]] = weights
+    return _picked(stride * np.arange(len(voxels_m)), points, step_m, spread)
+
+
+def _picked(
+    voxels: NDArray[np.intp], wall: NDArray[np.intp], step_m: float, spread: NDArray[np.float32] | None = None
+) -> AxisPlan:
+    """Plan an axis whose voxels are lattice points."""
+    fold = int(voxels[1] - voxels[0]) if len(voxels) > 1 else 1
+    fold = fold if _good_size(fold) == fold else 1
+    first = (voxels - voxels[0]) // fold
+    return _plan(step_m, wall - voxels[0], fold, first, np.ones((len(first), 1), np.float32), spread)
+
+
+def _plan(
+    step_m: float,
+    wall: NDArray[np.intp],
+    fold: int,
+    first: NDArray[np.intp],
+    weights: NDArray[np.float32],
+    spread: NDArray[np.float32] | None = None,
+) -> AxisPlan:
+    """Choose the FFT's length; `wall` counts from the first lattice point that is read."""
+    last_read = fold * (int(first[-1]) + weights.shape[1] - 1)
+    longest = max(last_read - int(wall[0]), int(wall[-1]), 1)
+    half = _good_size(max(longest, (last_read + 2) // 2), fold // gcd(fold, 2))
+    return AxisPlan(step_m, half, wall % (2 * half), spread, fold, first, weights)
+
+
+def _good_size(least: int, divisor: int = 1) -> int:
+    """Return the first multiple of a divisor from `least` on without prime factors above 11.
+
+    An FFT takes such lengths quickly.
+    """
+    size = ceil(least / divisor) * divisor
     while True:
         rest = size
         for prime in (2, 3, 5, 7, 11):
@@ -101,7 +161,31 @@ def _good_size(least: int) -> int:
                 rest //= prime
         if rest == 1:
             return size
-        size += 1
+        size += divisor
+
+
+def put(
+    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
+    grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
+    np.add.at(grid, (aperture.row, aperture.column), emitted)
+    grid = grid if y.spread is None else y.spread @ grid
+    grid = grid if x.spread is None else grid @ x.spread.T
+    lattice = np.zeros((y.length, x.length), np.complex64)
+    # Two points may be one: those at half the FFT's length on either side of a single voxel.
+    np.add.at(lattice, np.ix_(y.wall, x.wall), grid)
+    return lattice
+
+
+def take(
+    aperture: Aperture, lattice: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Take what positions receive, (P,), off the lattice: the adjoint of `put`."""
+    grid = lattice[np.ix_(y.wall, x.wall)]
+    grid = grid if y.spread is None else y.spread.T @ grid
+    grid = grid if x.spread is None else grid @ x.spread
+    return grid[aperture.row, aperture.column]
 
 
 def taps_half_width(rho: float) -> int:

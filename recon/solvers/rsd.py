@@ -12,8 +12,10 @@ How it is made quick, per plane and frequency, for an FFT of N points and V voxe
   points (half an FFT of N) in place of an FFT;
 - from one frequency to the next the wave is multiplied by exp(-i dk r): no sine or cosine (N/4 complex
   multiplications; single precision loses 1e-7 a step);
-- one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read);
-- the inverse FFT along y takes all columns, the one along x only the rows that are read (3/4 of an FFT of N);
+- one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read),
+  and folds the product where voxels are several lattice steps apart;
+- the inverse FFT along y takes all columns, the one along x only the rows that are read (3/4 of an FFT of N,
+  or of as many points as the folded spectrum has);
 - the phase of the moment t(v) at which a voxel is read and the sum over frequencies are one pass of Horner's
   rule, total <- total * exp(i d_omega t) + field (V multiplications).
 
@@ -35,7 +37,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.solvers import fused
-from recon.solvers.lattice import AxisPlan, plan_axis
+from recon.solvers.lattice import AxisPlan, plan_axis, put, take
 from recon.solvers.spectral import Field, Propagator
 from recon.wave import Band
 
@@ -51,8 +53,8 @@ class Workspace:
         self.wave = np.empty(quarter, np.float32)
         self.step = np.empty(quarter, np.float32)
         self.kernel = np.empty(quarter, np.float32)
-        self.spectrum = np.empty((y.length, x.length), np.complex64)
-        self.rows = np.empty((len(y.first), x.length), np.complex64)
+        self.spectrum = np.empty((y.folded, x.folded), np.complex64)
+        self.rows = np.empty((len(y.first), x.folded), np.complex64)
 
 
 class LatticePropagator(Propagator):
@@ -81,13 +83,11 @@ class LatticePropagator(Propagator):
         self._legs = legs
         self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
-        self._at = (self._y.wall[aperture.row] * self._x.length + self._x.wall[aperture.column]).astype(
-            np.intp
-        )
+        self._aperture = aperture
         kept = max(1, WALL_BYTES // (8 * self._y.length * self._x.length))
         self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
-        for index, wall in enumerate(self._walls):
-            self._transform(index, wall, cpu_count() or 1)
+        for index in range(len(self._walls)):
+            self._walls[index] = self._transform(index, cpu_count() or 1)
         self._threads = local()
 
     def fields(self, z_m: float) -> Field:
@@ -105,20 +105,20 @@ class LatticePropagator(Propagator):
         It is the adjoint of what `fields` does to `emitted`: <fields(e), f> = <e, adjoint(f)>.
         """
         work = self._workspace()
-        emitted = np.empty((len(self.band), len(self._at)), np.complex64)
+        emitted = np.empty_like(self._emitted)
         for index in self._walk(z_m, work):
-            across = np.zeros((self._x.length, self._shape[0]), np.complex64)
+            across = np.zeros((self._x.folded, self._shape[0]), np.complex64)
             fused.spread_rows(
                 np.ascontiguousarray(fields[index].T, np.complex64), self._x.first, self._x.weights, across
             )
-            lattice = np.zeros_like(work.spectrum)
-            fused.spread_rows(np.ascontiguousarray(across.T), self._y.first, self._y.weights, lattice)
-            c2c(lattice, out=lattice, nthreads=1)
-            np.conjugate(lattice, out=lattice)
-            fused.multiply(lattice, work.kernel, work.spectrum, False)
+            read = np.zeros((self._y.folded, self._x.folded), np.complex64)
+            fused.spread_rows(np.ascontiguousarray(across.T), self._y.first, self._y.weights, read)
+            lattice = np.tile(c2c(read, nthreads=1).conj(), (self._y.fold, self._x.fold))
+            product = np.empty_like(lattice)
+            fused.multiply(lattice, work.kernel, product, False)
             # conj(K^) L is conj(K^ conj(L)), and a transform back of a conjugate is a conjugated transform.
-            c2c(work.spectrum, out=work.spectrum, nthreads=1)
-            emitted[index] = work.spectrum.reshape(-1)[self._at].conj() / work.spectrum.size
+            c2c(product, out=product, nthreads=1)
+            emitted[index] = take(self._aperture, product.conj(), self._y, self._x) / product.size
         return emitted
 
     def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
@@ -177,13 +177,12 @@ class LatticePropagator(Propagator):
         """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""
         if index < len(self._walls):
             return self._walls[index]
-        return self._transform(index, np.empty_like(self._walls[0]), 1)
+        return self._transform(index, 1)
 
-    def _transform(self, index: int, wall: NDArray[np.complex64], threads: int) -> NDArray[np.complex64]:
+    def _transform(self, index: int, threads: int) -> NDArray[np.complex64]:
         """Put positions on the lattice, and transform."""
-        wall[:] = 0
-        scale = np.float32(1 / wall.size)  # the inverse FFT's
-        np.add.at(wall.reshape(-1), self._at, self._emitted[index] * scale)
+        scale = np.float32(1 / (self._y.length * self._x.length))  # the inverse FFT's
+        wall = put(self._aperture, self._emitted[index] * scale, self._y, self._x)
         return c2c(wall, out=wall, nthreads=threads)
 
     def _rows(self, work: Workspace) -> NDArray[np.complex64]:

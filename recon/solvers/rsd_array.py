@@ -18,7 +18,7 @@ from recon.aperture import Aperture
 from recon.capture import C_M_PER_S
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
-from recon.solvers.lattice import AxisPlan, plan_axis
+from recon.solvers.lattice import AxisPlan, plan_axis, put
 from recon.wave import Band
 
 #: Memory for one batch of frequencies: the wave's phase in double precision, its transform, and the product.
@@ -150,11 +150,12 @@ def focus_slab(
     batches = range(0, len(turns_per_s), at_once)
     for number, start in enumerate(batches):
         part = slice(start, start + at_once)
-        wall = xp.fft.fft2(on.array(_wall(aperture, emitted[part], y, x)))
+        wall = xp.fft.fft2(on.array(np.stack([put(aperture, one, y, x) for one in emitted[part]])))
         turns = on.array(turns_per_s[part])[:, None, None]
         for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
             r = xp.sqrt(lateral2 + float(z_m) ** 2)
             spectrum = xp.fft.fft2(_unit(xp, legs / C_M_PER_S * turns * r) / _single(xp, r)) * wall
+            spectrum = _fold(spectrum, y, x)
             turned = _unit(xp, turns * on.array(moments_s))
             if moments_s.size == 1:
                 total = _read(xp.fft.ifft2((spectrum * turned).sum(0))[None], *readings)[0]
@@ -172,15 +173,10 @@ def _offsets(axis: AxisPlan) -> NDArray[np.float64]:
     return np.minimum(index, axis.length - index) * axis.step_m
 
 
-def _wall(
-    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Put positions on the lattice: (F, y, x)."""
-    wall = np.zeros((len(emitted), y.length * x.length), np.complex64)
-    at = y.wall[aperture.row] * x.length + x.wall[aperture.column]
-    for points, values in zip(wall, emitted, strict=True):
-        np.add.at(points, at, values)
-    return wall.reshape(len(emitted), y.length, x.length)
+def _fold(spectra: Any, y: AxisPlan, x: AxisPlan) -> Any:
+    """Fold spectra (F, y, x) to the points that are read; the inverse FFT divides by as many fewer."""
+    parts = spectra.reshape(-1, y.fold, y.folded, x.fold, x.folded)
+    return parts.sum(3).sum(1) / (y.fold * x.fold)
 
 
 def _single(xp: Any, values: Any) -> Any:

@@ -15,6 +15,7 @@ from os import cpu_count
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from recon.capture import Capture
 from recon.grid import VoxelGrid
 from recon.reach import Slab
 from recon.solvers.task import Solver, Task, part_of
@@ -24,8 +25,6 @@ from recon.wave import Band
 Field = NDArray[np.complexfloating]
 #: Part of the progress that reading the record makes up.
 READING = 0.3
-#: Memory for planes in work, their frequencies and frames; fewer threads run where it would not suffice.
-PLANE_BYTES = 2**30
 
 
 class Propagator(ABC):
@@ -46,6 +45,30 @@ class Propagator(ABC):
     def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
         """Sum the fields over all frequencies at moments t, (T, y or 1, x or 1): (T, y, x) complex."""
         return read(self.fields(z_m), self.band, times_s)
+
+
+class SumPropagator(Propagator):
+    """Sums over all positions, wherever they are.
+
+    Parameters
+    ----------
+    capture
+        Where the positions are; with a detector spot for each, the phase is that of both legs.
+    emitted
+        (F, P) complex: what each position emits at each frequency.
+    band
+        The frequencies.
+    grid
+        Axes x and y are used.
+    """
+
+    def __init__(self, capture: Capture, emitted: Field, band: Band, grid: VoxelGrid) -> None:
+        self.band = band
+        self._emitted = np.ascontiguousarray(emitted.T)
+        self._grid = grid
+        self._laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
+        detector_m = capture.detector_m if capture.round_trip else np.empty((0, 3))
+        self._detector_m = np.ascontiguousarray(detector_m, np.float64)
 
 
 def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
@@ -163,7 +186,7 @@ def by_planes(task: Task, focus: Callable[[float, NDArray[np.float64]], Field]) 
     planes = range(len(task.grid.z_m))
     frequencies = len(task.band) if task.frames > 1 else 1
     one = 8 * (frequencies + task.frames) * task.grid.shape[1] * task.grid.shape[2]
-    workers = max(1, min(cpu_count() or 1, PLANE_BYTES // (2 * one)))
+    workers = max(1, min(cpu_count() or 1, task.plane_bytes // (2 * one)))
     with ThreadPoolExecutor(workers) as threads:
         waiting: deque[Future[Field]] = deque()
         unsent = iter(planes)

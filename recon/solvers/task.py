@@ -48,6 +48,8 @@ class Task:
         the record. Empty takes all slabs in one.
     working_bytes
         What a solver may take at once for tables.
+    plane_bytes
+        Memory for planes in work, their frequencies and frames; fewer threads run where it would not suffice.
     device
         Where the rsd solver computes: "cpu" or "cuda".
     """
@@ -61,6 +63,7 @@ class Task:
     progress: Callable[[float], None] = ignore
     passes: tuple[tuple[Slab, ...], ...] = ()
     working_bytes: int = 64 * 2**20
+    plane_bytes: int = 2**30
     device: str = "cpu"
 
     def times_s(self, plane: int) -> NDArray[np.float64]:

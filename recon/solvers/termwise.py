@@ -11,10 +11,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.capture import C_M_PER_S, Capture
-from recon.grid import VoxelGrid
-from recon.solvers.spectral import Field, Propagator
-from recon.wave import Band
+from recon.capture import C_M_PER_S
+from recon.solvers.spectral import Field, SumPropagator
 
 #: Frequencies between two exact phases.
 ANCHOR = 64
@@ -22,29 +20,8 @@ ANCHOR = 64
 F64 = NDArray[np.float64]
 
 
-class TermwisePropagator(Propagator):
-    """Sums over all positions in single precision.
-
-    Parameters
-    ----------
-    capture
-        Where the positions are; with a detector spot for each, the phase is that of both legs.
-    emitted
-        (F, P) complex64: what each position emits at each frequency.
-    band
-        The frequencies.
-    grid
-        Axes x and y are used.
-    """
-
-    def __init__(self, capture: Capture, emitted: NDArray[np.complex64], band: Band, grid: VoxelGrid) -> None:
-        self.band = band
-        self._emitted = np.ascontiguousarray(emitted.T)
-        self._grid = grid
-        self._laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
-        self._detector_m = np.ascontiguousarray(
-            capture.detector_m if capture.round_trip else np.empty((0, 3)), np.float64
-        )
+class TermwisePropagator(SumPropagator):
+    """Sums over all positions in single precision, from complex64 spectra."""
 
     def fields(self, z_m: float) -> Field:
         """Return the fields on the plane at depth `z_m`: (F, y, x) complex64."""

@@ -7,7 +7,6 @@ import numpy as np
 
 from recon.capture import Capture
 from rig.calibration import use
-
 from rig.calibration.bin_widths import corrected
 from rig.calibration.store import CalibrationStore
 from rig.calibration.use import Calibrations

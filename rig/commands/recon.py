@@ -102,7 +102,7 @@ def recon(
             help="Most memory for imaging, e.g. 2GB, for rsd and fresnel. [dim]\\[what is quickest][/dim]",
         ),
     ] = None,
-    device: Annotated[Device, typer.Option(help="Where the rsd solver computes.")] = Device.CPU,
+    device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
     calibrations: Annotated[
         Path | None,
         typer.Option(

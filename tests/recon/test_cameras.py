@@ -47,8 +47,8 @@ class DelayedCamera(ConfocalCamera):
     def __init__(self, delay_s):
         self.delay_s = delay_s
 
-    def reading_times_s(self, x_m, y_m, z_m, detector_m):
-        return super().reading_times_s(x_m, y_m, z_m, detector_m) + self.delay_s
+    def reading_times_s(self, plane):
+        return super().reading_times_s(plane) + self.delay_s
 
 
 class ApodisedCamera(ConfocalCamera):
@@ -89,7 +89,8 @@ def test_the_reading_may_be_any_function_of_place_and_moment():
 
         name = "warped"
 
-        def reading_times_s(self, x_m, y_m, z_m, detector_m):
+        def reading_times_s(self, plane):
+            x_m, y_m = plane.x_m, plane.y_m
             return np.stack([2.0e-9 + x_m / C + 0 * y_m, 2.2e-9 + y_m * x_m / C])
 
     capture = captured(histograms(POINT, LASER, DETECTOR, 2000, BIN))

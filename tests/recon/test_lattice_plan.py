@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.aperture import LatticeAxis, recognise
-from recon.camera import ConfocalCamera
+from recon.camera import ConfocalCamera, Plane
 from recon.grid import VoxelGrid
 from recon.solvers.lattice import plan_axis
 from recon.solvers.rsd import LatticePropagator
@@ -45,7 +45,8 @@ def test_one_frequency_is_the_sum(scene):
     propagator = LatticePropagator(recognise(laser_m), emitted[None], BAND, grid, 2 if confocal else 1)
     times_s = np.zeros((1, 1, 1))
     if not confocal:
-        times_s = ConfocalCamera().reading_times_s(grid.x_m[None], grid.y_m[:, None], grid.z_m[0], detector_m)
+        plane = Plane(grid.x_m[None], grid.y_m[:, None], grid.z_m[0], detector_m)
+        times_s = ConfocalCamera().reading_times_s(plane)
     found = propagator.focus(grid.z_m[0], times_s)
     y, x = np.meshgrid(grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, np.full_like(x, grid.z_m[0])], axis=-1)
@@ -74,6 +75,9 @@ def test_nothing_wraps_around(count, pitch_m, voxels, start_m, voxel_m, waveleng
     last_m = start_m + voxel_m * (voxels - 1)
     longest_m = max(last_m + beyond_m, axis.coordinates_m[-1] - start_m + beyond_m)
     assert plan.half * plan.step_m >= longest_m - 2e-3 * plan.step_m
-    assert plan.read <= plan.length
-    assert plan.step_m * 2 / wavelength_m <= 0.75 or plan.weights.shape[1] == 1
+    assert plan.read <= plan.folded
+    assert plan.folded * plan.fold == plan.length
+    assert plan.step_m * 2 / wavelength_m <= 0.75 + 1e-9 or (
+        plan.spread is None and plan.weights.shape[1] == 1
+    )
     assert np.all((plan.wall >= 0) & (plan.wall < plan.length))

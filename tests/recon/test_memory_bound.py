@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from hidden_points import histograms, wall
 
+from recon.camera import TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import MemoryBoundError, ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import image
+from recon.reach import CONFOCAL
+from recon.video import video
 from recon.wave import VirtualPulse
 
 PULSE = VirtualPulse(0.06)
@@ -40,12 +43,12 @@ def voxels(side, planes, width_m=1.0):
 SCRIPT = """
 import json, sys
 sys.path.insert(0, "tests/recon")
-from test_memory_bound import PULSE, capture, image, voxels
+from test_memory_bound import PULSE, capture, image, moments, video, voxels
 from recon.solvers import scattered
 def status(name):
     with open("/proc/self/status") as status:
         return next(1024 * int(line.split()[1]) for line in status if line.startswith(name))
-side, voxel_side, planes, width_m, shape, bound = json.loads(sys.argv[1])
+side, voxel_side, planes, width_m, shape, bound, *frames = json.loads(sys.argv[1])
 taken, grid = capture(side, 1.5 / side, shape), voxels(voxel_side, planes, width_m)
 choose = scattered.quicker_on_lattice
 for way in (False, True) if shape == "jittered" else (False,):
@@ -55,7 +58,10 @@ scattered.quicker_on_lattice = choose
 with open("/proc/self/clear_refs", "w") as peak:
     peak.write("5")  # the peak begins anew
 before = status("VmRSS")
-image(taken, PULSE, grid, memory_bytes=bound)
+if frames:
+    video(taken, PULSE, grid, moments(*frames), memory_bytes=bound)
+else:
+    image(taken, PULSE, grid, memory_bytes=bound)
 print(status("VmHWM") - before)
 """
 
@@ -75,9 +81,15 @@ def peak_bytes(*arguments):
     return int(done.stdout)
 
 
-def least_bytes(taken, grid):
+def moments(count):
+    return TransientCamera(2e-9 + 40e-12 * np.arange(count))
+
+
+def least_bytes(taken, grid, frames=1):
+    camera = moments(frames) if frames > 1 else CONFOCAL
+    make = video if frames > 1 else image
     with pytest.raises(MemoryBoundError, match="image fewer voxels") as refusal:
-        image(taken, PULSE, grid, memory_bytes=1000)
+        make(taken, PULSE, grid, camera=camera, memory_bytes=1000)
     return int(re.search(r"Allow (\d+) MB", str(refusal.value)).group(1)) * 10**6
 
 
@@ -94,6 +106,17 @@ def test_peak_stays_below_the_bound(size, shape):
 def test_tables_stay_below_the_bound():
     least = least_bytes(capture(48, 1.5 / 48, "curved"), voxels(32, 6))
     assert peak_bytes(48, 32, 6, 1.0, "curved", least) <= least
+
+
+@pytest.mark.parametrize("shape", ["grid", "jittered", "curved"])
+def test_a_video_stays_below_the_bound(shape):
+    side, size = (32, (48, 3)) if shape != "curved" else (16, (24, 3))
+    frames = 100
+    taken, grid = capture(side, 1.5 / side, shape), voxels(*size)
+    least = least_bytes(taken, grid, frames)
+    assert peak_bytes(side, *size, 1.0, shape, least, frames) <= least
+    whole, cut = (video(taken, PULSE, grid, moments(frames), memory_bytes=b) for b in (None, least))
+    assert np.array_equal(whole.intensity, cut.intensity)
 
 
 @pytest.mark.parametrize("shape", ["grid", "jittered", "curved"])

@@ -211,8 +211,22 @@ def test_memory_bounds_the_image(rig, scan):
     assert "image fewer voxels" in refused.err + refused.out
 
 
-@pytest.mark.parametrize("option", [("--memory", "2GB"), ("--device", "cuda")])
-def test_a_video_has_no_bound_and_no_device(rig, scan, option):
-    refused = rig("recon", scan, "--camera", "transient", *option)
+@pytest.mark.parametrize("over", ["surface", "max"])
+def test_memory_bounds_the_video(rig, scan, over):
+    asked = ("--camera", "transient", "--over", over, *AROUND)
+    whole = json.loads(rig("recon", scan, *asked).out)
+    wanted = read_volume(whole["volume"]).intensity
+    done = rig("recon", scan, "--memory", "300MB", *asked)
+    assert done.code == 0, done.err
+    found = read_volume(json.loads(done.out)["volume"]).intensity
+    # As of the image, which says where the surface is.
+    assert np.abs(found - wanted).max() < 2e-3 * wanted.max()
+    refused = rig("recon", scan, "--memory", "1MB", *asked)
     assert refused.code == 2
-    assert f"the transient camera has no {option[0]}" in refused.err
+    assert "image fewer voxels" in refused.err + refused.out
+
+
+def test_a_video_has_no_device(rig, scan):
+    refused = rig("recon", scan, "--camera", "transient", "--device", "cuda")
+    assert refused.code == 2
+    assert "the transient camera has no --device: a graphics processor adds" in refused.err
