@@ -1,0 +1,205 @@
+"""Two cameras calibrated by a checkerboard: held once flat on the wall at a mark, and then freely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from rig.calibrating.galvo.lens import NUMBERS, CameraModel, Floats
+from rig.calibrating.galvo.opencv import opencv
+from rig.devices import Board
+from rig.errors import CalibrationError
+
+#: Fewest boards that each camera has to see, the one on the wall among them.
+LEAST_BOARDS = 6
+#: Largest root mean square distance of corners from their model [pixels].
+WORST_CORNERS_PX = 0.5
+#: Corners are searched for in an image no wider than this [pixels], and then refined in the whole one.
+SEARCHED_PX = 800
+#: Cornered by so many pixels to either side.
+REFINED_PX = 5
+
+
+@dataclass(frozen=True)
+class CalibratedCameras:
+    """Both cameras, with the covariance of all their numbers.
+
+    Attributes
+    ----------
+    cameras
+        In the wall's frame, as far as the board on the wall gives it.
+    covariance
+        (28, 28) of the first camera's numbers and then the second's.
+    corners_px
+        Root mean square distance of the corners from their model [pixels].
+    """
+
+    cameras: tuple[CameraModel, CameraModel]
+    covariance: Floats
+    corners_px: float
+
+
+def find_corners(image: NDArray[np.uint16], board: Board) -> Floats | None:
+    """Return (rows, columns, 2) pixels of the inner corners, None where the whole board is not seen.
+
+    The first is the board's first (see `Board`), columns run along the last but one axis.
+    """
+    cv2 = opencv()
+    low, high = np.percentile(image[::4, ::4], (0.5, 99.5))
+    grey = np.clip((image - low) / max(high - low, 1) * 255, 0, 255).astype(np.uint8)
+    scale = max(1.0, image.shape[1] / SEARCHED_PX)
+    small = cv2.resize(grey, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
+    size = (board.columns, board.rows)
+    found, corners = cv2.findChessboardCorners(small, size)
+    if not found:
+        found, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not found:
+        return None
+    rough = ((corners.reshape(-1, 1, 2) + 0.5) * scale - 0.5).astype(np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
+    fine = cv2.cornerSubPix(grey, rough, (REFINED_PX, REFINED_PX), (-1, -1), stop)
+    return _in_order(fine.reshape(board.rows, board.columns, 2).astype(np.float64), grey)
+
+
+def _in_order(corners: Floats, grey: NDArray[np.uint8]) -> Floats:
+    """Begin with the corner whose square is black, columns and rows right-handed when seen from the front."""
+    (along_x, along_y), (up_x, up_y) = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
+    if along_x * up_y - along_y * up_x > 0:  # rows in the image run downwards
+        corners = corners[::-1]
+
+    def shade(row: int, column: int) -> int:
+        x, y = np.rint(corners[row : row + 2, column : column + 2].mean(axis=(0, 1))).astype(int)
+        return int(grey[y, x])
+
+    return corners if shade(0, 0) < shade(0, 1) else corners[::-1, ::-1]
+
+
+def board_points_m(board: Board) -> Floats:
+    """Return (rows, columns, 3) inner corners in the board's own frame [m]."""
+    row, column = np.mgrid[: board.rows, : board.columns]
+    return np.stack([column, row, np.zeros_like(row)], axis=-1) * board.square_m
+
+
+def calibrate_cameras(
+    seen: Sequence[Sequence[Floats | None]],
+    board: Board,
+    mark_m: tuple[float, float],
+    placed_to_m: float,
+    size: tuple[int, int],
+) -> CalibratedCameras:
+    """Adjust both cameras and all boards at once, so that the corners are where they were seen.
+
+    Parameters
+    ----------
+    seen
+        For each board and each of the two cameras, its corners as `find_corners` gives them. The first board
+        was flat on the wall.
+    board
+        The board.
+    mark_m
+        Where its first inner corner was on the wall.
+    placed_to_m
+        Standard deviation of either end's place on the wall.
+    size
+        Width and height of the images [pixels].
+
+    Raises
+    ------
+    CalibrationError
+        If a camera did not see the board on the wall, or too few boards, or corners do not fit.
+    """
+    _refuse_unseen(seen)
+    points_m = board_points_m(board)
+    start = _first_guess(seen, points_m, mark_m, size)
+    used = [index for index, pair in enumerate(seen) if any(corners is not None for corners in pair)]
+    sigma_px = 1.0
+    along_m = (board.columns - 1) * board.square_m
+    # the wall's board may be off along x, along y, and turned; the others are wherever they are
+    slack = np.array([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m])
+
+    def residuals(numbers: Floats) -> Floats:
+        cameras, (wall, free) = _unpack(numbers)
+        places = _places(points_m, mark_m, wall, free)
+        apart = [
+            (camera.project(places[place]) - corners).ravel() / sigma_px
+            for place, index in enumerate(used)
+            for camera, corners in zip(cameras, seen[index], strict=True)
+            if corners is not None
+        ]
+        return np.concatenate([*apart, wall / slack])
+
+    for _ in range(2):  # first to learn how well corners are found, then with that weight
+        fit = least_squares(residuals, start, x_scale="jac", method="trf")
+        corners_left = fit.fun[:-3] * sigma_px
+        sigma_px = float(np.sqrt((corners_left**2).sum() / (len(corners_left) - len(start) + 3)))
+        start = fit.x
+    off_px = float(np.sqrt(2 * (corners_left**2).mean()))
+    if off_px > WORST_CORNERS_PX:
+        raise CalibrationError(
+            f"the corners of the boards are {off_px:.2f} pixels (root mean square) from any pair of cameras "
+            f"that could have seen them, more than {WORST_CORNERS_PX:g}: was the board moved between the two "
+            "pictures, is it flat, and are its numbers of corners and its squares as configured?"
+        )
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)[: 2 * NUMBERS, : 2 * NUMBERS]
+    return CalibratedCameras(_unpack(fit.x)[0], covariance, off_px)
+
+
+def _unpack(numbers: Floats) -> tuple[tuple[CameraModel, CameraModel], tuple[Floats, Floats]]:
+    """Return cameras, the wall's board's three and the others' (n, 6) numbers."""
+    first, second, rest = np.split(numbers, [NUMBERS, 2 * NUMBERS])
+    return (CameraModel(first), CameraModel(second)), (rest[:3], rest[3:].reshape(-1, 6))
+
+
+def _places(points_m: Floats, mark_m: tuple[float, float], wall: Floats, free: Floats) -> Floats:
+    """Return (boards, rows, columns, 3) corners in the wall's frame [m]."""
+    on_wall_m = points_m @ Rotation.from_rotvec([0, 0, wall[2]]).as_matrix().T
+    on_wall_m = on_wall_m + (mark_m[0] + wall[0], mark_m[1] + wall[1], 0.0)
+    turns = Rotation.from_rotvec(free[:, :3]).as_matrix() if len(free) else np.empty((0, 3, 3))
+    free_m = np.einsum("bij,rcj->brci", turns, points_m) + free[:, None, None, 3:]
+    return np.concatenate([on_wall_m[None], free_m])
+
+
+def _refuse_unseen(seen: Sequence[Sequence[Floats | None]]) -> None:
+    for number in range(2):
+        if seen[0][number] is None:
+            raise CalibrationError(
+                f"camera {number + 1} does not see the whole board on the wall (board 0): its pose cannot be "
+                "told. Light it evenly, keep hands off its corners, check the configured numbers of corners"
+            )
+        boards = sum(pair[number] is not None for pair in seen)
+        if boards < LEAST_BOARDS:
+            raise CalibrationError(
+                f"camera {number + 1} sees the whole board in {boards} of {len(seen)} pictures, "
+                f"{LEAST_BOARDS} are needed: hold it where both cameras see it, still and tilted"
+            )
+
+
+def _first_guess(
+    seen: Sequence[Sequence[Floats | None]],
+    points_m: Floats,
+    mark_m: tuple[float, float],
+    size: tuple[int, int],
+) -> Floats:
+    """Return what each camera says alone, by OpenCV: cameras, and boards by the first that sees them."""
+    cv2 = opencv()
+    flat_m = points_m.reshape(-1, 3).astype(np.float32)
+    cameras: list[CameraModel] = []
+    boards: dict[int, Floats] = {}
+    for number in range(2):
+        mine = [(index, pair[number]) for index, pair in enumerate(seen) if pair[number] is not None]
+        pixels = [np.reshape(corners, (-1, 1, 2)).astype(np.float32) for _, corners in mine]
+        _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+            [flat_m] * len(mine), pixels, size, None, None, flags=cv2.CALIB_FIX_K3
+        )
+        turn, shift_m = Rotation.from_rotvec(np.ravel(turns[0])), np.ravel(shifts[0])
+        shift_m = shift_m - turn.apply((*mark_m, 0.0))  # the wall's frame, not the board's
+        cameras.append(CameraModel.of(matrix, distortion, turn, shift_m))
+        for (index, _), of_board, board_shift_m in zip(mine, turns, shifts, strict=True):
+            relative = turn.inv() * Rotation.from_rotvec(np.ravel(of_board))
+            place_m = turn.inv().apply(np.ravel(board_shift_m) - shift_m)
+            boards.setdefault(index, np.array([*relative.as_rotvec(), *place_m]))
+    free = [boards[index] for index in sorted(boards) if index != 0]
+    return np.concatenate([*(camera.numbers for camera in cameras), np.zeros(3), *free])
