@@ -15,12 +15,16 @@ from rig.errors import CalibrationError
 
 #: Fewest boards that each camera has to see, the one on the wall among them.
 LEAST_BOARDS = 6
-#: Largest root mean square distance of corners from their model [pixels].
+#: Largest median distance of corners from their model [pixels].
 WORST_CORNERS_PX = 0.5
+#: How well a corner is found, as long as nothing else is known: standard deviation along either axis [pixels].
+ROUGH_PX = 0.1
 #: Corners are searched for in an image no wider than this [pixels], and then refined in the whole one.
 SEARCHED_PX = 800
-#: Cornered by so many pixels to either side.
-REFINED_PX = 5
+#: A corner is refined with what is around it, by this part of the distance to its neighbours.
+REFINED_PART = 0.3
+#: A corner so many standard deviations off is a wrong one; no more than this part of them may be.
+WRONG, MOST_WRONG = 6.0, 0.03
 
 
 @dataclass(frozen=True)
@@ -58,9 +62,11 @@ def find_corners(image: NDArray[np.uint16], board: Board) -> Floats | None:
         found, corners = cv2.findChessboardCornersSB(small, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
         return None
-    rough = ((corners.reshape(-1, 1, 2) + 0.5) * scale - 0.5).astype(np.float32)
+    rough = ((corners.reshape(board.rows, board.columns, 2) + 0.5) * scale - 0.5).astype(np.float32)
+    apart_px = min(np.linalg.norm(np.diff(rough, axis=axis), axis=-1).min() for axis in (0, 1))
+    reach = max(2, int(REFINED_PART * apart_px))
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
-    fine = cv2.cornerSubPix(grey, rough, (REFINED_PX, REFINED_PX), (-1, -1), stop)
+    fine = cv2.cornerSubPix(grey, rough.reshape(-1, 1, 2), (reach, reach), (-1, -1), stop)
     return _in_order(fine.reshape(board.rows, board.columns, 2).astype(np.float64), grey)
 
 
@@ -114,37 +120,41 @@ def calibrate_cameras(
     _refuse_unseen(seen)
     points_m = board_points_m(board)
     start = _first_guess(seen, points_m, mark_m, size)
-    used = [index for index, pair in enumerate(seen) if any(corners is not None for corners in pair)]
-    sigma_px = 1.0
+    index = [n for n, pair in enumerate(seen) if any(corners is not None for corners in pair)]
+    blank = np.full(points_m.shape[:2] + (2,), np.nan)
+    pixels = np.array([[blank if corners is None else corners for corners in seen[n]] for n in index])
     along_m = (board.columns - 1) * board.square_m
     # the wall's board may be off along x, along y, and turned; the others are wherever they are
     slack = np.array([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m])
+    good = np.isfinite(pixels[..., 0])
+    sigma_px = ROUGH_PX
 
-    def residuals(numbers: Floats) -> Floats:
+    def apart_px(numbers: Floats) -> Floats:
         cameras, (wall, free) = _unpack(numbers)
         places = _places(points_m, mark_m, wall, free)
-        apart = [
-            (camera.project(places[place]) - corners).ravel() / sigma_px
-            for place, index in enumerate(used)
-            for camera, corners in zip(cameras, seen[index], strict=True)
-            if corners is not None
-        ]
-        return np.concatenate([*apart, wall / slack])
+        return np.stack([camera.project(places) for camera in cameras], axis=1) - pixels
 
-    for _ in range(2):  # first to learn how well corners are found, then with that weight
-        fit = least_squares(residuals, start, x_scale="jac", method="trf")
-        corners_left = fit.fun[:-3] * sigma_px
-        sigma_px = float(np.sqrt((corners_left**2).sum() / (len(corners_left) - len(start) + 3)))
-        start = fit.x
-    off_px = float(np.sqrt(2 * (corners_left**2).mean()))
-    if off_px > WORST_CORNERS_PX:
+    def residuals(numbers: Floats) -> Floats:
+        return np.concatenate([apart_px(numbers)[good].ravel() / sigma_px, numbers[2 * NUMBERS :][:3] / slack])
+
+    # wrong corners are left out first; then it is known how well the others are found
+    fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1")
+    off_px = np.linalg.norm(apart_px(fit.x), axis=-1)
+    right = good & (off_px < WRONG * max(float(np.median(off_px[good])) / 1.18, 0.01))
+    if (good & ~right).sum() > MOST_WRONG * good.sum() or float(np.median(off_px[good])) > WORST_CORNERS_PX:
         raise CalibrationError(
-            f"the corners of the boards are {off_px:.2f} pixels (root mean square) from any pair of cameras "
-            f"that could have seen them, more than {WORST_CORNERS_PX:g}: was the board moved between the two "
-            "pictures, is it flat, and are its numbers of corners and its squares as configured?"
+            f"the corners of the boards are {np.median(off_px[good]):.2f} pixels (median) from any pair of "
+            f"cameras that could have seen them, and {(good & ~right).sum()} of {good.sum()} are far off: was a "
+            "board moved between two pictures, is it flat, and are its numbers of corners and its squares as "
+            "configured?"
         )
+    good = right
+    for _ in range(2):
+        fit = least_squares(residuals, fit.x, x_scale="jac")
+        free = 2 * good.sum() - len(fit.x) + 3
+        sigma_px *= float(np.sqrt((fit.fun[:-3] ** 2).sum() / free))
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)[: 2 * NUMBERS, : 2 * NUMBERS]
-    return CalibratedCameras(_unpack(fit.x)[0], covariance, off_px)
+    return CalibratedCameras(_unpack(fit.x)[0], covariance, float(np.sqrt(2) * sigma_px))
 
 
 def _unpack(numbers: Floats) -> tuple[tuple[CameraModel, CameraModel], tuple[Floats, Floats]]:

@@ -10,8 +10,9 @@ from scipy.optimize import least_squares
 from rig.calibrating.galvo.lens import Floats
 from rig.errors import CalibrationError
 
-#: A spot begins where light stands out of the noise by so many standard deviations, in a mean of 3 x 3 pixels:
-#: of a million pixels noise alone gets there once in ten million pictures.
+#: A spot is looked for in squares of so many pixels a side, which makes it quick and sees faint ones,
+BINNED = 4
+#: and stands out of their noise by so many standard deviations: noise alone does in one of a million pictures.
 STANDS_OUT = 7.0
 #: A second spot with at least this part of the first one's light is told; less is a faint reflection.
 SECOND = 0.1
@@ -84,23 +85,18 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
         If there is no spot, or a second one, or it fills pixels, or is at the edge.
     """
     light = lit - dark.mean
-    smooth = ndimage.uniform_filter(light, 3)
-    noise = np.sqrt(dark.variance / 9)
-    labels, number = ndimage.label(ndimage.binary_dilation(smooth > STANDS_OUT * noise, iterations=2))
-    if not number:
+    shares, places = _bright_places(light, dark)
+    if not shares:
         raise CalibrationError(
             f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the camera "
             "see that part of it? Expose longer, or measure a smaller area"
         )
-    shares = ndimage.sum_labels(light, labels, np.arange(1, number + 1))
-    order = np.argsort(shares)[::-1]
-    places = [tuple(np.rint(ndimage.center_of_mass(smooth, labels, one + 1)).astype(int)) for one in order[:2]]
-    if number > 1 and shares[order[1]] > SECOND * shares[order[0]]:
-        (row, column), (other_row, other_column) = places
+    if len(shares) > 1 and shares[1] > SECOND * shares[0]:
+        (row, column), (other_row, other_column) = places[:2]
         raise CalibrationError(
-            f"{where}: two spots are seen, at pixels ({column}, {row}) and ({other_column}, {other_row}), the "
-            f"second with {shares[order[1]] / shares[order[0]]:.0%} of the light. Cover what reflects the "
-            "beam, and keep other lights still"
+            f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), the "
+            f"second with {shares[1] / shares[0]:.0%} of the light. Cover what reflects the beam, and keep other "
+            "lights still"
         )
     row, column = places[0]
     height, width = lit.shape
@@ -117,6 +113,27 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
         )
     spot = _fit(light[window], dark.variance[window], dark.counts_per_count)
     return Spot(spot.centre + (column - WINDOW_PX, row - WINDOW_PX), spot.covariance)
+
+
+def _bright_places(light: NDArray[np.float32], dark: Background) -> tuple[list[float], list[tuple[int, int]]]:
+    """Return light and brightest pixel (row, column) of each place that stands out, the brightest first."""
+    sums, variances = _binned(light), _binned(dark.variance)
+    labels, _ = ndimage.label(sums > STANDS_OUT * np.sqrt(variances), structure=np.ones((3, 3)))
+    found = []
+    for rows, columns in ndimage.find_objects(labels):
+        part = light[BINNED * rows.start : BINNED * rows.stop, BINNED * columns.start : BINNED * columns.stop]
+        row, column = np.unravel_index(int(part.argmax()), part.shape)
+        place = (int(row) + BINNED * rows.start, int(column) + BINNED * columns.start)
+        found.append((float(part.sum()), place))
+    found.sort(reverse=True)
+    return [share for share, _ in found], [place for _, place in found]
+
+
+def _binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum squares of pixels; what is left over at the right and lower rim is cut off."""
+    rows, columns = image.shape[0] // BINNED, image.shape[1] // BINNED
+    whole = image[: rows * BINNED, : columns * BINNED].reshape(rows, BINNED, columns, BINNED)
+    return np.asarray(whole.sum(axis=(1, 3)))
 
 
 def _fit(light: NDArray[np.float32], variance: NDArray[np.float32], per_count: float) -> Spot:
