@@ -143,8 +143,8 @@ class CamerasConfig(_Section):
     board_rows: int = Field(6, ge=3)
     board_square_m: Metres = Field(0.08, gt=0)
     """Side of a square."""
-    board_mark_m: tuple[Metres, Metres] = (-0.32, -0.2)
-    """Mark on the wall for the board's first inner corner."""
+    board_marks_m: tuple[tuple[Metres, Metres], ...] = ((-0.95, -0.2), (-0.32, -0.2), (0.31, -0.2))
+    """Marks on the wall for the board's first inner corner; it is held flat on the wall at each of them."""
     board_placed_to_m: Metres = Field(0.2e-3, gt=0)
     """How well either end of the board is held to its mark, standard deviation."""
 

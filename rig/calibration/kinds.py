@@ -62,7 +62,11 @@ class GalvoModel(Calibration):
     mirror_rad: list[tuple[float, float]]
     """Commanded angles at which spots were measured,"""
     spots_m: list[tuple[float, float]]
-    """and these spots (x, y)."""
+    """and these spots (x, y); by flight, the marks."""
+    detector_head_m: Point | None = None
+    """By flight, the detector that fits along with the mirror,"""
+    electronics_delay_s: float | None = None
+    """and the delay; scans do not use them, see `TimeZero`."""
 
     def pointing(self) -> Pointing:
         """Return the model; it refuses spots outside the calibrated area."""

@@ -29,8 +29,9 @@ class ConsoleOperator:
         where = "freely before the cameras, tilted, in another place than before, and hold it still"
         if mark_m is not None:
             where = (
-                f"flat on the wall: the first inner corner (the one in the lower left, the square right and up "
-                f"of it black) at x = {show_length(mark_m[0])}, y = {show_length(mark_m[1])}, the columns along x"
+                "flat on the wall: the first inner corner (the one in the lower left, the square right and "
+                f"up of it black) at x = {show_length(mark_m[0])}, y = {show_length(mark_m[1])}, the columns "
+                "along x"
             )
         _ask(f"Hold the {what} {where}. Then press Enter")
 

@@ -1,4 +1,4 @@
-"""Two cameras calibrated by a checkerboard: held once flat on the wall at a mark, and then freely."""
+"""Two cameras calibrated by a checkerboard: held flat on the wall at marks, and then freely."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,8 @@ from rig.errors import CalibrationError
 LEAST_BOARDS = 6
 #: Largest median distance of corners from their model [pixels].
 WORST_CORNERS_PX = 0.5
-#: How well a corner is found, as long as nothing else is known: standard deviation along either axis [pixels].
+#: How well a corner is found, as long as nothing else is known: standard deviation along either axis
+#: [pixels].
 ROUGH_PX = 0.1
 #: Corners are searched for in an image no wider than this [pixels], and then refined in the whole one.
 SEARCHED_PX = 800
@@ -92,7 +93,7 @@ def board_points_m(board: Board) -> Floats:
 def calibrate_cameras(
     seen: Sequence[Sequence[Floats | None]],
     board: Board,
-    mark_m: tuple[float, float],
+    marks_m: Floats,
     placed_to_m: float,
     size: tuple[int, int],
 ) -> CalibratedCameras:
@@ -101,12 +102,12 @@ def calibrate_cameras(
     Parameters
     ----------
     seen
-        For each board and each of the two cameras, its corners as `find_corners` gives them. The first board
-        was flat on the wall.
+        For each board and each of the two cameras, its corners as `find_corners` gives them. The first M
+        boards were flat on the wall.
     board
         The board.
-    mark_m
-        Where its first inner corner was on the wall.
+    marks_m
+        (M, 2) where its first inner corner was then.
     placed_to_m
         Standard deviation of either end's place on the wall.
     size
@@ -117,25 +118,27 @@ def calibrate_cameras(
     CalibrationError
         If a camera did not see the board on the wall, or too few boards, or corners do not fit.
     """
-    _refuse_unseen(seen)
+    _refuse_unseen(seen, len(marks_m))
     points_m = board_points_m(board)
-    start = _first_guess(seen, points_m, mark_m, size)
+    start = _first_guess(seen, points_m, marks_m, size)
     index = [n for n, pair in enumerate(seen) if any(corners is not None for corners in pair)]
-    blank = np.full(points_m.shape[:2] + (2,), np.nan)
+    blank = np.full((*points_m.shape[:2], 2), np.nan)
     pixels = np.array([[blank if corners is None else corners for corners in seen[n]] for n in index])
     along_m = (board.columns - 1) * board.square_m
-    # the wall's board may be off along x, along y, and turned; the others are wherever they are
-    slack = np.array([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m])
+    # a board on the wall may be off along x, along y, and turned; the others are wherever they are
+    slack = np.tile([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m], len(marks_m))
     good = np.isfinite(pixels[..., 0])
     sigma_px = ROUGH_PX
 
     def apart_px(numbers: Floats) -> Floats:
-        cameras, (wall, free) = _unpack(numbers)
-        places = _places(points_m, mark_m, wall, free)
+        cameras, wall, free = _unpack(numbers, len(marks_m))
+        places = _places(points_m, marks_m, wall, free)
         return np.stack([camera.project(places) for camera in cameras], axis=1) - pixels
 
     def residuals(numbers: Floats) -> Floats:
-        return np.concatenate([apart_px(numbers)[good].ravel() / sigma_px, numbers[2 * NUMBERS :][:3] / slack])
+        return np.concatenate(
+            [apart_px(numbers)[good].ravel() / sigma_px, numbers[2 * NUMBERS :][: len(slack)] / slack]
+        )
 
     # wrong corners are left out first; then it is known how well the others are found
     fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1")
@@ -144,40 +147,42 @@ def calibrate_cameras(
     if (good & ~right).sum() > MOST_WRONG * good.sum() or float(np.median(off_px[good])) > WORST_CORNERS_PX:
         raise CalibrationError(
             f"the corners of the boards are {np.median(off_px[good]):.2f} pixels (median) from any pair of "
-            f"cameras that could have seen them, and {(good & ~right).sum()} of {good.sum()} are far off: was a "
-            "board moved between two pictures, is it flat, and are its numbers of corners and its squares as "
-            "configured?"
+            f"cameras that could have seen them, and {(good & ~right).sum()} of {good.sum()} are far off: "
+            "was a board moved between two pictures, is it flat, and are its numbers of corners and its "
+            "squares as configured?"
         )
     good = right
     for _ in range(2):
         fit = least_squares(residuals, fit.x, x_scale="jac")
-        free = 2 * good.sum() - len(fit.x) + 3
-        sigma_px *= float(np.sqrt((fit.fun[:-3] ** 2).sum() / free))
+        free = 2 * good.sum() - len(fit.x) + len(slack)
+        sigma_px *= float(np.sqrt((fit.fun[: -len(slack)] ** 2).sum() / free))
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)[: 2 * NUMBERS, : 2 * NUMBERS]
-    return CalibratedCameras(_unpack(fit.x)[0], covariance, float(np.sqrt(2) * sigma_px))
+    return CalibratedCameras(_unpack(fit.x, len(marks_m))[0], covariance, float(np.sqrt(2) * sigma_px))
 
 
-def _unpack(numbers: Floats) -> tuple[tuple[CameraModel, CameraModel], tuple[Floats, Floats]]:
-    """Return cameras, the wall's board's three and the others' (n, 6) numbers."""
+def _unpack(numbers: Floats, marks: int) -> tuple[tuple[CameraModel, CameraModel], Floats, Floats]:
+    """Return cameras, the (M, 3) numbers of the boards on the wall and the (n, 6) of the others."""
     first, second, rest = np.split(numbers, [NUMBERS, 2 * NUMBERS])
-    return (CameraModel(first), CameraModel(second)), (rest[:3], rest[3:].reshape(-1, 6))
+    wall, free = np.split(rest, [3 * marks])
+    return (CameraModel(first), CameraModel(second)), wall.reshape(-1, 3), free.reshape(-1, 6)
 
 
-def _places(points_m: Floats, mark_m: tuple[float, float], wall: Floats, free: Floats) -> Floats:
+def _places(points_m: Floats, marks_m: Floats, wall: Floats, free: Floats) -> Floats:
     """Return (boards, rows, columns, 3) corners in the wall's frame [m]."""
-    on_wall_m = points_m @ Rotation.from_rotvec([0, 0, wall[2]]).as_matrix().T
-    on_wall_m = on_wall_m + (mark_m[0] + wall[0], mark_m[1] + wall[1], 0.0)
-    turns = Rotation.from_rotvec(free[:, :3]).as_matrix() if len(free) else np.empty((0, 3, 3))
-    free_m = np.einsum("bij,rcj->brci", turns, points_m) + free[:, None, None, 3:]
-    return np.concatenate([on_wall_m[None], free_m])
+    flat = np.column_stack([np.zeros((len(wall), 2)), wall[:, 2], marks_m + wall[:, :2], np.zeros(len(wall))])
+    poses = np.concatenate([flat, free])
+    turns = Rotation.from_rotvec(poses[:, :3]).as_matrix()
+    return np.asarray(np.einsum("bij,rcj->brci", turns, points_m) + poses[:, None, None, 3:])
 
 
-def _refuse_unseen(seen: Sequence[Sequence[Floats | None]]) -> None:
+def _refuse_unseen(seen: Sequence[Sequence[Floats | None]], marks: int) -> None:
     for number in range(2):
-        if seen[0][number] is None:
+        unseen = [index for index in range(marks) if index >= len(seen) or seen[index][number] is None]
+        if unseen or not marks:
             raise CalibrationError(
-                f"camera {number + 1} does not see the whole board on the wall (board 0): its pose cannot be "
-                "told. Light it evenly, keep hands off its corners, check the configured numbers of corners"
+                f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where the "
+                "wall is cannot be told. Light it evenly, keep hands off its corners, put its marks where both "
+                "cameras see them, and check the configured numbers of corners"
             )
         boards = sum(pair[number] is not None for pair in seen)
         if boards < LEAST_BOARDS:
@@ -190,7 +195,7 @@ def _refuse_unseen(seen: Sequence[Sequence[Floats | None]]) -> None:
 def _first_guess(
     seen: Sequence[Sequence[Floats | None]],
     points_m: Floats,
-    mark_m: tuple[float, float],
+    marks_m: Floats,
     size: tuple[int, int],
 ) -> Floats:
     """Return what each camera says alone, by OpenCV: cameras, and boards by the first that sees them."""
@@ -199,17 +204,17 @@ def _first_guess(
     cameras: list[CameraModel] = []
     boards: dict[int, Floats] = {}
     for number in range(2):
-        mine = [(index, pair[number]) for index, pair in enumerate(seen) if pair[number] is not None]
+        mine = [(index, corners) for index, pair in enumerate(seen) if (corners := pair[number]) is not None]
         pixels = [np.reshape(corners, (-1, 1, 2)).astype(np.float32) for _, corners in mine]
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
             [flat_m] * len(mine), pixels, size, None, None, flags=cv2.CALIB_FIX_K3
         )
         turn, shift_m = Rotation.from_rotvec(np.ravel(turns[0])), np.ravel(shifts[0])
-        shift_m = shift_m - turn.apply((*mark_m, 0.0))  # the wall's frame, not the board's
+        shift_m = shift_m - turn.apply((*marks_m[mine[0][0]], 0.0))  # the wall's frame, not the board's
         cameras.append(CameraModel.of(matrix, distortion, turn, shift_m))
         for (index, _), of_board, board_shift_m in zip(mine, turns, shifts, strict=True):
             relative = turn.inv() * Rotation.from_rotvec(np.ravel(of_board))
             place_m = turn.inv().apply(np.ravel(board_shift_m) - shift_m)
             boards.setdefault(index, np.array([*relative.as_rotvec(), *place_m]))
-    free = [boards[index] for index in sorted(boards) if index != 0]
-    return np.concatenate([*(camera.numbers for camera in cameras), np.zeros(3), *free])
+    free = [boards[index] for index in sorted(boards) if index >= len(marks_m)]
+    return np.concatenate([*(camera.numbers for camera in cameras), np.zeros(3 * len(marks_m)), *free])

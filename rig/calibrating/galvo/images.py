@@ -1,4 +1,4 @@
-"""The file of pictures of the wall from which the steering mirror is calibrated. Layout: docs/calibration/galvo.md."""
+"""The file of pictures of the wall by which a mirror is calibrated; see docs/calibration/galvo.md."""
 
 import hashlib
 import json
@@ -74,7 +74,10 @@ def writing(
     """Open a new file of pictures; it appears when the block ends well."""
     with appearing(path) as partial, h5py.File(partial, "w") as file:
         file.attrs.update(
-            format=FORMAT, version=VERSION, created=utc_now().isoformat(), software=f"nlos-rig {rig.__version__}"
+            format=FORMAT,
+            version=VERSION,
+            created=utc_now().isoformat(),
+            software=f"nlos-rig {rig.__version__}",
         )
         start = file.create_group("start")
         start.attrs.update(
@@ -87,7 +90,7 @@ def writing(
         board = file.create_group("board").attrs
         used = config.cameras
         board.update(columns=used.board_columns, rows=used.board_rows, square_m=used.board_square_m)
-        board.update(mark_m=used.board_mark_m, placed_to_m=used.board_placed_to_m)
+        board.update(marks_m=used.board_marks_m, placed_to_m=used.board_placed_to_m)
         yield ImagesWriter(file, cameras)
 
 
@@ -133,8 +136,8 @@ class WallImages:
             if lit != len(self.mirror_rad) or len(group["dark"]) < 2:
                 raise DataFileError(
                     f"{self.path} has {lit} lit and {len(group['dark'])} dark pictures in {group.name} for "
-                    f"{len(self.mirror_rad)} mirror angles; one lit picture an angle, and two dark ones, belong "
-                    "there"
+                    f"{len(self.mirror_rad)} mirror angles; one lit picture an angle, and two dark ones, "
+                    "belong there"
                 )
 
     def pictures(self, camera: int, series: str) -> Iterator[Image]:
@@ -147,13 +150,14 @@ class WallImages:
     @property
     def board(self) -> Board:
         """The checkerboard."""
-        return Board(int(self._of_board("columns")), int(self._of_board("rows")), float(self._of_board("square_m")))
+        return Board(
+            int(self._of_board("columns")), int(self._of_board("rows")), float(self._of_board("square_m"))
+        )
 
     @property
-    def mark_m(self) -> tuple[float, float]:
-        """Where the first inner corner of the first board was on the wall [m]."""
-        x_m, y_m = self._of_board("mark_m")
-        return float(x_m), float(y_m)
+    def marks_m(self) -> Floats:
+        """(M, 2) where the first inner corners of the first boards were on the wall [m]."""
+        return np.reshape(self._of_board("marks_m"), (-1, 2)).astype(float)
 
     @property
     def placed_to_m(self) -> float:

@@ -19,10 +19,12 @@ from rig.config import RigConfig
 from rig.errors import CalibrationError
 from rig.pointing import Pointing
 
-#: Standard deviations, before anything is measured, of: the rig's turn against the wall about the wall's vertical
-#: and horizontal [rad], which moves mirror and detector together; the mirror's place in the rig [m], its own
-#: turn [rad]; offset [rad] and gain.
-WIDTHS = np.array([*np.radians([10.0] * 2), *[0.05] * 3, *np.radians([5.0] * 3), *np.radians([2.0] * 2), *[0.01] * 2])
+#: Standard deviations, before anything is measured, of: the rig's turn against the wall about the wall's
+#: vertical and horizontal [rad], which moves mirror and detector together; the mirror's place in the rig [m],
+#: its own turn [rad]; offset [rad] and gain.
+WIDTHS = np.array(
+    [*np.radians([10.0] * 2), *[0.05] * 3, *np.radians([5.0] * 3), *np.radians([2.0] * 2), *[0.01] * 2]
+)
 #: How many of a `Pointing`'s numbers are fitted: place, rotation, offset, gain.
 POINTING_NUMBERS = 10
 #: Largest root mean square distance of spots from the fitted model [m].
@@ -100,15 +102,17 @@ def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: 
         worst = int((apart_m**2).sum(axis=1).argmax())
         raise CalibrationError(
             f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
-            f"could send them, the worst at x = {spots_m[worst, 0]:.3f} m, y = {spots_m[worst, 1]:.3f} m. Was "
-            "something moved meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in metres right?"
+            f"could send them, the worst at x = {spots_m[worst, 0]:.3f} m, y = {spots_m[worst, 1]:.3f} m. "
+            "Was something moved meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in "
+            "metres right?"
         )
+    # a homography's eight numbers are what the spots themselves determine
     excess = max(1.0, float((fit.fun[: 2 * len(spots_m)] ** 2).sum()) / (2 * len(spots_m) - 8))
-    covariance = _of_pointing(fit.x, np.linalg.inv(fit.jac.T @ fit.jac), config) * excess
+    covariance = covariance_of_pointing(fit.x, np.linalg.inv(fit.jac.T @ fit.jac), config) * excess
     return FittedMirror(replace(pointing, area_m=hull(pointing, angles_rad)), covariance, residual_m)
 
 
-def _of_pointing(numbers: Floats, covariance: Floats, config: RigConfig) -> Floats:
+def covariance_of_pointing(numbers: Floats, covariance: Floats, config: RigConfig) -> Floats:
     """Carry the covariance of a fit's first 12 numbers over to the model's 10."""
     count = len(WIDTHS)
     steps = np.diag(1e-4 * WIDTHS)

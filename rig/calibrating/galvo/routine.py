@@ -12,12 +12,13 @@ from rig.acquisition import Watch
 from rig.calibrating.galvo.boards import CalibratedCameras, calibrate_cameras, find_corners
 from rig.calibrating.galvo.images import ImagesWriter, WallImages, writing
 from rig.calibrating.galvo.lens import Floats
-from rig.calibrating.galvo.model_fit import FittedMirror, fit_mirror, spot_covariances_m2
+from rig.calibrating.galvo.model_fit import fit_mirror
 from rig.calibrating.galvo.opencv import opencv
 from rig.calibrating.galvo.pictures import spots_figure
+from rig.calibrating.galvo.record import galvo_model
 from rig.calibrating.galvo.spots import background, find_spot
 from rig.calibrating.galvo.triangulation import LEAST_SPOTS, locate
-from rig.calibrating.routine import Origin, origin
+from rig.calibrating.routine import origin
 from rig.calibration.kinds import GalvoModel
 from rig.calibration.record import Calibration
 from rig.calibration.use import Calibrations, nominal_pointing
@@ -39,7 +40,7 @@ class CameraRoutine:
     columns, rows
         Mirror angles.
     boards
-        Pictures of the board, the first on the wall.
+        Pictures of the board, the first ones at its marks on the wall.
     darks
         Pictures of the dark wall, half before and half after.
     """
@@ -66,14 +67,16 @@ class CameraRoutine:
             )
         if self.columns * self.rows < LEAST_SPOTS:
             raise CalibrationError(
-                f"{self.columns} x {self.rows} mirror angles are too few, {LEAST_SPOTS} are needed: measure more"
+                f"{self.columns} x {self.rows} mirror angles are too few, {LEAST_SPOTS} are needed: measure "
+                "more"
             )
         path = folder / "galvo-images.h5"
         operator, used = station.operator, config.cameras
         with writing(path, config, station.devices.read_back(), station.cameras) as writer:
             for number in range(self.boards):
                 board = Board(used.board_columns, used.board_rows, used.board_square_m)
-                operator.show_board(board, None if number else used.board_mark_m)
+                marks_m = used.board_marks_m
+                operator.show_board(board, marks_m[number] if number < len(marks_m) else None)
                 writer.take("board")
                 if watch.should_stop():
                     return []
@@ -103,7 +106,8 @@ class CameraRoutine:
                 writer.take("lit", angle)
             if not laser.emitting():
                 raise CalibrationError(
-                    "the laser went dark by itself while spots were measured: check its interlock, and begin anew"
+                    "the laser went dark by itself while spots were measured: check its interlock, and begin "
+                    "anew"
                 )
         finally:
             laser.stop()
@@ -131,36 +135,12 @@ def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[
     half_m = (np.array([scan.columns, scan.rows]) - 1) / 2 * scan.spacing_m + BEYOND_M
     ends_m = np.array([[-half_m[0], 0, 0], [half_m[0], 0, 0], [0, -half_m[1], 0], [0, half_m[1], 0]])
     ends = nominal_pointing(config).angles_rad(ends_m)
-    x = np.arctan(np.linspace(*np.tan(np.clip(ends[:2, 0], -limits[0], limits[0])), columns))
-    y = np.arctan(np.linspace(*np.tan(np.clip(ends[2:, 1], -limits[1], limits[1])), rows))
+    left, right = np.tan(np.clip(ends[:2, 0], -limits[0], limits[0]))
+    low, high = np.tan(np.clip(ends[2:, 1], -limits[1], limits[1]))
+    x = np.arctan(np.linspace(float(left), float(right), columns))
+    y = np.arctan(np.linspace(float(low), float(high), rows))
     lines = [(x if row % 2 == 0 else x[::-1], angle_y) for row, angle_y in enumerate(y)]
     return [(float(angle_x), float(angle_y)) for line, angle_y in lines for angle_x in line]
-
-
-def galvo_model(
-    method: str, mirror: FittedMirror, angles_rad: Floats, spots_m: Floats, source: Origin
-) -> GalvoModel:
-    """Return the record of a fitted mirror, with the angles and spots that it was fitted to."""
-    spread_m2 = spot_covariances_m2(mirror.pointing, mirror.covariance, angles_rad)
-    pointing = mirror.pointing
-    return GalvoModel(
-        **source,
-        valid_days=30,
-        method=method,
-        mirror_m=pointing.mirror_m,
-        rotation_rad=pointing.rotation_rad,
-        offset_rad=pointing.offset_rad,
-        gain=pointing.gain,
-        mirrors=pointing.mirrors,
-        separation_m=pointing.separation_m,
-        area_m=list(pointing.area_m),
-        covariance=mirror.covariance.tolist(),
-        spot_error_m=float(np.sqrt(np.trace(spread_m2, axis1=1, axis2=2).mean())),
-        residual_m=mirror.residual_m,
-        positions=len(angles_rad),
-        mirror_rad=[(float(x), float(y)) for x, y in angles_rad],
-        spots_m=[(float(x), float(y)) for x, y in spots_m],
-    )
 
 
 def _calibrated(images: WallImages) -> CalibratedCameras:
@@ -169,7 +149,7 @@ def _calibrated(images: WallImages) -> CalibratedCameras:
     for pair in zip_longest(images.pictures(0, "board"), images.pictures(1, "board")):
         seen.append([None if image is None else find_corners(image, board) for image in pair])
         size = (pair[0].shape[1], pair[0].shape[0]) if pair[0] is not None else size
-    return calibrate_cameras(seen, board, images.mark_m, images.placed_to_m, size)
+    return calibrate_cameras(seen, board, images.marks_m, images.placed_to_m, size)
 
 
 def _spots(images: WallImages) -> tuple[Floats, Floats]:

@@ -12,7 +12,8 @@ from rig.errors import CalibrationError
 
 #: A spot is looked for in squares of so many pixels a side, which makes it quick and sees faint ones,
 BINNED = 4
-#: and stands out of their noise by so many standard deviations: noise alone does in one of a million pictures.
+#: and stands out of their noise by so many standard deviations: noise alone does in one of a million
+#: pictures.
 STANDS_OUT = 7.0
 #: A second spot with at least this part of the first one's light is told; less is a faint reflection.
 SECOND = 0.1
@@ -88,22 +89,22 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
     shares, places = _bright_places(light, dark)
     if not shares:
         raise CalibrationError(
-            f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the camera "
-            "see that part of it? Expose longer, or measure a smaller area"
+            f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the "
+            "camera see that part of it? Expose longer, or measure a smaller area"
         )
     if len(shares) > 1 and shares[1] > SECOND * shares[0]:
         (row, column), (other_row, other_column) = places[:2]
         raise CalibrationError(
-            f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), the "
-            f"second with {shares[1] / shares[0]:.0%} of the light. Cover what reflects the beam, and keep other "
-            "lights still"
+            f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), "
+            f"the second with {shares[1] / shares[0]:.0%} of the light. Cover what reflects the beam, and "
+            "keep other lights still"
         )
     row, column = places[0]
     height, width = lit.shape
     if not (WINDOW_PX <= row < height - WINDOW_PX and WINDOW_PX <= column < width - WINDOW_PX):
         raise CalibrationError(
-            f"{where}: the spot is at the image's edge, at pixel ({column}, {row}) of {width} x {height}. Turn "
-            "the camera so that it sees the whole scanned wall, or measure a smaller area"
+            f"{where}: the spot is at the image's edge, at pixel ({column}, {row}) of {width} x {height}. "
+            "Turn the camera so that it sees the whole scanned wall, or measure a smaller area"
         )
     window = np.s_[row - WINDOW_PX : row + WINDOW_PX + 1, column - WINDOW_PX : column + WINDOW_PX + 1]
     if lit[window].max() >= dark.full:
@@ -112,7 +113,7 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
             f"{dark.full} counts. Expose less, close the iris, or attenuate the laser"
         )
     spot = _fit(light[window], dark.variance[window], dark.counts_per_count)
-    return Spot(spot.centre + (column - WINDOW_PX, row - WINDOW_PX), spot.covariance)
+    return Spot(spot.centre + np.array([column - WINDOW_PX, row - WINDOW_PX], dtype=float), spot.covariance)
 
 
 def _bright_places(light: NDArray[np.float32], dark: Background) -> tuple[list[float], list[tuple[int, int]]]:
@@ -170,5 +171,5 @@ def _fit(light: NDArray[np.float32], variance: NDArray[np.float32], per_count: f
     numbers, _, _ = solve(start, np.sqrt(variance + per_count * np.maximum(light, 0)))
     modelled = np.maximum(numbers[0] * shape(numbers)[2], 0)  # a noise that does not follow the noise itself
     numbers, slopes, excess = solve(numbers, np.sqrt(variance + per_count * modelled))
-    covariance = np.linalg.inv(slopes.T @ slopes) * max(1.0, excess)
+    covariance = np.asarray(np.linalg.inv(slopes.T @ slopes) * max(1.0, excess), dtype=float)
     return Spot(numbers[1:3], covariance[1:3, 1:3])

@@ -1,4 +1,4 @@
-"""From the pixels of both cameras to places on the wall: triangulated, a plane laid through, its frame taken."""
+"""From the pixels of both cameras to places on the wall: triangulated, a plane laid through, its frame."""
 
 from dataclasses import dataclass
 
@@ -64,9 +64,7 @@ class LocatedSpots:
     tilt_rad: float
 
 
-def locate(
-    calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, seed: int = 0
-) -> LocatedSpots:
+def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, seed: int = 0) -> LocatedSpots:
     """Return where spots are on the wall, with errors of spots and of cameras.
 
     Parameters
@@ -86,14 +84,16 @@ def locate(
     """
     if len(pixels) < LEAST_SPOTS:
         raise CalibrationError(
-            f"{len(pixels)} spots are too few for a calibration, {LEAST_SPOTS} are needed: measure more angles"
+            f"{len(pixels)} spots are too few for a calibration, {LEAST_SPOTS} are needed: measure more "
+            "angles"
         )
     cameras = calibrated.cameras
     points_m, spread_m2, missed_px = triangulate(cameras, pixels, covariances)
     if missed_px > WORST_MISS_PX:
         raise CalibrationError(
             f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
-            f"square), more than {WORST_MISS_PX:g}: was one moved after the boards were shown? Show them again"
+            f"square), more than {WORST_MISS_PX:g}: was one moved after the boards were shown? Show them "
+            "again"
         )
     kept = on_one_plane(points_m, spread_m2, seed)
     if kept.sum() < max(LEAST_SPOTS, LEAST_ON_WALL * len(kept)):
@@ -122,7 +122,11 @@ def locate(
     for index, block in enumerate(own_m2):
         covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2] += block
     return LocatedSpots(
-        spots_m, covariance, kept, float(np.sqrt((off_m**2).mean())), float(np.arccos(min(wall.axes[2, 2], 1.0)))
+        spots_m,
+        covariance,
+        kept,
+        float(np.sqrt((off_m**2).mean())),
+        float(np.arccos(min(wall.axes[2, 2], 1.0))),
     )
 
 
@@ -138,9 +142,7 @@ def triangulate(cameras: Cameras, pixels: Floats, covariances: Floats) -> tuple[
     return _nearest(cameras, pixels, covariances, points_m, np.eye(3))
 
 
-def _on_wall(
-    cameras: Cameras, pixels: Floats, covariances: Floats, wall: WallPlane
-) -> tuple[Floats, Floats]:
+def _on_wall(cameras: Cameras, pixels: Floats, covariances: Floats, wall: WallPlane) -> tuple[Floats, Floats]:
     """Return (N, 2) places on the wall [m] and their (N, 2, 2) covariances from the pixels' errors."""
     camera = cameras[0]
     rays = camera.rays(pixels[:, 0])
@@ -168,7 +170,7 @@ def _nearest(
         spread_m2 = np.linalg.inv(weighted.swapaxes(1, 2) @ weighted)
         points_m = points_m + (spread_m2 @ weighted.swapaxes(1, 2) @ missing)[..., 0] @ ways
     missed_px = np.sqrt(((pixels - images(points_m)) ** 2).sum(axis=-1).mean())
-    return points_m, spread_m2, float(missed_px)
+    return points_m, np.asarray(spread_m2, dtype=float), float(missed_px)
 
 
 def on_one_plane(points_m: Floats, spread_m2: Floats, seed: int = 0) -> NDArray[np.bool_]:
@@ -210,6 +212,7 @@ def _refuse_edge_on(cameras: Cameras, points_m: Floats, wall: WallPlane) -> None
         angle = np.arcsin(abs(view @ wall.axes[2]) / np.linalg.norm(view))
         if angle < LEAST_VIEW_RAD:
             raise CalibrationError(
-                f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots tell "
-                f"little across it. Put it where it sees the wall at {np.degrees(LEAST_VIEW_RAD):.0f} deg or more"
+                f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots "
+                f"tell little across it. Put it where it sees the wall at {np.degrees(LEAST_VIEW_RAD):.0f} "
+                "deg or more"
             )
