@@ -133,6 +133,22 @@ class CalibrationConfig(_Section):
     """Whether scans use them."""
 
 
+class CamerasConfig(_Section):
+    """The cameras that see the relay wall, and the checkerboard by which they are calibrated."""
+
+    addresses: tuple[str, ...] = ()
+    """Numbers, device files or URLs of two cameras, as OpenCV opens them."""
+    board_columns: int = Field(9, ge=3)
+    """Inner corners along the board's columns and rows: one number odd, the other even."""
+    board_rows: int = Field(6, ge=3)
+    board_square_m: Metres = Field(0.08, gt=0)
+    """Side of a square."""
+    board_marks_m: tuple[tuple[Metres, Metres], ...] = ((-0.95, -0.2), (-0.32, -0.2), (0.31, -0.2))
+    """Marks on the wall for the board's first inner corner; it is held flat on the wall at each of them."""
+    board_placed_to_m: Metres = Field(0.2e-3, gt=0)
+    """How well either end of the board is held to its mark, standard deviation."""
+
+
 class MisalignmentConfig(_Section):
     """By how much the simulated rig differs from what the rest of the configuration says of it."""
 
@@ -214,6 +230,7 @@ class RigConfig(_Section):
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
+    cameras: CamerasConfig = CamerasConfig()
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 

@@ -5,6 +5,7 @@ identifies itself on entry and is left safe on exit: the laser dark, the gate cl
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
@@ -162,6 +163,27 @@ class Preparation(Enum):
     LAMP = "Put the beam stop before the laser, and light the wall with a steady lamp"
 
 
+@dataclass(frozen=True)
+class Board:
+    """A flat checkerboard, by which cameras are calibrated.
+
+    Its first inner corner is the one whose square between columns and rows is black: one of the two numbers
+    of corners is odd and the other even, so that there is only one such corner. Seen from the front, columns
+    run to the right of it and rows upwards.
+
+    Attributes
+    ----------
+    columns, rows
+        Inner corners along either side.
+    square_m
+        Side of a square [m].
+    """
+
+    columns: int = 9
+    rows: int = 6
+    square_m: float = 0.08
+
+
 class Operator(Protocol):
     """The person at the rig, or the bench in their place."""
 
@@ -173,6 +195,14 @@ class Operator(Protocol):
         """Steer the beam onto a mark (x, y) on the wall, and return the commanded optical angles."""
         ...
 
+    def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
+        """Hold a checkerboard still before the cameras, until the next thing that is asked.
+
+        Flat on the wall, its first inner corner on the mark (x, y) and its columns along the wall's x; or,
+        where there is no mark, freely, and another way each time.
+        """
+        ...
+
 
 class WallCamera(Protocol):
     """A camera that sees the relay wall."""
@@ -180,6 +210,11 @@ class WallCamera(Protocol):
     @property
     def name(self) -> str:
         """Which camera it is."""
+        ...
+
+    @property
+    def full(self) -> int:
+        """Count at which a pixel is full."""
         ...
 
     def image(self) -> NDArray[np.uint16]:

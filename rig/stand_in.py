@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices import Galvo, Operator, Preparation, WallCamera
+from rig.devices import Board, Galvo, Operator, Preparation, WallCamera
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
-    from simulators.cameras import Camera
+    from simulators.cameras import Camera, Checkerboard
 
 #: What the bench's light is changed to; a density of 1 in the beam, and a lamp that counts 1e6 a second.
 _LIGHT: dict[Preparation, dict[str, float | bool]] = {
@@ -29,26 +29,34 @@ _AS_FOR_A_SCAN: dict[str, float | bool] = {
 #: How well a person steers a beam onto a mark: standard deviation along x and along y [m].
 AIMING_ERROR_M = 0.3e-3
 
+#: How well a person holds a board to marks on the wall: standard deviation of either end, along x and y [m].
+PLACING_ERROR_M = 0.2e-3
+
 
 def stand_ins(bench: "Bench") -> tuple[Operator, tuple[WallCamera, ...]]:
     """Return a person and two cameras who act on, and see, the bench."""
     from simulators.cameras import default_cameras
 
-    cameras = tuple(_BenchCamera(bench, camera, number) for number, camera in enumerate(default_cameras(), 1))
-    return _BenchOperator(bench), cameras
+    operator = _BenchOperator(bench)
+    return operator, tuple(
+        _BenchCamera(operator, camera, number) for number, camera in enumerate(default_cameras(), 1)
+    )
 
 
 class _BenchOperator:
     """Does at once what is asked, and aims as well as a person can."""
 
     def __init__(self, bench: "Bench") -> None:
-        self._bench = bench
+        self.bench = bench
+        self.board: Checkerboard | None = None
         self._rng = np.random.default_rng((bench.seed, 1))
 
     def prepare(self, preparation: Preparation) -> None:
-        self._bench.change_light(**{**_AS_FOR_A_SCAN, **_LIGHT[preparation]})
+        self.board = None
+        self.bench.change_light(**{**_AS_FOR_A_SCAN, **_LIGHT[preparation]})
 
     def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
+        self.board = None
         wanted_m = np.array(mark_m) + AIMING_ERROR_M * self._rng.standard_normal(2)
         angles = np.zeros(2)
         for _ in range(30):  # as a person does: look where the spot is, correct, look again
@@ -61,20 +69,40 @@ class _BenchOperator:
         self._spot_m(galvo, angles)
         return float(angles[0]), float(angles[1])
 
+    def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
+        from simulators.cameras import Checkerboard
+        from simulators.lens import Pose
+        from simulators.mount import turned
+
+        length_m = (board.columns - 1) * board.square_m
+        if mark_m is not None:
+            left_m, right_m = PLACING_ERROR_M * self._rng.standard_normal((2, 2))
+            rotation = turned(0.0, 0.0, float(right_m[1] - left_m[1]) / length_m)
+            corner_m = np.array([*(np.array(mark_m) + left_m), 0.0])
+        else:  # turned by up to 30 degrees, somewhere before the wall where both cameras see it
+            middle_m = self._rng.uniform((-0.8, -0.55, 0.3), (0.8, 0.55, 0.8))
+            rotation = turned(*self._rng.uniform(-0.5, 0.5, 3))
+            half_m = np.array([length_m, (board.rows - 1) * board.square_m, 0.0]) / 2
+            corner_m = middle_m - rotation @ half_m
+        self.board = Checkerboard(Pose(rotation.T, corner_m), board.columns, board.rows, board.square_m)
+
     def _spot_m(self, galvo: Galvo, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         galvo.point(float(angles_rad[0]), float(angles_rad[1]))
         galvo.wait_settled(1.0)
-        mirror = self._bench.mirror.position(self._bench.clock.now_s())
-        return np.array(self._bench.geometry.laser_spot_m(mirror)[:2])
+        mirror = self.bench.mirror.position(self.bench.clock.now_s())
+        return np.array(self.bench.geometry.laser_spot_m(mirror)[:2])
 
 
 class _BenchCamera:
-    """Takes pictures of the bench's wall, each with noise of its own."""
+    """Takes pictures of the bench's wall, or of the board before it, each with noise of its own."""
 
-    def __init__(self, bench: "Bench", camera: "Camera", number: int) -> None:
+    def __init__(self, operator: _BenchOperator, camera: "Camera", number: int) -> None:
         self.name = f"camera {number}"
-        self._bench, self._camera = bench, camera
-        self._rng = np.random.default_rng((bench.seed, 2, number))
+        self.full = camera.sensor.largest
+        self._operator, self._camera = operator, camera
+        self._rng = np.random.default_rng((operator.bench.seed, 2, number))
 
     def image(self) -> NDArray[np.uint16]:
-        return self._camera.image(self._bench, self._rng)
+        if self._operator.board:
+            return self._camera.image_of_board(self._operator.board, self._rng)
+        return self._camera.image(self._operator.bench, self._rng)

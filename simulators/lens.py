@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Point = tuple[float, float, float]
 
-#: Newton steps from a distorted point to the undistorted one; each doubles the digits.
+#: Most Newton steps from a distorted point to the undistorted one; each doubles the digits.
 UNDISTORT_STEPS = 8
 
 
@@ -102,6 +102,8 @@ class Distortion:
             missing = seen - self.distort(ideal)
             step = np.stack([d * missing[:, 0] - b * missing[:, 1], a * missing[:, 1] - c * missing[:, 0]])
             ideal += (step / (a * d - b * c)).T
+            if np.abs(missing).max(initial=0.0) < 1e-8:  # the step just made leaves its square
+                break
         return ideal
 
     def _slopes(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
@@ -144,12 +146,17 @@ class Lens:
 
     def on_plane(self, pixels: NDArray[np.float64], plane: Pose) -> NDArray[np.float64]:
         """(N, 2) pixels to (N, 2) where their rays meet a plane, in its own x and y [m]; NaN where not."""
-        directions = self.rays(pixels) @ plane.rotation.T
-        origin_m = plane.inside(self.pose.position_m)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            length_m = -origin_m[2] / directions[:, 2]
-        length_m[~(length_m > 0)] = np.nan
-        return origin_m[:2] + length_m[:, None] * directions[:, :2]
+        return meet(self.pose.position_m, self.rays(pixels), plane)
+
+
+def meet(start_m: NDArray[np.float64], rays: NDArray[np.float64], plane: Pose) -> NDArray[np.float64]:
+    """(N, 3) rays to (N, 2) where they meet a plane, in its own x and y [m]; NaN where not."""
+    directions = rays @ plane.rotation.T
+    origin_m = plane.inside(start_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length_m = -origin_m[2] / directions[:, 2]
+    length_m[~(length_m > 0)] = np.nan
+    return origin_m[:2] + length_m[:, None] * directions[:, :2]
 
 
 #: The relay wall itself: x to the right and y up for one who faces it.

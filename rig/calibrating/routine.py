@@ -10,8 +10,8 @@ from rig.acquisition import Watch
 from rig.calibration.record import Calibration
 from rig.calibration.use import Calibrations
 from rig.config import RigConfig
+from rig.devices import Settings
 from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
 from rig.session import Station
 
 
@@ -79,13 +79,42 @@ class Origin(TypedDict):
     simulated: bool
 
 
-def origin(kind: type[Calibration], scans: Sequence[ScanFile]) -> Origin:
-    """Return rig, devices and digests of the scans that a calibration of this kind is computed from.
+class RawData(Protocol):
+    """A file that says where it comes from, such as a `rig.files.scan.ScanFile`."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        ...
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of its bytes."""
+        ...
+
+    @property
+    def devices(self) -> Mapping[str, Settings]:
+        """Settings of each device, ``identity`` among them."""
+        ...
+
+    @property
+    def configuration(self) -> Mapping[str, Any]:
+        """The configuration with which it was measured."""
+        ...
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it was computed rather than measured."""
+        ...
+
+
+def origin(kind: type[Calibration], scans: Sequence[RawData]) -> Origin:
+    """Return rig, devices and digests of the files that a calibration of this kind is computed from.
 
     Raises
     ------
     CalibrationError
-        If the scans are of different devices.
+        If the files are of different devices.
     """
     devices: dict[str, str] = {}
     for scan in scans:

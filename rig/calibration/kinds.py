@@ -52,11 +52,22 @@ class GalvoModel(Calibration):
     mirrors: Literal[1, 2]
     separation_m: float
     area_m: list[tuple[float, float]]
+    covariance: list[list[float]]
+    """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order; see
+    `rig.calibrating.galvo.model_fit.spot_covariances_m2`."""
     spot_error_m: float
-    """Standard error of a spot on the wall, root mean square over those measured."""
+    """Standard error of a spot that the model predicts, root mean square over those measured."""
     residual_m: float
-    """Root mean square distance between measured and modelled spots, or of the flight paths."""
+    """Root mean square distance between measured and modelled spots (by flight, of the marks)."""
     positions: int
+    mirror_rad: list[tuple[float, float]]
+    """Commanded angles at which spots were measured,"""
+    spots_m: list[tuple[float, float]]
+    """and these spots (x, y); by flight, the marks."""
+    detector_head_m: Point | None = None
+    """By flight, the detector that fits along with the mirror,"""
+    electronics_delay_s: float | None = None
+    """and the delay; scans do not use them, see `TimeZero`."""
 
     def pointing(self) -> Pointing:
         """Return the model; it refuses spots outside the calibrated area."""

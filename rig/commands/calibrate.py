@@ -1,6 +1,7 @@
 """``rig calibrate``: what the rig learns of itself."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,14 @@ import typer
 if TYPE_CHECKING:
     from rig.calibrating.routine import Routine
     from rig.config import RigConfig
+
+
+class Method(StrEnum):
+    """How the steering mirror is calibrated."""
+
+    CAMERAS = "cameras"
+    FLIGHT = "flight"
+
 
 calibrate = typer.Typer(
     help="Learn where the rig points, when it starts and what its detector adds.",
@@ -33,6 +42,31 @@ Keep = Annotated[
     Path | None, typer.Option("--keep", metavar="FOLDER", help="Keep the raw data in this folder.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+
+
+@calibrate.command("galvo")
+def galvo(
+    config: Config = None,
+    method: Annotated[
+        Method,
+        typer.Option(help="With two cameras, or by times of flight and a few marks on the wall."),
+    ] = Method.CAMERAS,
+    columns: Annotated[int, typer.Option(min=2, help="Mirror angles along x.")] = 11,
+    rows: Annotated[int, typer.Option(min=2, help="Mirror angles along y.")] = 9,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    as_json: AsJson = False,
+) -> None:
+    """Learn where the beam meets the wall for each command."""
+    if method is Method.CAMERAS:
+        from rig.calibrating.galvo.routine import CameraRoutine
+
+        _run(CameraRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
+    else:
+        from rig.calibrating.galvo.flight_routine import FlightRoutine
+
+        _run(FlightRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
 
 
 @calibrate.command("dnl")

@@ -5,8 +5,9 @@ import sys
 from rich.prompt import Prompt
 
 from rig.commands import console
-from rig.devices import Galvo, Preparation
+from rig.devices import Board, Galvo, Preparation
 from rig.errors import UsageError
+from rig.quantities import show_length
 
 
 class ConsoleOperator:
@@ -21,6 +22,18 @@ class ConsoleOperator:
             If nobody can answer.
         """
         _ask(f"{preparation.value}. Then press Enter")
+
+    def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
+        """Ask for the board to be held somewhere."""
+        what = f"board of {board.columns} x {board.rows} inner corners at {show_length(board.square_m)}"
+        where = "freely before the cameras, tilted, in another place than before, and hold it still"
+        if mark_m is not None:
+            where = (
+                "flat on the wall: the first inner corner (the one in the lower left, the square right and "
+                f"up of it black) at x = {show_length(mark_m[0])}, y = {show_length(mark_m[1])}, the columns "
+                "along x"
+            )
+        _ask(f"Hold the {what} {where}. Then press Enter")
 
     def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
         """Let the person type angles until the beam is on the mark."""
