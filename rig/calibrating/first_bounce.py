@@ -163,7 +163,7 @@ def first_bounces(scan: ScanFile) -> FirstBounces:
     size = round((WINDOW_S[1] - WINDOW_S[0]) / scan.bin_width_s)
     for position, histogram in enumerate(counts):
         try:
-            peak = _highest(histogram, scan.bin_width_s, pulses[position])
+            peak = highest(histogram, scan.bin_width_s, pulses[position])
             starts[position] = peak + round(WINDOW_S[0] / scan.bin_width_s)
             if not 0 <= starts[position] <= scan.bins - size:
                 raise CalibrationError("its first bounce is cut off by the end of the histogram")
@@ -235,8 +235,14 @@ def _live(
     return np.asarray(np.clip(1 - off, 1e-3, 1), dtype=np.float64)
 
 
-def _highest(histogram: NDArray[np.unsignedinteger], bin_width_s: float, pulses: float) -> int:
-    """Return the bin of the one strong peak; `CalibrationError` says why there is none."""
+def highest(histogram: NDArray, bin_width_s: float, pulses: float) -> int:
+    """Return the bin of the one strong peak in what was counted in so many pulses.
+
+    Raises
+    ------
+    CalibrationError
+        If there is none, or not one, or it is saturated.
+    """
     total, largest = int(histogram.sum()), int(histogram.max(initial=0))
     full = int((histogram == largest).sum()) >= FULL_BINS and largest >= FEWEST_COUNTS
     if full or largest in FULL_COUNTERS:

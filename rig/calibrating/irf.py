@@ -143,20 +143,22 @@ def width_slopes(shape: peaks.Shape) -> NDArray[np.float64]:
 def stacked(bounces: FirstBounces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times after the core's centre and the mean response there, area 1 [1/s].
 
-    Each bin goes to the nearest time, so that a sample is blurred by the widths of two bins; the background
-    is taken off.
+    Each bin is shared by the two nearest samples, so that its time is kept; that blurs a sample by a bin's
+    width. The background is taken off.
     """
     width = bounces.bin_width_s
-    sample = np.rint((bounces.time_s - bounces.arrival_s[:, None]) / width).astype(np.int64)
     first, last = (round(limit_s / width) for limit_s in SAMPLED_S)
-    inside = (sample >= first) & (sample <= last)
+    place = (bounces.time_s - bounces.arrival_s[:, None]) / width - first
     net = bounces.rate - bounces.background[:, None]
-    total = np.bincount(sample[inside] - first, net[inside], last - first + 1)
-    seen = np.bincount(sample[inside] - first, np.broadcast_to(bounces.counts[:, None], net.shape)[inside],
-                       last - first + 1)  # fmt: skip
-    response = np.divide(total, seen * width, out=np.zeros_like(total), where=seen > 0)
-    time_s = np.asarray(np.arange(first, last + 1) * width, dtype=np.float64)
-    return time_s, np.asarray(response, dtype=np.float64)
+    expected = np.broadcast_to(bounces.counts[:, None] * width, net.shape)
+    found, possible = np.zeros((2, last - first + 1))
+    below = np.floor(place).astype(np.int64)
+    for sample, share in ((below, below + 1 - place), (below + 1, place - below)):
+        inside = (sample >= 0) & (sample < len(found))
+        np.add.at(found, sample[inside], (net * share)[inside])
+        np.add.at(possible, sample[inside], (expected * share)[inside])
+    response = np.divide(found, possible, out=np.zeros_like(found), where=possible > 0)
+    return np.asarray(np.arange(first, last + 1) * width, dtype=np.float64), response
 
 
 def _warnings(bounces: FirstBounces) -> list[str]:

@@ -20,10 +20,10 @@ def time_zero_figure(bounces: Sequence[FirstBounces], found: TimeZero) -> Figure
     first = bounces[0]
     brightest = int(first.counts.argmax())
     time_ns = first.time_s[brightest] * 1e9
-    left.step(time_ns, first.rate[brightest], where="mid", color=_GREY, linewidth=0.8, label="counts")
-    left.plot(time_ns, first.model[brightest], color=_LINE, linewidth=1.4, label="fit")
+    left.semilogy(time_ns, first.rate[brightest], ".", color=_GREY, markersize=4, label="counts")
+    left.semilogy(time_ns, first.model[brightest], color=_LINE, linewidth=1.4, label="fit")
     left.axvline(first.arrival_s[brightest] * 1e9, color=_DOTS, linewidth=1, label="arrival")
-    left.set(title="a first bounce", xlabel="time after sync (ns)", ylabel="counts a bin", ylim=(0, None))
+    left.set(title="a first bounce", xlabel="time after sync (ns)", ylabel="counts a bin", ylim=(0.5, None))
     left.legend(frameon=False)
     spots_m = np.array(found.spots_m)
     each_ps = np.split(
@@ -49,11 +49,12 @@ def time_zero_figure(bounces: Sequence[FirstBounces], found: TimeZero) -> Figure
         start = int(at.max()) + 1
     right.axhline(0, color="0.3", linewidth=0.8)
     right.set(title="one after the other", xlabel="position", ylabel="measured less fitted (ps)")
-    right.legend(frameon=False)
+    right.margins(y=0.2)
+    right.legend(frameon=False, ncols=len(bounces), loc="upper right")
     figure.suptitle(
         f"time zero: delay {show(found.electronics_delay_s, 's', 6)}, rectified time known to "
         f"{show(found.rectified_error_s, 's', 2)} (worst {show(found.rectified_error_worst_s, 's', 2)}), "
-        f"residuals {show(found.residual_s, 's', 2)}, chi² {found.chi2:.2f}"
+        f"residuals {show(found.residual_s or 0.0, 's', 2)}, chi² {found.chi2:.2f}"
     )
     return figure
 

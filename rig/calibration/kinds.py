@@ -29,8 +29,8 @@ class TimeZero(Calibration):
     """Standard error of the rectified time of a position, the median over those measured."""
     rectified_error_worst_s: float
     """The largest of them."""
-    residual_s: float
-    """Root mean square of what the fit leaves."""
+    residual_s: float | None
+    """Root mean square of what the fit leaves; None where one target was used, all positions together."""
     chi2: float
     """Mean square of what the fit leaves in its standard errors: about 1 where the model is right."""
     positions: int
@@ -39,7 +39,7 @@ class TimeZero(Calibration):
     drift_per_minute_error_s: float | None
     spots_m: list[tuple[float, float]]
     residuals_s: list[float]
-    """What the fit leaves of each arrival, visit after visit, and where on the wall that was."""
+    """Where the spots are taken to be, visit after visit, and what the fit leaves of each arrival there."""
     warnings: list[str]
     """What speaks against it, as sentences."""
 

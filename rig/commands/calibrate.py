@@ -51,16 +51,27 @@ def dnl(
 
 @calibrate.command("time-zero")
 def time_zero(
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Use one small target at this place before the wall, e.g. 10cm,-5cm,1m or 1m.",
+        ),
+    ] = None,
     config: Config = None,
     seed: Seed = None,
     recorded: From = None,
     keep: Keep = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure when the pulse is on the wall, from first bounces all over it."""
+    """Measure when the pulse is on the wall, from first bounces all over it or from one known target."""
+    if target is not None:
+        from rig.calibrating.target import TargetRoutine, place
+
+        return _run(TargetRoutine(place(target)), config, seed, recorded, keep, as_json)
     from rig.calibrating.time_zero import TimeZeroRoutine
 
-    _run(TimeZeroRoutine(), config, seed, recorded, keep, as_json)
+    return _run(TimeZeroRoutine(), config, seed, recorded, keep, as_json)
 
 
 @calibrate.command("irf")
