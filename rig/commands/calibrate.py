@@ -1,6 +1,7 @@
 """``rig calibrate``: what the rig learns of itself."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,18 +36,98 @@ Keep = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 
+@calibrate.command("dark")
+def dark(
+    config: Config = None,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    exposure: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Exposure of each step. [dim]\\[200s, uncovered 100s][/dim]"),
+    ] = None,
+    hold_offs: Annotated[
+        str,
+        typer.Option(
+            metavar="TIME,TIME", help="Hold-offs; none below the dead time of the timing instrument."
+        ),
+    ] = "90ns,120ns,160ns",
+    repetition: Annotated[
+        str,
+        typer.Option(metavar="FREQUENCY", help="Pulses a second meanwhile, few enough to see afterpulses."),
+    ] = "2MHz",
+    as_json: AsJson = False,
+) -> None:
+    """Measure dark counts, ambient light and afterpulses.
+
+    With --from: the file with the lens covered, then the one uncovered, then those with the attenuated beam.
+    """
+    from rig.calibrating.dark import DarkRoutine
+    from rig.quantities import parse
+
+    routine = DarkRoutine(
+        hold_offs_s=tuple(parse(text, "time") for text in hold_offs.split(",")),
+        repetition_hz=parse(repetition, "frequency"),
+    )
+    if exposure:
+        each_s = parse(exposure, "time")
+        routine = replace(routine, dark_s=each_s, ambient_s=each_s, afterpulse_s=each_s)
+    _run(routine, config, seed, recorded, keep, as_json)
+
+
+@calibrate.command("gate")
+def gate(
+    config: Config = None,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    nearest: Annotated[
+        str, typer.Option(metavar="LENGTH", help="Distance from the wall of the nearest object to be seen.")
+    ] = "50cm",
+    columns: Annotated[int, typer.Option(min=3, help="Columns of the grid; as many rows as fit.")] = 9,
+    exposure: Annotated[
+        str, typer.Option(metavar="TIME", help="Measurement time at each position and delay.")
+    ] = "30ms",
+    step: Annotated[str, typer.Option(metavar="TIME", help="Between delays.")] = "200ps",
+    before: Annotated[
+        str, typer.Option(metavar="TIME", help="How long before the first light the sweep begins.")
+    ] = "0.8ns",
+    after: Annotated[
+        str, typer.Option(metavar="TIME", help="How long after the last light the sweep ends.")
+    ] = "1ns",
+    as_json: AsJson = False,
+) -> None:
+    """Find when to open the gate: the first bounce blocked, the nearest object kept."""
+    from rig.calibrating.gate import GateRoutine
+    from rig.quantities import parse
+
+    routine = GateRoutine(
+        nearest_m=parse(nearest, "length"),
+        columns=columns,
+        exposure_s=parse(exposure, "time"),
+        step_s=parse(step, "time"),
+        before_s=parse(before, "time"),
+        after_s=parse(after, "time"),
+    )
+    _run(routine, config, seed, recorded, keep, as_json)
+
+
 @calibrate.command("dnl")
 def dnl(
     config: Config = None,
     seed: Seed = None,
     recorded: From = None,
     keep: Keep = None,
+    exposure: Annotated[
+        str, typer.Option(metavar="TIME", help="Of the whole measurement; widths become known with its root.")
+    ] = "20s",
     as_json: AsJson = False,
 ) -> None:
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
     from rig.calibrating.dnl import DnlRoutine
+    from rig.quantities import parse
 
-    _run(DnlRoutine(), config, seed, recorded, keep, as_json)
+    _run(DnlRoutine(exposure_s=parse(exposure, "time")), config, seed, recorded, keep, as_json)
 
 
 def _run(
