@@ -28,8 +28,8 @@ from rig.errors import CalibrationError
 USUAL_DECAY_S = 40e-9
 #: What pulse, detector and electronics blur: no nearer to the edges of what is fitted [s].
 BLUR_S = 1e-9
-#: Steps of the fit; it gains digits so fast that the last ones change nothing.
-STEPS = 40
+#: Most steps of a fit, and when it has arrived [standard errors].
+STEPS, ARRIVED = 40, 1e-4
 #: The excess that counts as seen, and the misfit that is no chance [standard errors].
 SEEN, NO_CHANCE = 5.0, 6.0
 
@@ -90,7 +90,7 @@ class Record:
     def _past(self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Sum of the counts before each bin, times the kernel of the lag; times repeat."""
         bins = len(self.counts)
-        weights = kernel(np.arange(bins) * self.bin_width_s)
+        weights = kernel(np.arange(bins, dtype=np.float64) * np.float64(self.bin_width_s))
         return np.asarray(np.fft.irfft(np.fft.rfft(self.counts) * np.fft.rfft(weights), bins), dtype=float)
 
     def _first_light(self) -> int:
@@ -212,6 +212,8 @@ def _solve(
         level += step[0]
         k = float(np.clip(k + step[1], k / 1.5, k * 1.5))
         steady = [max(b + more, 1e-9) for b, more in zip(steady, step[2:], strict=True)]
+        if (np.abs(step[free]) < ARRIVED * np.sqrt(np.diag(inverse))).all():
+            break
     covariance = np.zeros((2, 2))
     kept = free[:2] if free_decay else [0]
     covariance[np.ix_(kept, kept)] = inverse[: len(kept), : len(kept)]
