@@ -1,19 +1,19 @@
 """Afterpulses, seen in time after the laser's pulses.
 
-Every detection, whatever it came from, leaves a carrier behind with a probability p, which is released after a
-time s with the density exp(-s/tau)/tau and detected if the detector is ready again: after the hold-off h. With
-H(v) the counts recorded at a time v after the pulse,
+Every detection, whatever it came from, leaves a carrier behind with a probability p, which is released after
+a time s with the density exp(-s/tau)/tau and detected if the detector is ready again: after the hold-off h.
+With H(v) the counts recorded at a time v after the pulse,
 
     E[H(u)] = L(u) [ b + sum over v of H(v) (p/tau) exp(-(u - v)/tau), u - v >= h ] ,
 
-at times u at which the laser sends no light; b is the steady light. L(u) = 1 - sum of H(v) over u - h < v < u,
-divided by the pulses, is the part of the pulses after which the detector is ready at u: exactly so, since
+at times u at which the laser sends no light; b is the steady light. L(u) = 1 - sum of H(v) over u - h < v <
+u, divided by the pulses, is the part of the pulses after which the detector is ready at u: exactly so, since
 within a hold-off there is at most one detection. H on the right is the record itself, so afterpulses of
 afterpulses and of background are in it, and times repeat with the sync period.
 
-The same numbers could be had from the rates of a steady lamp at several hold-offs. But there the afterpulses are
-0.3 % of the counts at best, so that a lamp that drifts by a few parts in ten thousand would be taken for them,
-and a decay time has to come from differences of such numbers; here they stand alone between the pulses.
+The same numbers could be had from the rates of a steady lamp at several hold-offs. But there the afterpulses
+are 0.3 % of the counts at best, so that a lamp that drifts by a few parts in ten thousand would be taken for
+them, and a decay time has to come from differences of such numbers; here they stand alone between the pulses.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +28,8 @@ from rig.errors import CalibrationError
 USUAL_DECAY_S = 40e-9
 #: What pulse, detector and electronics blur: no nearer to the edges of what is fitted [s].
 BLUR_S = 1e-9
-#: Steps of the fit; it gains digits so fast that the last ones change nothing.
-STEPS = 40
+#: Most steps of a fit, and when it has arrived [standard errors].
+STEPS, ARRIVED = 40, 1e-4
 #: The excess that counts as seen, and the misfit that is no chance [standard errors].
 SEEN, NO_CHANCE = 5.0, 6.0
 
@@ -66,8 +66,7 @@ class Record:
         first = self._first_light()
         margin = int(np.ceil(BLUR_S / self.bin_width_s))
         begin = first + int(np.ceil(self.hold_off_s / self.bin_width_s)) + margin
-        bins = np.arange(begin, first + whole - margin) % whole
-        return bins
+        return np.arange(begin, first + whole - margin) % whole
 
     def ready(self) -> NDArray[np.float64]:
         """(bins,) part of the pulses after which the detector is ready at each bin."""
@@ -91,9 +90,8 @@ class Record:
     def _past(self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Sum of the counts before each bin, times the kernel of the lag; times repeat."""
         bins = len(self.counts)
-        lags_s = np.arange(bins) * self.bin_width_s
-        spectrum = np.fft.rfft(self.counts) * np.fft.rfft(kernel(lags_s))
-        return np.fft.irfft(spectrum, bins)
+        weights = kernel(np.arange(bins, dtype=np.float64) * np.float64(self.bin_width_s))
+        return np.asarray(np.fft.irfft(np.fft.rfft(self.counts) * np.fft.rfft(weights), bins), dtype=float)
 
     def _first_light(self) -> int:
         """Return the bin in which the laser's first light arrives."""
@@ -101,8 +99,8 @@ class Record:
         highest = int(counts.argmax())
         if counts[highest] < usual + 20 * np.sqrt(usual + 1) or counts[highest] < 100:
             raise CalibrationError(
-                f"{self.name}: no light of the laser stands out; afterpulses are seen after its pulses. Take the "
-                "beam stop away, attenuate less, or measure longer"
+                f"{self.name}: no light of the laser stands out; afterpulses are seen after its pulses. Take "
+                "the beam stop away, attenuate less, or measure longer"
             )
         bright = np.flatnonzero(counts > usual + 10 * np.sqrt(usual + 1))
         # the longest pause between bright bins, round the period, ends at the first light
@@ -137,8 +135,9 @@ def fitted(records: Sequence[Record]) -> Afterpulses:
     for record in records:
         if len(record.quiet) * record.bin_width_s < 3 * USUAL_DECAY_S:
             raise CalibrationError(
-                f"{record.name}: only {1e9 * len(record.quiet) * record.bin_width_s:.0f} ns between the hold-off "
-                "and the next pulse are left to see afterpulses in; use a lower --repetition or shorter hold-offs"
+                f"{record.name}: only {1e9 * len(record.quiet) * record.bin_width_s:.0f} ns between the "
+                "hold-off and the next pulse are left to see afterpulses in; use a lower --repetition or "
+                "shorter hold-offs"
             )
     start = _solve(records, USUAL_DECAY_S, free_decay=False)
     seen = start[0] > SEEN * np.sqrt(start[2][0, 0])
@@ -162,7 +161,7 @@ def fitted(records: Sequence[Record]) -> Afterpulses:
 
 
 def fitted_alone(record: Record, decay_s: float) -> tuple[float, float]:
-    """Return the probability to outlast one record's hold-off, and its standard error, the decay time known."""
+    """Return the probability to outlast one record's hold-off, and its error, the decay time known."""
     p, _, covariance = _solve([record], decay_s, free_decay=False)
     outlasting = np.exp(-record.hold_off_s / decay_s)
     return float(p * outlasting), float(np.sqrt(covariance[0, 0]) * outlasting)
@@ -198,7 +197,9 @@ def _solve(
         for i, record in enumerate(records):
             shape = _shape(record, k, pivot_s, decay_s) * ready[i]
             tiny = 1e-4 * k
-            steeper = (_shape(record, k + tiny, pivot_s, decay_s) - _shape(record, k - tiny, pivot_s, decay_s)) / (2 * tiny)
+            steeper = (
+                _shape(record, k + tiny, pivot_s, decay_s) - _shape(record, k - tiny, pivot_s, decay_s)
+            ) / (2 * tiny)
             due = np.maximum(steady[i] * ready[i] + level * shape, 1e-9)
             moves = np.zeros((size, len(due)))
             moves[0], moves[1], moves[2 + i] = shape, level * steeper * ready[i], ready[i]
@@ -211,6 +212,8 @@ def _solve(
         level += step[0]
         k = float(np.clip(k + step[1], k / 1.5, k * 1.5))
         steady = [max(b + more, 1e-9) for b, more in zip(steady, step[2:], strict=True)]
+        if (np.abs(step[free]) < ARRIVED * np.sqrt(np.diag(inverse))).all():
+            break
     covariance = np.zeros((2, 2))
     kept = free[:2] if free_decay else [0]
     covariance[np.ix_(kept, kept)] = inverse[: len(kept), : len(kept)]

@@ -94,6 +94,6 @@ def refuse_saturated(scan: ScanFile, rate_hz: float) -> None:
     off = rate_hz * hold_off_s(scan)
     if off > 0.5:
         raise CalibrationError(
-            f"{scan.path}: {show(rate_hz, 'Hz')} keep the detector off for {100 * off:.0f} % of the time: it is "
-            "saturated. Attenuate the light and measure again"
+            f"{scan.path}: {show(rate_hz, 'Hz')} keep the detector off for {100 * off:.0f} % of the time: it "
+            "is saturated. Attenuate the light and measure again"
         )

@@ -1,11 +1,11 @@
 """Dark counts, ambient light and afterpulses.
 
 Rates are those of a ready detector: R counts a second with a hold-off h come from R / (1 - R h), since the
-detector is off for h after each (non-paralysable dead time, Knoll, Radiation Detection and Measurement, ch. 4),
-less the afterpulses among them. Afterpulses are seen in time: see `rig.calibrating.afterpulses`.
+detector is off for h after each (non-paralysable dead time, Knoll, Radiation Detection and Measurement, ch.
+4), less the afterpulses among them. Afterpulses are seen in time: see `rig.calibrating.afterpulses`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,7 +84,11 @@ class DarkRoutine:
             config,
             spad={"gated": False},
             laser={"repetition_hz": self.repetition_hz},
-            hydraharp={"offset_s": 0.0, "bin_width_s": width_s, "bins": int(np.ceil(period / width_s - 1e-6))},
+            hydraharp={
+                "offset_s": 0.0,
+                "bin_width_s": width_s,
+                "bins": int(np.ceil(period / width_s - 1e-6)),
+            },
         )
 
     def measure(
@@ -97,7 +101,8 @@ class DarkRoutine:
         ]
         for hold_s in self.hold_offs_s:
             steps.append((Preparation.ATTENUATE, hold_s, self.afterpulse_s, f"pulsed-{hold_s * 1e9:.0f}ns"))
-        files, prepared = [], None
+        files: list[Path] = []
+        prepared = None
         for preparation, hold_s, exposure_s, name in steps:
             if preparation is not prepared:
                 station.operator.prepare(preparation)
@@ -117,8 +122,8 @@ class DarkRoutine:
         """Return rates and afterpulses; files in the order in which they are measured."""
         if len(files) < 3:
             raise CalibrationError(
-                f"{len(files)} files were given: first the one with the lens covered, then uncovered with the "
-                "beam blocked, then at least one with the attenuated beam"
+                f"{len(files)} files were given: first the one with the lens covered, then uncovered with "
+                "the beam blocked, then at least one with the attenuated beam"
             )
         with sound_scans(files) as scans:
             covered, uncovered, *pulsed = scans
@@ -163,15 +168,15 @@ def _record(scan: ScanFile) -> Record:
     return Record(str(scan.path), counts, scan.bin_width_s, period_s(settings), pulses, hold_off_s(scan))
 
 
-def _steady(scan: ScanFile, outlasting) -> Rate:  # type: ignore[no-untyped-def]
+def _steady(scan: ScanFile, outlasting: Callable[[float], float]) -> Rate:
     """Return the rate of a steady light, after refusing what is none."""
     _refuse_gated(scan)
     counts = counts_of(scan)
     total, live = float(counts.sum()), live_s(scan)
     if total < LEAST_COUNTS:
         raise CalibrationError(
-            f"{scan.path} has {total:.0f} counts, {LEAST_COUNTS} are the least: measure longer, and check that "
-            "the detector is on"
+            f"{scan.path} has {total:.0f} counts, {LEAST_COUNTS} are the least: measure longer, and check "
+            "that the detector is on"
         )
     seen_hz = total / live
     refuse_saturated(scan, seen_hz)
@@ -186,9 +191,9 @@ def _ambient(dark: Rate, both: Rate, covered: ScanFile, uncovered: ScanFile) -> 
     ambient = Rate(both.hz - dark.hz, float(np.hypot(both.error_hz, dark.error_hz)))
     if ambient.hz < 3 * ambient.error_hz:
         raise CalibrationError(
-            f"{covered.path} has {show(dark.hz, 'Hz')} and {uncovered.path} {show(both.hz, 'Hz')}: covering the "
-            "lens makes no difference. Either it was not covered, or a light was on meanwhile, or the files are "
-            "not in the order covered, uncovered. In a room without any light leave a weak one on"
+            f"{covered.path} has {show(dark.hz, 'Hz')} and {uncovered.path} {show(both.hz, 'Hz')}: covering "
+            "the lens makes no difference. Either it was not covered, or a light was on meanwhile, or the "
+            "files are not in the order covered, uncovered. In a room without any light leave a weak one on"
         )
     return ambient
 
@@ -201,8 +206,9 @@ def _refuse_gated(scan: ScanFile) -> None:
     end_s = scan.first_bin_s + scan.bins * scan.bin_width_s
     if scan.first_bin_s > 0 or end_s < period_s(settings_of(scan)) * (1 - 1e-9):
         raise CalibrationError(
-            f"{scan.path} has bins from {show(scan.first_bin_s, 's')} to {show(end_s, 's')}, which is not the "
-            f"whole time of {show(period_s(settings_of(scan)), 's')} between pulses: choose offset 0 and wider bins"
+            f"{scan.path} has bins from {show(scan.first_bin_s, 's')} to {show(end_s, 's')}, which is not "
+            f"the whole time of {show(period_s(settings_of(scan)), 's')} between pulses: choose offset 0 and "
+            "wider bins"
         )
 
 
@@ -213,9 +219,9 @@ def _refuse_unsteady(scan: ScanFile, parts: np.ndarray) -> None:
     if np.abs(off).max() > NO_CHANCE:
         part = int(np.abs(off).argmax())
         raise CalibrationError(
-            f"{scan.path}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, {expected[part]:.0f} are "
-            "due as in the others: a light went on or off, or the cover moved. Keep the light as it is and "
-            "measure again"
+            f"{scan.path}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, "
+            f"{expected[part]:.0f} are due as in the others: a light went on or off, or the cover moved. "
+            "Keep the light as it is and measure again"
         )
 
 
@@ -229,6 +235,6 @@ def _refuse_pulsed(scan: ScanFile, counts: np.ndarray) -> None:
     if off.max() > NO_CHANCE + 2:
         at_s = scan.first_bin_s + (off.argmax() + 0.5) / parts * len(counts) * scan.bin_width_s
         raise CalibrationError(
-            f"{scan.path}: counts come in step with the laser, most of them {show(at_s, 's')} after its pulse. "
-            "Block the beam and measure again"
+            f"{scan.path}: counts come in step with the laser, most of them {show(at_s, 's')} after its "
+            "pulse. Block the beam and measure again"
         )

@@ -1,9 +1,10 @@
 """Bin widths: light that knows nothing of the laser fills all bins alike, but for their widths.
 
-With N counts a bin a width is known to 1/sqrt(N), and an instrument's non-linearity is often less than that: a
-correction by counted widths would add more noise than it takes away. So the non-linearity's variance S is
-estimated over all bins, and each deviation is shrunk by S / (S + 1/N), the mean of what it can be given the count
-(Wiener's filter; James and Stein's empirical Bayes, see Efron and Morris, J. Am. Stat. Assoc. 68, 117 (1973)).
+With N counts a bin a width is known to 1/sqrt(N), and an instrument's non-linearity is often less than that:
+a correction by counted widths would add more noise than it takes away. So the non-linearity's variance S is
+estimated over all bins, and each deviation is shrunk by S / (S + 1/N), the mean of what it can be given the
+count (Wiener's filter; James and Stein's empirical Bayes, see Efron and Morris, J. Am. Stat. Assoc. 68, 117
+(1973)).
 """
 
 from collections.abc import Sequence
@@ -126,7 +127,7 @@ def _counts(scan: ScanFile, first: ScanFile) -> NDArray[np.float64]:
 
 
 def _widths(path: Path, counts: NDArray[np.float64], bins: NDArray) -> tuple[NDArray[np.float64], float]:
-    """Return counted widths about 1, and the mean count, after refusing counts that are not of steady light."""
+    """Return counted widths about 1, and the mean count, after refusing what is not steady light."""
     mean = float(counts.mean()) if len(counts) else 0.0
     if mean < LEAST_COUNTS:
         raise CalibrationError(

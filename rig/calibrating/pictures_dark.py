@@ -14,9 +14,7 @@ from rig.quantities import show
 _COLOURS = ("#20639b", "#c1440e", "#3a7d44", "#7b4b94", "#8a6d3b")
 
 
-def dark_figure(
-    rates: Sequence[NDArray[np.float64]], records: Sequence[Record], found: DarkRates
-) -> Figure:
+def dark_figure(rates: Sequence[NDArray[np.float64]], records: Sequence[Record], found: DarkRates) -> Figure:
     """Draw rates part by part, afterpulses after the pulse with what the fit leaves, and against hold-off.
 
     Parameters
@@ -32,11 +30,12 @@ def dark_figure(
     axes = figure.subplot_mosaic(
         [["rates", "decay"], ["outlasting", "residuals"]], width_ratios=(1, 1.5), height_ratios=(1.4, 1)
     )
-    after = (
-        f"afterpulses {_with_error(100 * found.afterpulse_probability, 100 * found.afterpulse_probability_error)} %"
-    )
+    percent = (100 * found.afterpulse_probability, 100 * found.afterpulse_probability_error)
+    after = f"afterpulses {_with_error(*percent)} %"
     if found.afterpulse_decay_s and found.afterpulse_decay_error_s:
-        after += f", decay {_with_error(1e9 * found.afterpulse_decay_s, 1e9 * found.afterpulse_decay_error_s)} ns"
+        after += (
+            f", decay {_with_error(1e9 * found.afterpulse_decay_s, 1e9 * found.afterpulse_decay_error_s)} ns"
+        )
     figure.suptitle(
         f"dark counts {_with_error(found.dark_hz, found.dark_error_hz)} Hz, "
         f"ambient light {_with_error(found.ambient_hz, found.ambient_error_hz)} Hz, {after}"
@@ -45,8 +44,12 @@ def dark_figure(
     decay_s = found.afterpulse_decay_s or USUAL_DECAY_S
     for record, colour in zip(records, _COLOURS * len(records), strict=False):
         _draw_record(axes["decay"], axes["residuals"], record, found.afterpulse_probability, decay_s, colour)
+    quiet = [record.counts[record.quiet].mean() * max(len(record.counts) // 250, 1) for record in records]
     axes["decay"].set(
-        yscale="log", ylabel="counts a bin", title="counts after the laser's pulse, with the fit where it is quiet"
+        yscale="log",
+        ylim=(0.5 * min(quiet), 8 * max(quiet)),
+        ylabel="counts a bin",
+        title="counts after the laser's pulse, with the fit where it is quiet",
     )
     axes["decay"].legend(loc="upper right", fontsize="small")
     axes["residuals"].axhline(0, color="0.5", linewidth=0.8)
@@ -90,8 +93,8 @@ def _draw_outlasting(axes: Axes, found: DarkRates, decay_s: float) -> None:
     axes.errorbar(hold_ns, 100 * np.array(found.after_hold_off), 100 * np.array(found.after_hold_off_error),
                   fmt="o", color=_COLOURS[0], capsize=3, label="measured, one by one")  # fmt: skip
     grid_ns = np.linspace(0, 1.2 * hold_ns.max(), 200)
-    axes.plot(grid_ns, 100 * found.afterpulse_probability * np.exp(-grid_ns * 1e-9 / decay_s), color=_COLOURS[1],
-              linewidth=1, label="p exp(-h / tau), all together")  # fmt: skip
+    due = found.afterpulse_probability * np.exp(-grid_ns * 1e-9 / decay_s)
+    axes.plot(grid_ns, 100 * due, color=_COLOURS[1], linewidth=1, label="p exp(-h / tau), all together")
     axes.set(
         xlabel="hold-off h (ns)", ylabel="afterpulses a detection (%)", yscale="log", xlim=(0, grid_ns[-1]),
         title="probability that a carrier outlasts the hold-off",

@@ -17,8 +17,10 @@ def dnl_figure(found: BinWidths) -> Figure:
     figure = Figure(figsize=(12, 7.5), dpi=100, facecolor="white", layout="constrained")
     axes = figure.subplot_mosaic([["widths", "widths"], ["spread", "together"]])
     figure.suptitle(
-        f"bin widths: {found.counts_per_bin:,.0f} counts a bin, non-linearity {100 * found.nonlinearity:.3f} % rms "
-        f"(at most {100 * found.nonlinearity_at_most:.3f} %), {100 * found.kept:.1f} % of a deviation believed"
+        f"bin widths: {found.counts_per_bin:,.0f} counts a bin, non-linearity "
+        f"{100 * found.nonlinearity:.3f} % rms "
+        f"(at most {100 * found.nonlinearity_at_most:.3f} %), {100 * found.kept:.1f} % of a deviation "
+        "believed"
     )
 
     panel = axes["widths"]

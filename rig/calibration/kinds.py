@@ -191,7 +191,7 @@ class BinWidths(Calibration):
     counts_per_bin: float
     """How many counts each was measured with."""
     nonlinearity: float
-    """Root mean square of the real widths' deviations from 1: of the counted ones, counting noise taken off."""
+    """Root mean square of the real widths' deviations from 1: as counted, counting noise taken off."""
     nonlinearity_at_most: float
     """Its upper limit at two standard errors."""
     kept: float
@@ -205,7 +205,7 @@ class BinWidths(Calibration):
 
     @property
     def widths(self) -> NDArray[np.float64]:
-        """(bins,) best estimate of each width: counted deviations shrunk towards 1, and 1 where not measured."""
+        """(bins,) best estimate of each width: as counted but shrunk towards 1; 1 where not measured."""
         counted = np.array([1.0 if width is None else width for width in self.measured])
         return 1 + self.kept * (counted - 1)
 

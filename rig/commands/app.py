@@ -6,6 +6,7 @@ import typer
 
 import rig
 from rig.commands.calibrate import calibrate
+from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
 from rig.commands.doctor import doctor
 from rig.commands.export import export
@@ -54,6 +55,7 @@ def _root(
 app.command("scan")(scan)
 app.command("resume")(resume)
 app.command("recon")(recon)
+calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)
 app.add_typer(calibrate, name="calibrate")
 app.command("measure")(measure)

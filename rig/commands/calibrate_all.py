@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.calibrate import AsJson, Config, Keep, Seed
+from rig.commands.calibrate_run import AsJson, Config, Keep, Seed, calibrated, configuration
 
 if TYPE_CHECKING:
     from rig.calibrating.routine import Routine
@@ -16,7 +16,9 @@ def all_(
     keep: Keep = None,
     without_cameras: Annotated[
         bool,
-        typer.Option("--without-cameras", help="Calibrate the galvo by times of flight and marks on the wall."),
+        typer.Option(
+            "--without-cameras", help="Calibrate the galvo by times of flight and marks on the wall."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -27,7 +29,6 @@ def all_(
     """
     from rig.calibration.headlines import headline
     from rig.commands import console
-    from rig.commands.calibrate import calibrated, configuration
     from rig.errors import RigError
 
     rig_config = configuration(config, seed)
@@ -47,7 +48,11 @@ def all_(
     if as_json:
         console.print_json(
             {
-                kind: {"file": str(result.path), "picture": str(result.picture), "found": headline(result.calibration)}
+                kind: {
+                    "file": str(result.path),
+                    "picture": str(result.picture),
+                    "found": headline(result.calibration),
+                }
                 for kind, result in found.items()
             }
         )
@@ -62,7 +67,8 @@ def _routines(without_cameras: bool) -> "list[Routine]":
     """Return all routines with their usual options, in the order of `rig.calibration.kinds.KINDS`."""
     from rig.calibrating.dark import DarkRoutine
     from rig.calibrating.dnl import DnlRoutine
-    from rig.calibrating.galvo import CameraRoutine, FlightRoutine
+    from rig.calibrating.galvo.flight_routine import FlightRoutine
+    from rig.calibrating.galvo.routine import CameraRoutine
     from rig.calibrating.gate import GateRoutine
     from rig.calibrating.irf import ResponseRoutine
     from rig.calibrating.time_zero import TimeZeroRoutine

@@ -155,6 +155,39 @@ class ScanProgress:
         return f"~{show_duration(round(each_s * (self._positions - done)))} left"
 
 
+class Counting:
+    """A consumer of the events of several scans that shows how many positions they measured, on a terminal.
+
+    Parameters
+    ----------
+    what
+        What is measured.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._positions = 0
+        self._status = err.status(what)
+
+    def __enter__(self) -> Self:
+        if err.is_terminal:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._status.stop()
+
+    def __call__(self, event: Event) -> None:
+        """Show what happened."""
+        match event:
+            case PositionDone():
+                self._positions += 1
+                self._status.update(f"{self._what}: {self._positions} positions")
+            case Ready(warnings=warnings):
+                for sentence in warnings:
+                    warn(sentence)
+
+
 class Working:
     """Shows how far one long step is, on a terminal only; call it with the fraction that is done.
 
