@@ -2,8 +2,8 @@
 
     python docs/figures/measured_sets.py DATA docs/images/measured_sets.png
 
-DATA is a folder with the neutral files (``lct_su.h5``, ...) and, in ``original/``, the files as published. What
-is not there is left out, and said so.
+DATA is a folder with the neutral files (``lct_su.h5``, ...) and, in ``original/``, the files as published.
+What is not there is left out, and said so.
 """
 
 import sys
