@@ -21,8 +21,7 @@ from math import ceil, gcd, log, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.aperture import Aperture, LatticeAxis
-from recon.solvers import fused
+from recon.aperture import LatticeAxis
 
 Taps = tuple[NDArray[np.intp], NDArray[np.float32]]
 #: Largest part of the critical sampling rate that is interpolated from.
@@ -162,45 +161,6 @@ def _good_size(least: int, divisor: int = 1) -> int:
         if rest == 1:
             return size
         size += divisor
-
-
-def put(
-    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
-    grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
-    np.add.at(grid.reshape(-1), aperture.row * aperture.x.count + aperture.column, emitted)
-    grid = _spread(y, _spread(x, grid.T).T)
-    lattice = np.zeros((y.length, x.length), np.complex64)
-    lattice[np.ix_(y.wall, x.wall)] = grid
-    return lattice
-
-
-def take(
-    aperture: Aperture, lattice: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Take what positions receive, (P,), off the lattice: the adjoint of `put`."""
-    grid = lattice[np.ix_(y.wall, x.wall)]
-    grid = _gather(y, _gather(x, grid.T).T)
-    return grid[aperture.row, aperture.column]
-
-
-def _spread(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Spread a grid along its first axis."""
-    if axis.spread is None:
-        return grid
-    spread = np.zeros((len(axis.wall), grid.shape[1]), np.complex64)
-    fused.spread_rows(np.ascontiguousarray(grid), *axis.spread, spread)
-    return spread
-
-
-def _gather(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Take the adjoint of `_spread`."""
-    if axis.spread is None:
-        return grid
-    gathered = np.empty((len(axis.spread[0]), grid.shape[1]), np.complex64)
-    fused.read_rows(np.ascontiguousarray(grid), *axis.spread, gathered)
-    return gathered
 
 
 def taps_half_width(rho: float) -> int:
