@@ -21,8 +21,9 @@ from math import ceil, gcd, log, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.aperture import Aperture, LatticeAxis
+from recon.aperture import LatticeAxis
 
+Taps = tuple[NDArray[np.intp], NDArray[np.float32]]
 #: Largest part of the critical sampling rate that is interpolated from.
 DENSEST = 0.75
 #: Error of the interpolation, as a part of the field's peak.
@@ -49,8 +50,8 @@ class AxisPlan:
     wall
         (points,) lattice index of each point that emits.
     spread
-        (points, wall points) float32 what each of them takes of each point of the wall's axis; None where
-        they are the wall's points themselves.
+        Where they are not the wall's points themselves: (wall points,) the first of them that each point of
+        the wall's axis is spread over, and (wall points, taps) float32 weights for it and its successors.
     fold
         How many times the spectrum is folded: only every `fold`-th lattice point is read.
     first, weights
@@ -61,7 +62,7 @@ class AxisPlan:
     step_m: float
     half: int
     wall: NDArray[np.intp]
-    spread: NDArray[np.float32] | None
+    spread: Taps | None
     fold: int
     first: NDArray[np.intp]
     weights: NDArray[np.float32]
@@ -117,14 +118,11 @@ def _through(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_pe
     rho = step_m * wavenumber_rad_per_m / pi
     first, weights = kaiser_sinc((wall.coordinates_m - voxels_m[0]) / step_m, taps_half_width(rho), rho)
     points = np.arange(first[0], first[-1] + weights.shape[1])
-    spread = np.zeros((len(points), wall.count), np.float32)
-    rows = first[:, None] - first[0] + np.arange(weights.shape[1])
-    spread[rows, np.arange(wall.count)[:, None]] = weights
-    return _picked(stride * np.arange(len(voxels_m)), points, step_m, spread)
+    return _picked(stride * np.arange(len(voxels_m)), points, step_m, (first - first[0], weights))
 
 
 def _picked(
-    voxels: NDArray[np.intp], wall: NDArray[np.intp], step_m: float, spread: NDArray[np.float32] | None = None
+    voxels: NDArray[np.intp], wall: NDArray[np.intp], step_m: float, spread: Taps | None = None
 ) -> AxisPlan:
     """Plan an axis whose voxels are lattice points."""
     fold = int(voxels[1] - voxels[0]) if len(voxels) > 1 else 1
@@ -139,12 +137,13 @@ def _plan(
     fold: int,
     first: NDArray[np.intp],
     weights: NDArray[np.float32],
-    spread: NDArray[np.float32] | None = None,
+    spread: Taps | None = None,
 ) -> AxisPlan:
     """Choose the FFT's length; `wall` counts from the first lattice point that is read."""
     last_read = fold * (int(first[-1]) + weights.shape[1] - 1)
     longest = max(last_read - int(wall[0]), int(wall[-1]), 1)
-    half = _good_size(max(longest, (last_read + 2) // 2), fold // gcd(fold, 2))
+    span = int(wall[-1] - wall[0])  # all points that emit, and all that are read, have a place of their own
+    half = _good_size(max(longest, (last_read + 2) // 2, (span + 2) // 2), fold // gcd(fold, 2))
     return AxisPlan(step_m, half, wall % (2 * half), spread, fold, first, weights)
 
 
@@ -162,30 +161,6 @@ def _good_size(least: int, divisor: int = 1) -> int:
         if rest == 1:
             return size
         size += divisor
-
-
-def put(
-    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
-    grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
-    np.add.at(grid, (aperture.row, aperture.column), emitted)
-    grid = grid if y.spread is None else y.spread @ grid
-    grid = grid if x.spread is None else grid @ x.spread.T
-    lattice = np.zeros((y.length, x.length), np.complex64)
-    # Two points may be one: those at half the FFT's length on either side of a single voxel.
-    np.add.at(lattice, np.ix_(y.wall, x.wall), grid)
-    return lattice
-
-
-def take(
-    aperture: Aperture, lattice: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
-) -> NDArray[np.complex64]:
-    """Take what positions receive, (P,), off the lattice: the adjoint of `put`."""
-    grid = lattice[np.ix_(y.wall, x.wall)]
-    grid = grid if y.spread is None else y.spread.T @ grid
-    grid = grid if x.spread is None else grid @ x.spread
-    return grid[aperture.row, aperture.column]
 
 
 def taps_half_width(rho: float) -> int:

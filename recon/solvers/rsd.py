@@ -37,7 +37,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.solvers import fused
-from recon.solvers.lattice import AxisPlan, plan_axis, put, take
+from recon.solvers.lattice import AxisPlan, plan_axis
 from recon.solvers.spectral import Field, Propagator
 from recon.wave import Band
 
@@ -118,7 +118,7 @@ class LatticePropagator(Propagator):
             fused.multiply(lattice, work.kernel, product, False)
             # conj(K^) L is conj(K^ conj(L)), and a transform back of a conjugate is a conjugated transform.
             c2c(product, out=product, nthreads=1)
-            emitted[index] = take(self._aperture, product.conj(), self._y, self._x) / product.size
+            emitted[index] = _take(self._aperture, product.conj(), self._y, self._x) / product.size
         return emitted
 
     def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
@@ -182,7 +182,7 @@ class LatticePropagator(Propagator):
     def _transform(self, index: int, threads: int) -> NDArray[np.complex64]:
         """Put positions on the lattice, and transform."""
         scale = np.float32(1 / (self._y.length * self._x.length))  # the inverse FFT's
-        wall = put(self._aperture, self._emitted[index] * scale, self._y, self._x)
+        wall = _put(self._aperture, self._emitted[index] * scale, self._y, self._x)
         return c2c(wall, out=wall, nthreads=threads)
 
     def _rows(self, work: Workspace) -> NDArray[np.complex64]:
@@ -225,3 +225,42 @@ def aperture(capture: Capture) -> Aperture:
             "Use the rsd solver, which takes any pairs.",
         )
     return recognise(capture.laser_m)
+
+
+def _put(
+    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
+    grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
+    np.add.at(grid.reshape(-1), aperture.row * aperture.x.count + aperture.column, emitted)
+    grid = _spread(y, _spread(x, grid.T).T)
+    lattice = np.zeros((y.length, x.length), np.complex64)
+    lattice[np.ix_(y.wall, x.wall)] = grid
+    return lattice
+
+
+def _take(
+    aperture: Aperture, lattice: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Take what positions receive, (P,), off the lattice: the adjoint of `_put`."""
+    grid = lattice[np.ix_(y.wall, x.wall)]
+    grid = _gather(y, _gather(x, grid.T).T)
+    return grid[aperture.row, aperture.column]
+
+
+def _spread(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Spread a grid along its first axis."""
+    if axis.spread is None:
+        return grid
+    spread = np.zeros((len(axis.wall), grid.shape[1]), np.complex64)
+    fused.spread_rows(np.ascontiguousarray(grid), *axis.spread, spread)
+    return spread
+
+
+def _gather(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Take the adjoint of `_spread`."""
+    if axis.spread is None:
+        return grid
+    gathered = np.empty((len(axis.spread[0]), grid.shape[1]), np.complex64)
+    fused.read_rows(np.ascontiguousarray(grid), *axis.spread, gathered)
+    return gathered

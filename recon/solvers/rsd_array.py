@@ -18,7 +18,7 @@ from recon.aperture import Aperture
 from recon.capture import C_M_PER_S
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
-from recon.solvers.lattice import AxisPlan, plan_axis, put
+from recon.solvers.lattice import AxisPlan, plan_axis
 from recon.wave import Band
 
 #: Memory for one batch of frequencies: the wave's phase in double precision, its transform, and the product.
@@ -150,7 +150,7 @@ def focus_slab(
     batches = range(0, len(turns_per_s), at_once)
     for number, start in enumerate(batches):
         part = slice(start, start + at_once)
-        wall = xp.fft.fft2(on.array(np.stack([put(aperture, one, y, x) for one in emitted[part]])))
+        wall = xp.fft.fft2(on.array(_wall(aperture, emitted[part], y, x)))
         turns = on.array(turns_per_s[part])[:, None, None]
         for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
             r = xp.sqrt(lateral2 + float(z_m) ** 2)
@@ -171,6 +171,31 @@ def _offsets(axis: AxisPlan) -> NDArray[np.float64]:
     """Return the distance of each point of the FFT from point 0, around the shorter way."""
     index = np.arange(axis.length)
     return np.minimum(index, axis.length - index) * axis.step_m
+
+
+def _wall(
+    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Put positions on the lattice: (F, y, x)."""
+    flat = np.zeros((len(emitted), aperture.y.count * aperture.x.count), np.complex64)
+    at = aperture.row * aperture.x.count + aperture.column
+    for points, values in zip(flat, emitted, strict=True):
+        np.add.at(points, at, values)
+    grid = flat.reshape(len(emitted), aperture.y.count, aperture.x.count)
+    wall = np.zeros((len(emitted), y.length, x.length), np.complex64)
+    wall[:, y.wall[:, None], x.wall] = _spreading(y) @ grid @ _spreading(x).T
+    return wall
+
+
+def _spreading(axis: AxisPlan) -> NDArray[np.float32]:
+    """Return (points, wall points) what each point that emits takes of each point of the wall's axis."""
+    if axis.spread is None:
+        return np.eye(len(axis.wall), dtype=np.float32)
+    first, weights = axis.spread
+    matrix = np.zeros((len(axis.wall), len(first)), np.float32)
+    columns = np.arange(len(first))[:, None]
+    matrix[first[:, None] + np.arange(weights.shape[1]), columns] = weights
+    return matrix
 
 
 def _fold(spectra: Any, y: AxisPlan, x: AxisPlan) -> Any:
