@@ -133,7 +133,7 @@ def found_m(volume: Volume, published_m: tuple[float, ...]) -> list[float]:
     bright = compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0)[seen]
     part = np.digitize(depth_m, [(a + b) / 2 for a, b in pairwise(published_m)])
     medians = []
-    for number in range(max(1, len(published_m))):
+    for number in range(len(published_m)):
         here = part == number
         medians.append(float(np.median(depth_m[here & (bright >= BRIGHT * bright[here].max())])))
     return medians
@@ -146,14 +146,14 @@ def main(data: str, path: str) -> None:
         if one not in there:
             print(f"{one.path} is not in {data}: left out", file=sys.stderr)
     rows = -(-len(there) // PAIRS)
-    figure = Figure(figsize=(15, 2.0 * rows), layout=ConstrainedLayoutEngine())
+    figure = Figure(figsize=(15, 2.0 * rows), layout=ConstrainedLayoutEngine(w_pad=0.1))
     FigureCanvasAgg(figure)
     parts = np.array(figure.subfigures(rows, PAIRS)).reshape(-1)
     print("| set | file | command lines | depth found | published |\n| --- | --- | --- | --- | --- |")
     for part, one in zip(parts, there, strict=False):
         with TemporaryDirectory() as folder:
             volume, warnings, size = image_of(one, Path(data), Path(folder))
-        depths = " and ".join(f"{depth:.3f} m" for depth in found_m(volume, one.published_m))
+        depths = " and ".join(f"{depth:.3f} m" for depth in found_m(volume, one.published_m)) or "nothing"
         published = " and ".join(f"{depth:.2f} m" for depth in one.published_m) or "none"
         print(
             f"| {one.name} ({size}) | `{one.path}` | {one.command()} | {depths} | {published} |", flush=True
@@ -166,7 +166,7 @@ def main(data: str, path: str) -> None:
         shown = np.asarray(volume.depth_m)
         drawn = draw_front(depth, shown, volume.x_m, volume.y_m, "viridis", Normalize(*_range(shown)))
         depth.set_facecolor("0.82")
-        part.colorbar(drawn, ax=depth, shrink=0.7)
+        part.colorbar(drawn, ax=depth, shrink=0.7).ax.tick_params(labelsize=7)
         for axes in (front, depth):
             axes.set(xlabel="", ylabel="")
             axes.tick_params(labelsize=7)
