@@ -1,6 +1,7 @@
 """An office: near and far things that hide each other, matt and glossy ones, in a room."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulators.scenes.mesh import Mesh, Scene
 from simulators.scenes.shelves import shelf_with_things
@@ -36,14 +37,22 @@ def _room() -> tuple[Mesh, ...]:
 
 
 def _chair() -> Mesh:
-    """Build a chair at x = -0.4, 0.65 m away, turned so that none of its faces is parallel to the wall."""
-    legs = [box((x, FLOOR_M, z), (x + 0.03, -0.201, z + 0.03)) for x in (-0.6, -0.23) for z in (0.7, 1.07)]
-    seat = box((-0.6, -0.2, 0.7), (-0.2, -0.16, 1.1))
-    posts = [box((x, -0.159, 1.07), (x + 0.03, 0.3, 1.1)) for x in (-0.6, -0.23)]
-    rest = box((-0.6, 0.301, 1.065), (-0.2, 0.5, 1.095))
-    rung = box((-0.569, 0.1, 1.07), (-0.231, 0.16, 1.09))
-    parts = np.concatenate([*legs, seat, *posts, rest, rung])
-    return joined("chair", turned(parts, 25, (-0.4, 0.0, 0.9)), albedo=0.7)
+    """Build a chair of round tubes at x = -0.4, 0.65 m away and turned a little, with a bent rest."""
+    near, far = ([(x, z) for x in (-0.58, -0.22)] for z in (0.7, 1.08))
+    legs = [cylinder((x, FLOOR_M, z), 0.018, -0.201 - FLOOR_M, sides=8) for x, z in near + far]
+    seat = box((-0.6, -0.2, 0.68), (-0.2, -0.16, 1.1))
+    posts = [cylinder((x, -0.159, z), 0.018, 0.5, sides=8) for x, z in far]
+    bend = np.radians(np.linspace(-40, 40, 9))
+    x_m, z_m = -0.4 + 0.28 * np.sin(bend), 0.84 + 0.28 * np.cos(bend)
+    slats = [_bent(x_m, z_m, y, y + tall) for y, tall in ((0.05, 0.08), (0.2, 0.22))]
+    parts = np.concatenate([*legs, seat, *posts, *slats])
+    return joined("chair", turned(parts, 15, (-0.4, 0.0, 0.9)), albedo=0.7)
+
+
+def _bent(x_m: NDArray[np.float64], z_m: NDArray[np.float64], low_m: float, high_m: float) -> NDArray:
+    """Return the upright faces (n - 1, 4, 3) over n points of a bent line [m]."""
+    low, high = (np.stack([x_m, np.full_like(x_m, y_m), z_m], axis=1) for y_m in (low_m, high_m))
+    return np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
 
 
 def _desk() -> tuple[Mesh, ...]:
