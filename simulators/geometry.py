@@ -80,8 +80,8 @@ def subdivide(
         turn = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
         a, b, c = (pieces_m[np.arange(len(pieces_m)), turn[:, i]] for i in range(3))
         middle = (a + b) / 2
-        pieces_m = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        parent = np.concatenate([parent, parent])
+        halves_m = np.stack([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)], axis=1)
+        pieces_m, parent = halves_m.reshape(-1, 3, 3), np.repeat(parent, 2)  # the two halves side by side
     if not done:
         return triangles_m, parent
     return np.concatenate([p for p, _ in done]), np.concatenate([t for _, t in done])

@@ -83,8 +83,7 @@ class HiddenScenePhotons:
         if light.biased and light.emitting and light.power > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
-            passed = rng.random(len(arrivals_s)) * peak < self.detector.sensitivity(arrivals_s, light)
-            seen_s.append(arrivals_s[passed])
+            seen_s.append(arrivals_s[self.detector.passes(arrivals_s, light, rng)])
             if light.gated:
                 seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
         return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)

@@ -59,13 +59,12 @@ class ThreeBounces:
         """
         spot = np.array(laser_spot_m, dtype=np.float64)
         centre_m, normal = self.patches.centre_m, self.patches.normal
-        form, leg_m = open_leg(spot, centre_m, normal)
-        weight = np.maximum(form * self._reflecting, 0.0)  # nothing passes from one side to the other
+        weight, path_m = _from_spot(spot, centre_m, normal, self._reflecting, self._leg_m)
         shade(self._blockers, spot, centre_m, weight)
         if self._glossy:
             roughness, retro = self.patches.roughness, self.patches.retro
             gloss(weight, centre_m, normal, roughness, retro, spot, self.detector_spot_m)
-        return weight, leg_m + self._leg_m
+        return weight, path_m
 
     def random_paths(
         self,
@@ -128,6 +127,16 @@ def open_leg(spot, centre, normal):  # type: ignore[no-untyped-def]
             along = dx * normal[k, 0] + dy * normal[k, 1] + dz * normal[k, 2]
             forms[k] = dz * along / (pi * r2 * r2)
     return forms, distances
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _from_spot(spot, centre, normal, reflecting, leg):  # type: ignore[no-untyped-def]
+    """Weights (K,) before anything hides, and paths (K,): nothing passes from one side to the other."""
+    weights, paths = open_leg(spot, centre, normal)
+    for k in range(len(weights)):
+        weights[k] = max(weights[k] * reflecting[k], 0.0)
+        paths[k] += leg[k]
+    return weights, paths
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 #: Part of a segment left out at each end, so that the surfaces it joins do not hide it.
 END = 1e-6
 
+#: Points that are looked at together; neighbours in the row of points should be neighbours in space.
+PACKET = 32
+
 #: Triangles in a leaf of the tree, at most.
 LEAF = 2
 
@@ -121,28 +124,41 @@ def _tree(low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _cuts(blockers, i, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    """Whether triangle i cuts the open segment from o to o + d [m].
+def _seen_from(blockers, spot):  # type: ignore[no-untyped-def]
+    """What of each triangle does not depend on where a segment from the spot goes: (T, 10) for `_cuts`.
 
-    Moller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997). A
-    triangle seen edge on hides nothing.
+    Moller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997), with
+    the triple products turned so that the segment d is the last factor of each: with edges u and v, and s from
+    the first corner to the spot, these are v x u, v x s, s x u and v . (s x u).
     """
-    ux, uy, uz = blockers.edge1_m[i, 0], blockers.edge1_m[i, 1], blockers.edge1_m[i, 2]
-    vx, vy, vz = blockers.edge2_m[i, 0], blockers.edge2_m[i, 1], blockers.edge2_m[i, 2]
-    nx, ny, nz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
-    determinant = ux * nx + uy * ny + uz * nz
-    if determinant == 0.0:
-        return False
-    scale = 1.0 / determinant
-    sx, sy, sz = ox - blockers.corner_m[i, 0], oy - blockers.corner_m[i, 1], oz - blockers.corner_m[i, 2]
-    b = (sx * nx + sy * ny + sz * nz) * scale
-    if b < 0.0 or b > 1.0:
-        return False
-    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
-    c = (dx * qx + dy * qy + dz * qz) * scale
-    if c < 0.0 or b + c > 1.0:
-        return False
-    return END < (vx * qx + vy * qy + vz * qz) * scale < 1.0 - END
+    ox, oy, oz = spot[0], spot[1], spot[2]
+    rows = np.empty((len(blockers.corner_m), 10))
+    for i in range(len(rows)):
+        ux, uy, uz = blockers.edge1_m[i, 0], blockers.edge1_m[i, 1], blockers.edge1_m[i, 2]
+        vx, vy, vz = blockers.edge2_m[i, 0], blockers.edge2_m[i, 1], blockers.edge2_m[i, 2]
+        sx, sy, sz = ox - blockers.corner_m[i, 0], oy - blockers.corner_m[i, 1], oz - blockers.corner_m[i, 2]
+        rows[i, 0], rows[i, 1], rows[i, 2] = vy * uz - vz * uy, vz * ux - vx * uz, vx * uy - vy * ux
+        rows[i, 3], rows[i, 4], rows[i, 5] = vy * sz - vz * sy, vz * sx - vx * sz, vx * sy - vy * sx
+        rows[i, 6], rows[i, 7], rows[i, 8] = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+        rows[i, 9] = vx * rows[i, 6] + vy * rows[i, 7] + vz * rows[i, 8]
+    return rows
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cuts(row, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Whether a triangle, a row of `_seen_from`, cuts the open segment d [m] from there.
+
+    Nothing is divided: place along the segment and on the triangle are compared as multiples of the
+    determinant. A triangle seen edge on hides nothing. No branches, so that many segments are done at once.
+    """
+    determinant = row[0] * dx + row[1] * dy + row[2] * dz
+    sign = -1.0 if determinant < 0.0 else 1.0
+    whole = determinant * sign
+    b = (row[3] * dx + row[4] * dy + row[5] * dz) * sign
+    c = (row[6] * dx + row[7] * dy + row[8] * dz) * sign
+    along = row[9] * sign
+    on_triangle = (b >= 0.0) & (c >= 0.0) & (b + c <= whole)
+    return on_triangle & (along > END * whole) & (along < (1.0 - END) * whole)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -165,34 +181,31 @@ def shade(
     light
         (K,) changed in place; points without light are not looked at.
     """
-    stack = np.empty(STACK, np.int64)
-    ox, oy, oz = spot_m[0], spot_m[1], spot_m[2]
-    if len(blockers.corner_m) == 0:
+    lit = np.flatnonzero(light)
+    if not len(blockers.corner_m) or not len(lit):
         return
-    culprit = -1  # what hid the last point often hides the next
-    for k in range(len(points_m)):
-        if light[k] == 0.0:
-            continue
-        dx, dy, dz = points_m[k, 0] - ox, points_m[k, 1] - oy, points_m[k, 2] - oz
-        if culprit >= 0 and _cuts(blockers, culprit, ox, oy, oz, dx, dy, dz):
-            light[k] = 0.0
-            continue
-        rx = 1.0 / (dx if dx != 0.0 else TINY)
-        ry = 1.0 / (dy if dy != 0.0 else TINY)
-        rz = 1.0 / (dz if dz != 0.0 else TINY)
+    rows = _seen_from(blockers, spot_m)
+    low, high = blockers.low_m - spot_m, blockers.high_m - spot_m
+    stack, hidden = np.empty(STACK, np.int64), np.empty(PACKET, np.bool_)
+    nearest, furthest = np.empty(3), np.empty(3)
+    x, y, z = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
+    for begin in range(0, len(lit), PACKET):
+        packet = lit[begin : begin + PACKET]
+        count = len(packet)
+        for n in range(count):
+            point = points_m[packet[n]]
+            x[n], y[n], z[n] = point[0] - spot_m[0], point[1] - spot_m[1], point[2] - spot_m[2]
+        hidden[:] = False
+        nearest[0], nearest[1], nearest[2] = x[:count].min(), y[:count].min(), z[:count].min()
+        furthest[0], furthest[1], furthest[2] = x[:count].max(), y[:count].max(), z[:count].max()
+        for axis in range(3):
+            nearest[axis], furthest[axis] = _per(nearest[axis]), _per(furthest[axis])
         stack[0] = 0
         depth = 1
         while depth > 0:
             depth -= 1
             node = stack[depth]
-            # the part of the segment, from 0 to 1, that is inside the box
-            a, b = (blockers.low_m[node, 0] - ox) * rx, (blockers.high_m[node, 0] - ox) * rx
-            enter, leave = min(a, b), max(a, b)
-            a, b = (blockers.low_m[node, 1] - oy) * ry, (blockers.high_m[node, 1] - oy) * ry
-            enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
-            a, b = (blockers.low_m[node, 2] - oz) * rz, (blockers.high_m[node, 2] - oz) * rz
-            enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
-            if enter > leave or enter > 1.0 or leave < 0.0:
+            if not _passes(low[node], high[node], nearest, furthest):
                 continue
             if blockers.size[node] == 0:
                 stack[depth] = blockers.first[node]
@@ -200,9 +213,38 @@ def shade(
                 depth += 2
                 continue
             for i in range(blockers.first[node], blockers.first[node] + blockers.size[node]):
-                if _cuts(blockers, i, ox, oy, oz, dx, dy, dz):
-                    light[k] = 0.0
-                    culprit = i
-                    break
-            if light[k] == 0.0:
+                row = rows[i]
+                for n in range(count):
+                    hidden[n] |= _cuts(row, x[n], y[n], z[n])
+            if hidden[:count].all():
                 break
+        for n in range(count):
+            if hidden[n]:
+                light[packet[n]] = 0.0
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _per(x):  # type: ignore[no-untyped-def]
+    return 1.0 / (x if abs(x) > TINY else TINY)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _passes(low, high, per_nearest, per_furthest):  # type: ignore[no-untyped-def]
+    """Whether any segment of a packet may pass a box (both relative to where the segments start).
+
+    After a part t of their ways the segments are between t times ``nearest`` and t times ``furthest`` on each
+    axis, given inverted; that meets the box for an interval of t, if for any.
+    """
+    enter, leave = 0.0, 1.0
+    for axis in range(3):
+        t = low[axis] * per_furthest[axis]  # t furthest >= low
+        if per_furthest[axis] > 0.0:
+            enter = max(enter, t)
+        else:
+            leave = min(leave, t)
+        t = high[axis] * per_nearest[axis]  # t nearest <= high
+        if per_nearest[axis] > 0.0:
+            leave = min(leave, t)
+        else:
+            enter = max(enter, t)
+    return enter <= leave

@@ -36,9 +36,32 @@ def in_order(
     times_s: NDArray[np.float64], pulses: int, period_s: float, rng: np.random.Generator
 ) -> Detections:
     """Give each time after sync a sync pulse, evenly drawn out of ``pulses``, and sort by arrival."""
-    pulse = rng.integers(0, pulses, len(times_s))
-    order = np.argsort(pulse * period_s + times_s)
-    return Detections(pulse[order], times_s[order])
+    return Detections(*_in_order(times_s, pulses, period_s, rng))
+
+
+@njit(cache=True, error_model="numpy")
+def _in_order(times, pulses, period, rng):  # type: ignore[no-untyped-def]
+    """Sort by as many buckets as there are times, which are even in pulses, and by insertion within them."""
+    count = len(times)
+    drawn, place = np.empty(count, np.int64), np.zeros(count + 2, np.int64)
+    per_pulse = count / pulses
+    for i in range(count):
+        drawn[i] = int(rng.random() * pulses)
+        place[int(drawn[i] * per_pulse) + 2] += 1
+    for bucket in range(1, count + 2):
+        place[bucket] += place[bucket - 1]
+    pulse, time = np.empty(count, np.int64), np.empty(count)
+    for i in range(count):
+        bucket = int(drawn[i] * per_pulse) + 1
+        pulse[place[bucket]], time[place[bucket]] = drawn[i], times[i]
+        place[bucket] += 1
+    for i in range(1, count):
+        p, t, j = pulse[i], time[i], i
+        while j > 0 and (pulse[j - 1] - p) * period + time[j - 1] > t:
+            pulse[j], time[j] = pulse[j - 1], time[j - 1]
+            j -= 1
+        pulse[j], time[j] = p, t
+    return pulse, time
 
 
 def avalanches(

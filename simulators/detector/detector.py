@@ -68,6 +68,15 @@ class Detector:
         """
         return gate.sensitivity(arrival_s, light, self.gate_edge_s, self.ringing)
 
+    def passes(
+        self, arrival_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
+    ) -> NDArray[np.bool_]:
+        """Draw which of the photons arriving at these times after sync may be detected.
+
+        Ringing lets more than one of one pass: give `ringing`.peak times as many photons as arrive.
+        """
+        return gate.passes(arrival_s, light, self.gate_edge_s, self.ringing, rng)
+
     def background_hz(self, light: LightState) -> float:
         """Return dark and ambient counts a second, over open and closed times."""
         if not light.biased:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simulators.bench import LightState
@@ -73,6 +74,54 @@ def sensitivity(
     opening, closing = into / full_s, (into - light.gate_width_s) / full_s
     shape = np.clip(opening, 0, 1) - np.clip(closing, 0, 1) + 1 - np.clip(beyond / full_s, 0, 1)
     return shape * ringing.factor(into - full_s) if ringing.overshoot else shape
+
+
+def passes(
+    arrival_s: NDArray[np.float64],
+    light: LightState,
+    edge_s: float,
+    ringing: Ringing,
+    rng: np.random.Generator,
+) -> NDArray[np.bool_]:
+    """Draw which photons arriving at these times after sync may be detected: each with `sensitivity`.
+
+    That is as seen through ``ringing.peak``: so many times more photons must arrive as the peak is above 1.
+    """
+    if not light.biased:
+        return np.zeros(len(arrival_s), np.bool_)
+    if not gates(light):
+        return np.asarray(rng.random(len(arrival_s)) * (ringing.peak if light.gated else 1.0) < 1)
+    return _passes(
+        arrival_s,
+        opening_s(light, edge_s),
+        edge_s * FULL_EDGE,
+        light.gate_width_s,
+        1 / light.repetition_hz,
+        ringing.overshoot,
+        ringing.decay_s,
+        2 * np.pi * ringing.frequency_hz,
+        rng,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):  # type: ignore[no-untyped-def]
+    """Compare a uniform draw with the sensitivity, and work out the ringing only where it decides."""
+    passing = np.empty(len(arrival), np.bool_)
+    per_s = 1.0 / period
+    for i in range(len(arrival)):
+        into = arrival[i] - opening
+        into -= np.floor(into * per_s) * period
+        edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
+        edges += 1.0 - min((into + period - width) / full, 1.0)
+        level = rng.random() * (1.0 + overshoot)
+        since = into - full
+        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * (1.0 + overshoot):
+            passing[i] = level < edges
+        else:
+            swing = np.sin(turn * since) * np.exp(-since / decay)
+            passing[i] = level < edges * (1.0 + overshoot * swing)
+    return passing
 
 
 def times_inside(

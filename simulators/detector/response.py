@@ -3,6 +3,7 @@
 from math import log, sqrt
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 #: Full width at half maximum of a Gaussian of unit standard deviation.
@@ -24,7 +25,14 @@ def delays(
         Time constant of the exponential tail [s], and the fraction of detections delayed by it.
     """
     sigma_s = sqrt(sum(width_s**2 for width_s in fwhms_s)) / FWHM_PER_SIGMA
-    delays_s = sigma_s * rng.standard_normal(number)
-    late = np.flatnonzero(rng.random(number) < tail_fraction)
-    delays_s[late] += tail_s * rng.standard_exponential(len(late))
+    delays_s = rng.standard_normal(number)
+    _delay(delays_s, sigma_s, tail_s, tail_fraction, rng)
     return delays_s
+
+
+@njit(cache=True, error_model="numpy")
+def _delay(delays, sigma, tail, fraction, rng):  # type: ignore[no-untyped-def]
+    for i in range(len(delays)):
+        delays[i] *= sigma
+        if rng.random() < fraction:
+            delays[i] += tail * rng.standard_exponential()
