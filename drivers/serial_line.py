@@ -1,8 +1,8 @@
 """Lines of text over a serial port: one command out, one answer back, and in step again after garbage."""
 
 import errno
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import TracebackType
+from typing import NoReturn
 
 import serial
 from serial.serialutil import Timeout
@@ -166,23 +166,22 @@ class SerialLine:
             "Check the line speed, and that this is the right device; switch it off and on.",
         )
 
-    @contextmanager
-    def _mapped(self, asked: str) -> Iterator[serial.SerialBase]:
+    def _mapped(self, asked: str) -> "_Mapped":
         """Give the open port, and turn every failure of the serial library into a `LinkError`."""
         if self._port is None:
             raise LinkError(self.name, asked, "the port is not open", "Use the device inside its with block.")
-        try:
-            yield self._port
-        except serial.SerialTimeoutException as problem:
-            self.lost_step()
+        return _Mapped(self, self._port, asked)
+
+    def broken(self, asked: str, problem: OSError) -> NoReturn:
+        """Raise what a failure of the port means."""
+        self.lost_step()
+        if isinstance(problem, serial.SerialTimeoutException):
             raise LinkError(
                 self.name, asked, "it did not take the bytes in time", "Check cable, flow control and power."
             ) from problem
-        except OSError as problem:  # SerialException is one
-            self.lost_step()
-            raise LinkError(
-                self.name, asked, f"the connection broke: {problem}", "Check the cable and plug it in again."
-            ) from problem
+        raise LinkError(
+            self.name, asked, f"the connection broke: {problem}", "Check the cable and plug it in again."
+        ) from problem
 
     def _cannot_open(self, problem: OSError | ValueError) -> DeviceNotFoundError | LinkError:
         code = getattr(problem, "errno", None)
@@ -196,3 +195,21 @@ class SerialLine:
         return DeviceNotFoundError(
             self.name, asked, f"there is no such port ({problem})", "Check power, cable and the address."
         )
+
+
+class _Mapped:
+    """Maps failures of a port; a class, since a generator costs more than the rest of a simulated answer."""
+
+    __slots__ = ("_asked", "_line", "_port")
+
+    def __init__(self, line: SerialLine, port: serial.SerialBase, asked: str) -> None:
+        self._line, self._port, self._asked = line, port, asked
+
+    def __enter__(self) -> serial.SerialBase:
+        return self._port
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(problem, OSError):  # SerialException is one
+            self._line.broken(self._asked, problem)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from simulators.bench import Bench, BenchGeometry, LightState, Photons
     from simulators.detector import Detector
     from simulators.detector.first_bounce import FirstBounce
+    from simulators.scenes import Scene
     from simulators.wire.rack import Rack
 
 #: The mean rate is taken over so many laser spots along x and y.
@@ -26,19 +27,14 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
     ConfigError
         If there is no such scene, or it cannot be made as bright as wanted.
     """
-    from simulators.bench import Bench, BenchGeometry
+    from simulators.bench import Bench
     from simulators.clock import BenchClock
     from simulators.wire.hydraharp import Nonlinearity, Timing
     from simulators.wire.rack import Rack
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults
-    geometry = BenchGeometry(
-        galvo_m=config.galvo.position_m,
-        detector_head_m=config.spad.position_m,
-        detector_spot_m=config.spad.spot_m,
-        electronics_delay_s=config.timing.electronics_delay_s,
-    )
+    geometry = bench_geometry(config)
     clock = BenchClock(real_time=simulation.real_time)
     bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
     timing = Timing(
@@ -47,6 +43,36 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
         drift_s_per_s=faults.drift_per_minute_s / 60,
     )
     return bench, Rack(bench, timing=timing, count_depth=faults.largest_count)
+
+
+def bench_geometry(config: RigConfig) -> "BenchGeometry":
+    """Return where things stand on the bench."""
+    from simulators.bench import BenchGeometry
+
+    return BenchGeometry(
+        galvo_m=config.galvo.position_m,
+        detector_head_m=config.spad.position_m,
+        detector_spot_m=config.spad.spot_m,
+        electronics_delay_s=config.timing.electronics_delay_s,
+    )
+
+
+def hidden_scene(config: RigConfig) -> "Scene":
+    """Build the hidden scene, as rough as it is wanted.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    simulation = config.simulation or SimulationConfig()
+    try:
+        hidden = scene(simulation.scene)
+    except (ValueError, ModuleNotFoundError) as error:
+        raise ConfigError(f"simulation.scene: {error}") from None
+    return hidden if simulation.roughness is None else hidden.with_roughness(simulation.roughness)
 
 
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,18 +95,11 @@ def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
     from simulators.brightness import tuned
     from simulators.optics import Optics
     from simulators.photons import HiddenScenePhotons
-    from simulators.scenes import scene
 
     simulation = config.simulation or SimulationConfig()
-    try:
-        hidden = scene(simulation.scene)
-    except (ValueError, ModuleNotFoundError) as error:
-        raise ConfigError(f"simulation.scene: {error}") from None
-    if simulation.roughness is not None:
-        hidden = hidden.with_roughness(simulation.roughness)
     faults = simulation.faults
     photons = HiddenScenePhotons(
-        hidden,
+        hidden_scene(config),
         geometry,
         Optics(),
         _detector(faults),

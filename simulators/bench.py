@@ -6,7 +6,7 @@ The simulated devices change this state or are driven by it; photons follow from
 import struct
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import radians, tan
+from math import dist, radians, tan
 from typing import Protocol
 
 import numpy as np
@@ -222,8 +222,7 @@ class Bench:
         if duration_s <= 0:
             return []
         moved = max(
-            np.hypot(*np.subtract(self.mirror.position(begin_s), self.mirror.position(at_s)))
-            for at_s in (middle_s, end_s)
+            dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
         )
         if moved <= MOVEMENT_STEP or duration_s < 10e-6:
             return [(middle_s, duration_s)]

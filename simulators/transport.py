@@ -108,15 +108,30 @@ class Transport:
             raise ValueError(
                 f"{len(detector_m)} detector spots for {len(laser_m)} laser spots: give one, or as many"
             )
+        if len(detector_m) == 1:
+            return along(self.towards(tuple(detector_m[0])), laser_m, edges_s)
         transients = np.zeros((len(laser_m), len(edges_s) - 1))
-        shared = self.towards(tuple(detector_m[0])) if len(detector_m) == 1 else None
 
         def row(index: int) -> None:
-            for way in shared or self.towards(tuple(detector_m[index])):
+            for way in self.towards(tuple(detector_m[index])):
                 transients[index] += way.transient(tuple(laser_m[index]), edges_s)
 
         each(row, len(laser_m))
         return transients
+
+
+def along(
+    ways: tuple[Way, ...], laser_m: NDArray[np.float64], edges_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (P, B) noise-free transients by the ways to one detector spot; see `Transport.transients`."""
+    transients = np.zeros((len(laser_m), len(edges_s) - 1))
+
+    def row(index: int) -> None:
+        for way in ways:
+            transients[index] += way.transient(tuple(laser_m[index]), edges_s)
+
+    each(row, len(laser_m))
+    return transients
 
 
 def expected_transient(

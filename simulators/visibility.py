@@ -125,11 +125,11 @@ def _tree(low, high):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _seen_from(blockers, spot):  # type: ignore[no-untyped-def]
-    """What of each triangle does not depend on where a segment from the spot goes: (T, 10) for `_cuts`.
+    """Return what of each triangle is the same for all segments from the spot, (T, 10) for `_cuts`.
 
     Moller and Trumbore, "Fast, minimum storage ray-triangle intersection", J. Graphics Tools 2 (1997), with
-    the triple products turned so that the segment d is the last factor of each: with edges u and v, and s from
-    the first corner to the spot, these are v x u, v x s, s x u and v . (s x u).
+    the triple products turned so that the segment is the last factor of each: with edges u and v, and s
+    from the first corner to the spot, these are v x u, v x s, s x u and v . (s x u).
     """
     ox, oy, oz = spot[0], spot[1], spot[2]
     rows = np.empty((len(blockers.corner_m), 10))

@@ -13,6 +13,7 @@ from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.resume import resume
 from rig.commands.scan import scan
+from rig.commands.sim import sim
 from rig.commands.stats import stats
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
@@ -57,3 +58,4 @@ app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("doctor")(doctor)
+app.add_typer(sim, name="sim")

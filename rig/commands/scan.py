@@ -76,7 +76,7 @@ def scan(
         _show_presets(as_json)
         return
     rig_config = _configuration(config, preset, scene, seed)
-    columns, rows = _columns_and_rows(grid) if grid else (None, None)
+    columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.from_config(
         rig_config,
         columns=columns,
@@ -123,7 +123,14 @@ def _configuration(path: Path | None, preset: str | None, scene: str | None, see
     return config.model_copy(update={"simulation": config.simulation.model_copy(update=changes)})
 
 
-def _columns_and_rows(text: str) -> tuple[int, int]:
+def columns_and_rows(text: str) -> tuple[int, int]:
+    """Read a grid like 180x130.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If it is none.
+    """
     from rig.errors import UsageError
 
     columns, separator, rows = text.lower().partition("x")
