@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from simulators.geometry import USUAL_PATCHES, cut, subdivide
 from simulators.scenes import scene
-from simulators.visibility import STACK, occluders, shade
+from simulators.visibility import PACKET, STACK, occluders, shade
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
 triangle = st.tuples(*[st.tuples(coordinate, coordinate, coordinate)] * 3).map(np.array)
@@ -80,7 +80,7 @@ def test_shade_agrees_with_a_linear_solver():
 @settings(max_examples=150, deadline=None)
 @given(
     st.lists(triangle, min_size=1, max_size=40),
-    st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=12),
+    st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=80),
     st.tuples(coordinate, coordinate, coordinate),
 )
 def test_the_tree_of_boxes_finds_what_each_triangle_alone_hides(triangles, points, spot):
@@ -92,6 +92,26 @@ def test_the_tree_of_boxes_finds_what_each_triangle_alone_hides(triangles, point
     for one in triangles_m:
         shade(occluders(one[None]), np.array(spot), points_m, alone)
     assert light.tolist() == alone.tolist()
+
+
+@pytest.mark.parametrize("name", ["letters", "shelf"])
+def test_points_shaded_together_are_shaded_as_each_alone_by_each_triangle(name):
+    """Neighbours and strangers in a packet, lit and dark ones, in few triangles and in some hundreds."""
+    rng, built = np.random.default_rng(9), scene(name)
+    patches, blockers = cut(built), occluders(built.triangles_m)
+    near = patches.centre_m[2000 : 2000 + PACKET + 3] + np.array([0, 0, 0.4])
+    points_m = np.concatenate([near, rng.uniform((-1, -0.8, 0.2), (1, 0.8, 2.5), (40, 3))])
+    lit = rng.random(len(points_m)) < 0.8
+    for spot in rng.uniform((-0.9, -0.6, 0), (0.9, 0.6, 0), (2, 3)):
+        light, alone = lit.astype(float), lit.astype(float)
+        shade(blockers, spot, points_m, light)
+        for k in range(len(points_m)):
+            for one in built.triangles_m if alone[k] else ():
+                shade(occluders(one[None]), spot, points_m[k : k + 1], alone[k : k + 1])
+                if not alone[k]:
+                    break
+        assert light.tolist() == alone.tolist()
+        assert 0 < light.sum() < lit.sum()
 
 
 def test_a_tree_over_many_triangles_is_complete_and_within_the_stack():
