@@ -126,8 +126,10 @@ def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
     )
     if simulation.count_rate_hz is None:
         return photons
+    # at a failed gate the first bounce is counted, by the million, and hides the light that is tuned
+    good_m = [spot for spot in _spots(config) if not photons.first_bounce.fails(spot, geometry)]
     try:
-        return tuned(photons, _spots(config), _light(config), simulation.count_rate_hz)
+        return tuned(photons, good_m or _spots(config), _light(config), simulation.count_rate_hz)
     except ValueError as error:
         raise ConfigError(f"simulation.count_rate: {error}; choose another rate or scene") from None
 
@@ -163,7 +165,7 @@ def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
     x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
     y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
     x_c, y_c, _ = config.spad.spot_m
-    away_m = max(scan.skip_m / 2, (config.simulation or SimulationConfig()).faults.failed_gate_radius_m)
+    away_m = scan.skip_m / 2
     return [(float(x), float(y), 0.0) for x in x_m for y in y_m if np.hypot(x - x_c, y - y_c) > away_m]
 
 
