@@ -180,9 +180,9 @@ def _refuse_unseen(seen: Sequence[Sequence[Floats | None]], marks: int) -> None:
         unseen = [index for index in range(marks) if index >= len(seen) or seen[index][number] is None]
         if unseen or not marks:
             raise CalibrationError(
-                f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where the "
-                "wall is cannot be told. Light it evenly, keep hands off its corners, put its marks where both "
-                "cameras see them, and check the configured numbers of corners"
+                f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where "
+                "the wall is cannot be told. Light it evenly, keep hands off its corners, put its marks "
+                "where both cameras see them, and check the configured numbers of corners"
             )
         boards = sum(pair[number] is not None for pair in seen)
         if boards < LEAST_BOARDS:
