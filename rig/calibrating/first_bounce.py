@@ -26,6 +26,8 @@ SMOOTHED_S = 60e-12
 LARGEST_PER_PULSE = 0.1
 #: Fewest counts above the background in a peak: it is then known to 3 ps or so, and surely is one.
 FEWEST_COUNTS = 100
+#: So far from the highest point nothing of its peak is left that could be taken for a second one.
+PEAK_S = 0.25e-9
 #: A second peak so high in parts of the first makes the first doubtful.
 SECOND_PEAK = 0.5
 #: Largest part of the positions without a good peak.
@@ -53,8 +55,10 @@ class FirstBounces:
         (N,) when the Gaussian core is centred, in the file's time, and its standard error.
     counts
         (N,) detections in the peak, those lost to the hold-off added.
-    shape, shape_error
-        Of all peaks, and its standard errors.
+    background
+        (N,) counts a bin beside the peak.
+    shape, shape_error, shape_covariance
+        Of all peaks, its standard errors, and the (3, 3) covariance of its parameters.
     time_s, rate
         (N, W) bins' centres and counts a bin in the windows fitted, the lost ones added.
     model
@@ -75,8 +79,10 @@ class FirstBounces:
     arrival_s: NDArray[np.float64]
     error_s: NDArray[np.float64]
     counts: NDArray[np.float64]
+    background: NDArray[np.float64]
     shape: peaks.Shape
     shape_error: peaks.Shape
+    shape_covariance: NDArray[np.float64]
     time_s: NDArray[np.float64]
     rate: NDArray[np.float64]
     model: NDArray[np.float64]
@@ -157,7 +163,7 @@ def first_bounces(scan: ScanFile) -> FirstBounces:
     size = round((WINDOW_S[1] - WINDOW_S[0]) / scan.bin_width_s)
     for position, histogram in enumerate(counts):
         try:
-            peak = _highest(histogram, scan.bin_width_s, pulses[position])
+            peak = highest(histogram, scan.bin_width_s, pulses[position])
             starts[position] = peak + round(WINDOW_S[0] / scan.bin_width_s)
             if not 0 <= starts[position] <= scan.bins - size:
                 raise CalibrationError("its first bounce is cut off by the end of the histogram")
@@ -177,8 +183,10 @@ def first_bounces(scan: ScanFile) -> FirstBounces:
         arrival_s=fit.centre_s,
         error_s=fit.centre_error_s,
         counts=fit.counts,
+        background=fit.background,
         shape=fit.shape,
         shape_error=fit.shape_error,
+        shape_covariance=fit.shape_covariance,
         time_s=(edges_s[:, :-1] + edges_s[:, 1:]) / 2,
         rate=seen / live,
         model=fit.model / live,
@@ -227,8 +235,14 @@ def _live(
     return np.asarray(np.clip(1 - off, 1e-3, 1), dtype=np.float64)
 
 
-def _highest(histogram: NDArray[np.unsignedinteger], bin_width_s: float, pulses: float) -> int:
-    """Return the bin of the one strong peak; `CalibrationError` says why there is none."""
+def highest(histogram: NDArray, bin_width_s: float, pulses: float) -> int:
+    """Return the bin of the one strong peak in what was counted in so many pulses.
+
+    Raises
+    ------
+    CalibrationError
+        If there is none, or not one, or it is saturated.
+    """
     total, largest = int(histogram.sum()), int(histogram.max(initial=0))
     full = int((histogram == largest).sum()) >= FULL_BINS and largest >= FEWEST_COUNTS
     if full or largest in FULL_COUNTERS:
@@ -242,8 +256,8 @@ def _highest(histogram: NDArray[np.unsignedinteger], bin_width_s: float, pulses:
     smooth = np.convolve(histogram, np.ones(width), "same")
     peak = int(smooth.argmax())
     around = slice(max(peak + round(WINDOW_S[0] / bin_width_s), 0), peak + round(WINDOW_S[1] / bin_width_s))
-    elsewhere = smooth.copy()
-    elsewhere[around] = 0
+    elsewhere, near = smooth.copy(), round(PEAK_S / bin_width_s)
+    elsewhere[max(peak - near, 0) : peak + near] = 0
     background = float(np.median(smooth))
     inside = float(histogram[around].sum()) - background / width * (around.stop - around.start)
     if inside < FEWEST_COUNTS or smooth[peak] < background + 8 * np.sqrt(background + 1):

@@ -8,7 +8,7 @@ from scipy.special import log_ndtr, ndtr
 
 from rig.errors import CalibrationError
 
-#: At most so many steps of Fisher's scoring; it stops where none is a thousandth of a standard error.
+#: At most so many steps of Fisher's scoring; it stops where they do not change anything.
 STEPS, SMALL = 60, 1e-3
 #: Ends of the search: a shape beyond them is none of a detector.
 _LEAST, _MOST = np.array([2e-12, 5e-12, 1e-4]), np.array([500e-12, 1e-9, 0.9])
@@ -103,15 +103,12 @@ def fit(edges_s: NDArray[np.float64], seen: NDArray[np.float64], live: NDArray[n
         weights = 1 / model
         hessian = np.einsum("inw,nw,jnw->nij", slopes, weights, slopes)
         pull = np.einsum("inw,nw->ni", slopes, weights * (seen - model))
-        step_own, step_common, covariance, errors = _solve(hessian, pull)
-        limit = min(1.0, 0.5 * common[0] / max(float(np.abs(step_own[:, 0]).max()), 1e-30))
-        for guess, step in zip(common, step_common, strict=True):
-            limit = min(limit, 0.5 * guess / max(abs(step), 1e-30))
-        own = own + limit * step_own
-        own[:, 1:] = np.maximum(own[:, 1:], 1e-3)
-        common = np.clip(common + limit * step_common, _LEAST, _MOST)
+        step_own, step_common, covariance, errors = _solve(hessian, pull, common)
         small = np.abs(step_own[:, 0]) < SMALL * errors
-        if small.all() and limit == 1 and reached <= likelihood + 1e-3:
+        step_own[:, 0] = np.clip(step_own[:, 0], -common[0] / 2, common[0] / 2)
+        own, common = own + step_own, common + step_common
+        own[:, 1:] = np.maximum(own[:, 1:], 1e-3)
+        if small.all() and abs(reached - likelihood) < SMALL:
             break
         likelihood = reached
     else:
@@ -170,11 +167,12 @@ def _model(
 
 
 def _solve(
-    hessian: NDArray[np.float64], pull: NDArray[np.float64]
+    hessian: NDArray[np.float64], pull: NDArray[np.float64], shape: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Solve for the steps of (N, 6, 6) normal equations that share their last three unknowns.
 
-    Returns (N, 3) own and (3,) common steps, the common ones' covariance, and (N,) errors of the centres.
+    Returns (N, 3) own and (3,) common steps, the latter no larger than the (3,) shape itself and not beyond
+    the ends of the search, the common ones' covariance, and (N,) errors of the centres.
     """
     own, mixed, common = hessian[:, :3, :3], hessian[:, :3, 3:], hessian[:, 3:, 3:]
     scale = np.sqrt(np.einsum("nii->ni", own))
@@ -185,6 +183,7 @@ def _solve(
     size = np.sqrt(np.diag(rest))
     covariance = np.linalg.inv(rest / np.outer(size, size)) / np.outer(size, size)
     step_common = covariance @ (pull[:, 3:] - np.einsum("nij,ni->nj", given, pull[:, :3])).sum(axis=0)
+    step_common = np.clip(shape + np.clip(step_common, -shape / 2, shape), _LEAST, _MOST) - shape
     step_own = np.einsum("nij,nj->ni", inverse, pull[:, :3]) - given @ step_common
     own_covariance = inverse + given @ covariance @ given.transpose(0, 2, 1)
     return step_own, step_common, covariance, np.sqrt(own_covariance[:, 0, 0])

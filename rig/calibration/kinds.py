@@ -27,9 +27,21 @@ class TimeZero(Calibration):
     detector_spot_m: Point
     rectified_error_s: float
     """Standard error of the rectified time of a position, the median over those measured."""
-    residual_s: float
-    """Root mean square of what the fit leaves."""
+    rectified_error_worst_s: float
+    """The largest of them."""
+    residual_s: float | None
+    """Root mean square of what the fit leaves; None where one target was used, all positions together."""
+    chi2: float
+    """Mean square of what the fit leaves in its standard errors: about 1 where the model is right."""
     positions: int
+    drift_per_minute_s: float | None
+    """By how much arrivals come later with each minute; None where it was not measured."""
+    drift_per_minute_error_s: float | None
+    spots_m: list[tuple[float, float]]
+    residuals_s: list[float]
+    """Where the spots are taken to be, visit after visit, and what the fit leaves of each arrival there."""
+    warnings: list[str]
+    """What speaks against it, as sentences."""
 
     @property
     def legs(self) -> Legs:
@@ -89,13 +101,21 @@ class Response(Calibration):
 
     fwhm_s: float
     fwhm_error_s: float
+    core_fwhm_s: float
+    """Of the Gaussian core alone."""
     centroid_s: float
     """Mean of the response after its peak."""
     tail_s: float
     """Time constant of its exponential tail."""
+    tail_error_s: float
     tail_fraction: float
     """Part of the detections in that tail."""
+    tail_fraction_error: float
     counts: int
+    chi2: float
+    """Mean square of what the fit leaves in its standard errors: about 1 where the shape is right."""
+    warnings: list[str]
+    """What speaks against it, as sentences."""
     time_s: list[float]
     response: list[float]
     """The measured response at ``time_s`` about its peak, area 1 [1/s]."""

@@ -83,6 +83,45 @@ def dnl(
     _run(DnlRoutine(), config, seed, recorded, keep, as_json)
 
 
+@calibrate.command("time-zero")
+def time_zero(
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Use one small target at this place before the wall, e.g. 10cm,-5cm,1m or 1m.",
+        ),
+    ] = None,
+    config: Config = None,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure when the pulse is on the wall, from first bounces all over it or from one known target."""
+    if target is not None:
+        from rig.calibrating.target import TargetRoutine, place
+
+        return _run(TargetRoutine(place(target)), config, seed, recorded, keep, as_json)
+    from rig.calibrating.time_zero import TimeZeroRoutine
+
+    return _run(TimeZeroRoutine(), config, seed, recorded, keep, as_json)
+
+
+@calibrate.command("irf")
+def irf(
+    config: Config = None,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the response of laser, detector and electronics to a pulse, from first bounces."""
+    from rig.calibrating.irf import ResponseRoutine
+
+    _run(ResponseRoutine(), config, seed, recorded, keep, as_json)
+
+
 def _run(
     routine: "Routine",
     config_path: Path | None,
@@ -97,6 +136,8 @@ def _run(
     config = _configuration(config_path, seed)
     result = _with_raw_data(keep, lambda folder: _calibrated(routine, config, recorded, folder))
     content = result.calibration.model_dump(mode="json")
+    for warning in content.get("warnings", []):
+        console.warn(warning)
     if as_json:
         console.print_json({"file": str(result.path), "picture": str(result.picture), "calibration": content})
         return
