@@ -141,7 +141,7 @@ def calibrate_cameras(
         )
 
     # wrong corners are left out first; then it is known how well the others are found
-    fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1")
+    fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1", max_nfev=40)
     off_px = np.linalg.norm(apart_px(fit.x), axis=-1)
     right = good & (off_px < WRONG * max(float(np.median(off_px[good])) / 1.18, 0.01))
     if (good & ~right).sum() > MOST_WRONG * good.sum() or float(np.median(off_px[good])) > WORST_CORNERS_PX:

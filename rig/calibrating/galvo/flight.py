@@ -105,10 +105,19 @@ def fit_flight(
             [left_s(numbers) / sigma_s, off_m(numbers).ravel() / AIMED_TO_M, numbers / ALL_WIDTHS]
         )
 
-    fit = least_squares(
-        residuals, np.zeros(len(ALL_WIDTHS)), x_scale=ALL_WIDTHS, xtol=1e-9, ftol=1e-9, gtol=1e-9,
-        loss="huber", f_scale=ROBUST_FROM,
-    )  # fmt: skip
+    start = np.zeros(len(ALL_WIDTHS))
+    for loss in ("linear", "huber"):  # strays are told from the rest once the rest nearly fits
+        fit = least_squares(
+            residuals,
+            start,
+            x_scale=ALL_WIDTHS,
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-9,
+            loss=loss,
+            f_scale=ROBUST_FROM,
+        )
+        start = fit.x
     left, off = left_s(fit.x), off_m(fit.x)
     rms_s, rms_m = float(np.sqrt((left**2).mean())), float(np.sqrt((off**2).sum(axis=1).mean()))
     if not (rms_s < WORST_ARRIVALS_S and rms_m < WORST_MARKS_M):
