@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivers.camera import VideoCamera
 from drivers.clock import SystemClock
 from drivers.galvo import OptotuneMirror
 from drivers.hydraharp import HHLib, HydraHarp, load_library
@@ -59,6 +60,7 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
             operator, cameras = stand_ins(bench)
         else:
             wires = _real(config)
+            cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(_open(config, wires, stack), operator, cameras)
 
 

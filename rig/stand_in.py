@@ -39,7 +39,7 @@ def stand_ins(bench: "Bench") -> tuple[Operator, tuple[WallCamera, ...]]:
 
     operator = _BenchOperator(bench)
     return operator, tuple(
-        _BenchCamera(operator, camera, number) for number, camera in enumerate(default_cameras(), 1)
+        BenchCamera(operator, camera, number) for number, camera in enumerate(default_cameras(), 1)
     )
 
 
@@ -93,7 +93,7 @@ class _BenchOperator:
         return np.array(self.bench.geometry.laser_spot_m(mirror)[:2])
 
 
-class _BenchCamera:
+class BenchCamera:
     """Takes pictures of the bench's wall, or of the board before it, each with noise of its own."""
 
     def __init__(self, operator: _BenchOperator, camera: "Camera", number: int) -> None:
@@ -103,6 +103,7 @@ class _BenchCamera:
         self._rng = np.random.default_rng((operator.bench.seed, 2, number))
 
     def image(self) -> NDArray[np.uint16]:
+        """Return a picture of the wall as it is now."""
         if self._operator.board:
             return self._camera.image_of_board(self._operator.board, self._rng)
         return self._camera.image(self._operator.bench, self._rng)

@@ -19,6 +19,8 @@ TILT_ERROR_RAD = np.radians(5.0)
 TURN_ERROR_RAD, OFFSET_ERROR_RAD, GAIN_ERROR = np.radians(2.0), np.radians(1.0), 0.01
 #: How far a delay may be from the configured one: metres of forgotten cable.
 DELAY_ERROR_S = 10e-9
+#: No spots are known better, whatever a calibration says.
+LEAST_SPOT_ERROR_M = 1e-5
 #: Beyond so many standard errors a residual counts by its size, not its square (Huber).
 ROBUST_FROM = 3.0
 
@@ -165,7 +167,7 @@ def _mirror(unknowns: Unknowns, belief: Belief) -> Pointing:
     pivot, turn, offset, gain = (
         tuple(unknowns[part].tolist()) for part in (_PIVOT, _TURN, slice(10, 12), slice(12, 14))
     )
-    return replace(belief.nominal, mirror_m=pivot, rotation_rad=turn, offset_rad=offset, gain=gain)
+    return replace(belief.pointing, mirror_m=pivot, rotation_rad=turn, offset_rad=offset, gain=gain)
 
 
 def _prior(belief: Belief, mirror_rad: NDArray[np.float64]) -> Callable[[Unknowns], NDArray[np.float64]]:
@@ -184,13 +186,13 @@ def _prior(belief: Belief, mirror_rad: NDArray[np.float64]) -> Callable[[Unknown
     root = np.linalg.cholesky(np.linalg.inv(np.diag(alone) + TILT_ERROR_RAD**2 * turns.T @ turns)).T
     rest = np.repeat([OFFSET_ERROR_RAD, GAIN_ERROR], 2)
     measured: NDArray[np.float64] = np.zeros((0, 10))
-    if belief.calibrated is not None and belief.spot_error_m:
+    if belief.calibrated is not None and belief.spot_error_m is not None:
         at = _unknowns(belief.legs, belief.calibrated)
 
         def spots(unknowns: Unknowns) -> NDArray[np.float64]:
             return _mirror(unknowns, belief).spots_m(mirror_rad)[:, :2].ravel()
 
-        each_m = belief.spot_error_m * np.sqrt(len(mirror_rad) / 10)
+        each_m = max(belief.spot_error_m, LEAST_SPOT_ERROR_M) * np.sqrt(len(mirror_rad) / 10)
         measured = np.asarray(np.linalg.qr(_slopes(spots, at)[:, _MIRROR] / each_m, mode="r"))
     calibrated = _unknowns(belief.legs, belief.pointing)[_MIRROR]
 

@@ -31,8 +31,8 @@ Point = tuple[float, float, float]
 
 #: How well the place of the target is known, on each axis.
 TARGET_ERROR_M = 2e-3
-#: Of a free-running record nothing is used until so long after the first bounce.
-AFTER_FIRST_BOUNCE_S = 1.5e-9
+#: Target and first bounces give the same delay but for errors of places: no more than this.
+NEAR_S = 0.9e-9
 
 
 def place(text: str) -> Point:
@@ -141,22 +141,24 @@ class TargetRoutine:
     def _stack(
         self, scan: ScanFile, spots_m: NDArray[np.float64], *heads_m: NDArray[np.float64]
     ) -> "_Stacked":
-        """Put all counts on one time axis, that of the delay, and fit the highest peak there."""
-        path_m = _way_m(heads_m[0], spots_m, np.array(self.target_m), scan.detector_m, heads_m[1])
-        width_s = scan.bin_width_s
-        early = np.round(path_m / C_M_PER_S / width_s, 9)
-        whole = np.floor(early).astype(np.int64)
+        """Put all counts on one time axis, that of the delay, and fit the peak there.
+
+        Where first bounces pass the gate, or there is none, they are far brighter. They come together on an
+        axis of their own, which says where on the target's axis to look.
+        """
         counts = np.concatenate([block for _, block in scan.capture().histograms.blocks()]).astype(float)
-        if not scan.configuration.get("spad", {}).get("gated", True):
-            after = round(AFTER_FIRST_BOUNCE_S / width_s)
-            for row in counts:
-                row[: int(row.argmax()) + after] = 0
-        total = np.zeros(scan.bins + int(np.ptp(whole)) + 1)
-        for row, at, share in zip(counts, whole.max() - whole, early - whole, strict=True):
-            total[at : at + scan.bins] += share * row
-            total[at + 1 : at + 1 + scan.bins] += (1 - share) * row
+        galvo_m, detector_m = heads_m
+        over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m, detector_m)
+        total, start_s = _aligned(scan, counts, over_target)
+        direct, direct_start_s = _aligned(scan, counts, _way_m(galvo_m, spots_m, detector_m))
+        width_s = scan.bin_width_s
+        looked_at = total.copy()
+        if direct.max() > total.max():
+            middle = round((direct_start_s - start_s) / width_s) + int(direct.argmax())
+            near = round(NEAR_S / width_s)
+            looked_at[: max(middle - near, 0)] = looked_at[max(middle + near, 0) :] = 0
         try:
-            peak = highest(total, width_s, np.inf)
+            peak = highest(looked_at, width_s, np.inf)
         except CalibrationError as error:
             raise CalibrationError(
                 f"{scan.path}: light of the target at {', '.join(map(show_length, self.target_m))}, all "
@@ -164,7 +166,7 @@ class TargetRoutine:
             ) from None
         first, last = (max(peak + round(limit_s / width_s), 0) for limit_s in WINDOW_S)
         bins = np.arange(first, min(last, len(total)) + 1)
-        edges_s = np.asarray(scan.first_bin_s + (bins - int(whole.max()) - 1) * width_s, dtype=np.float64)
+        edges_s = np.asarray(start_s + bins * width_s, dtype=np.float64)
         fit = peaks.fit(edges_s[None], total[None, bins[:-1]], np.ones((1, len(bins) - 1)))
         model = fit.model[0]
         chi2 = float(((total[bins[:-1]] - model) ** 2 / model).sum() / (len(model) - 6))
@@ -179,6 +181,22 @@ class _Stacked:
     counts: NDArray[np.float64]
     fit: peaks.Fit
     chi2: float
+
+
+def _aligned(
+    scan: ScanFile, counts: NDArray[np.float64], path_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Add up histograms by the delay that each bin would mean; return it with its first edge [s].
+
+    Counts are shared between the two bins that they fall in, so that their time is kept.
+    """
+    early = path_m / C_M_PER_S / scan.bin_width_s
+    whole = np.floor(early).astype(np.int64)
+    total = np.zeros(scan.bins + int(np.ptp(whole)) + 1)
+    for row, at, share in zip(counts, whole.max() - whole, early - whole, strict=True):
+        total[at : at + scan.bins] += share * row
+        total[at + 1 : at + 1 + scan.bins] += (1 - share) * row
+    return total, scan.first_bin_s - (int(whole.max()) + 1) * scan.bin_width_s
 
 
 def _spots_m(scan: ScanFile, config: RigConfig, known: Calibrations) -> NDArray[np.float64]:

@@ -64,17 +64,17 @@ class GalvoModel(Calibration):
     mirrors: Literal[1, 2]
     separation_m: float
     area_m: list[tuple[float, float]]
-    covariance: list[list[float]]
-    """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order; see
+    covariance: tuple[tuple[float, ...], ...] = ()
+    """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order, empty where not known; see
     `rig.calibrating.galvo.model_fit.spot_covariances_m2`."""
     spot_error_m: float
     """Standard error of a spot that the model predicts, root mean square over those measured."""
     residual_m: float
     """Root mean square distance between measured and modelled spots (by flight, of the marks)."""
     positions: int
-    mirror_rad: list[tuple[float, float]]
+    mirror_rad: tuple[tuple[float, float], ...] = ()
     """Commanded angles at which spots were measured,"""
-    spots_m: list[tuple[float, float]]
+    spots_m: tuple[tuple[float, float], ...] = ()
     """and these spots (x, y); by flight, the marks."""
     detector_head_m: Point | None = None
     """By flight, the detector that fits along with the mirror,"""

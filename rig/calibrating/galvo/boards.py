@@ -141,7 +141,7 @@ def calibrate_cameras(
         )
 
     # wrong corners are left out first; then it is known how well the others are found
-    fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1")
+    fit = least_squares(residuals, start, x_scale="jac", loss="soft_l1", max_nfev=40)
     off_px = np.linalg.norm(apart_px(fit.x), axis=-1)
     right = good & (off_px < WRONG * max(float(np.median(off_px[good])) / 1.18, 0.01))
     if (good & ~right).sum() > MOST_WRONG * good.sum() or float(np.median(off_px[good])) > WORST_CORNERS_PX:
@@ -180,9 +180,9 @@ def _refuse_unseen(seen: Sequence[Sequence[Floats | None]], marks: int) -> None:
         unseen = [index for index in range(marks) if index >= len(seen) or seen[index][number] is None]
         if unseen or not marks:
             raise CalibrationError(
-                f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where the "
-                "wall is cannot be told. Light it evenly, keep hands off its corners, put its marks where both "
-                "cameras see them, and check the configured numbers of corners"
+                f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where "
+                "the wall is cannot be told. Light it evenly, keep hands off its corners, put its marks "
+                "where both cameras see them, and check the configured numbers of corners"
             )
         boards = sum(pair[number] is not None for pair in seen)
         if boards < LEAST_BOARDS:

@@ -27,7 +27,7 @@ from rig.errors import CalibrationError
 HEAD_WIDTH_M, DELAY_WIDTH_S = 0.05, 10e-9
 ALL_WIDTHS = np.array([*WIDTHS, *[HEAD_WIDTH_M] * 3, DELAY_WIDTH_S])
 #: How well a person steers the beam onto a mark, along either axis [m].
-AIMED_TO_M = 0.5e-3
+AIMED_TO_M = 0.3e-3
 #: What an arrival may be off besides its counting error: unequal bins and drift of the instrument [s].
 INSTRUMENT_S = 1e-12
 #: Fewest marks, fewest arrivals, and the least width of the marks across their longest line [m].
@@ -105,10 +105,19 @@ def fit_flight(
             [left_s(numbers) / sigma_s, off_m(numbers).ravel() / AIMED_TO_M, numbers / ALL_WIDTHS]
         )
 
-    fit = least_squares(
-        residuals, np.zeros(len(ALL_WIDTHS)), x_scale=ALL_WIDTHS, xtol=1e-12, ftol=1e-12, gtol=1e-12,
-        loss="huber", f_scale=ROBUST_FROM,
-    )  # fmt: skip
+    start = np.zeros(len(ALL_WIDTHS))
+    for loss in ("linear", "huber"):  # strays are told from the rest once the rest nearly fits
+        fit = least_squares(
+            residuals,
+            start,
+            x_scale=ALL_WIDTHS,
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-9,
+            loss=loss,
+            f_scale=ROBUST_FROM,
+        )
+        start = fit.x
     left, off = left_s(fit.x), off_m(fit.x)
     rms_s, rms_m = float(np.sqrt((left**2).mean())), float(np.sqrt((off**2).sum(axis=1).mean()))
     if not (rms_s < WORST_ARRIVALS_S and rms_m < WORST_MARKS_M):

@@ -44,7 +44,7 @@ class ImagesWriter:
         self._cameras = cameras
         self._groups = [file.create_group(f"cameras/{number}") for number, _ in enumerate(cameras, 1)]
         for group, camera in zip(self._groups, cameras, strict=True):
-            group.attrs.update(name=camera.name, full=camera.full)
+            group.attrs["name"] = camera.name
         self._angles = file.create_dataset("geometry/mirror_rad", (0, 2), "f8", maxshape=(None, 2))
 
     def take(self, series: str, mirror_rad: tuple[float, float] | None = None) -> None:
@@ -58,6 +58,7 @@ class ImagesWriter:
                     chunks=whole, compression="gzip", compression_opts=1, shuffle=True,
                 )  # fmt: skip
             _append(group[series], image)
+            group.attrs["full"] = camera.full  # known for certain after a picture
         if mirror_rad is not None:
             _append(self._angles, np.array(mirror_rad))
 

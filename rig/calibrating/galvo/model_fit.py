@@ -94,7 +94,7 @@ def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: 
         apart_m = mirror(numbers, config).spots_m(angles_rad)[:, :2] - spots_m
         return np.concatenate([white @ apart_m.ravel(), numbers / WIDTHS])
 
-    fit = least_squares(residuals, np.zeros(len(WIDTHS)), x_scale=WIDTHS, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    fit = least_squares(residuals, np.zeros(len(WIDTHS)), x_scale=WIDTHS, xtol=1e-9, ftol=1e-9, gtol=1e-9)
     pointing = mirror(fit.x, config)
     apart_m = pointing.spots_m(angles_rad)[:, :2] - spots_m
     residual_m = float(np.sqrt((apart_m**2).sum(axis=1).mean()))

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from recon.capture import C_M_PER_S
 from rig.calibrating.galvo.lens import Floats
@@ -19,10 +20,10 @@ def spots_figure(model: GalvoModel) -> Figure:
     wall, cloud = figure.subplots(1, 2, width_ratios=(1.9, 1))
     draw_wall(wall, model)
     largest_m = float(np.linalg.norm(apart_m, axis=1).max())
-    magnified = _round(0.06 / max(largest_m, 1e-9))
+    magnified = _round(0.2 / max(largest_m, 1e-9))
     wall.plot(*spots_m.T, "o", color=_MEASURED, markersize=3, label="measured spot")
     wall.quiver(
-        *spots_m.T, *(magnified * apart_m).T, angles="xy", scale_units="xy", scale=1, width=0.002,
+        *spots_m.T, *(magnified * apart_m).T, angles="xy", scale_units="xy", scale=1, width=0.003,
         color=_MODEL, label=f"measured less modelled, {magnified:g} times",
     )  # fmt: skip
     wall.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)
@@ -35,6 +36,8 @@ def spots_figure(model: GalvoModel) -> Figure:
     cloud.plot(*(1e3 * apart_m).T, "o", color=_MODEL, markersize=4, alpha=0.8)
     reach = 1.2e3 * float(np.abs(apart_m).max())
     cloud.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    for axis in (cloud.xaxis, cloud.yaxis):
+        axis.set_major_locator(MaxNLocator(5))
     cloud.set(xlabel="residual along x (mm)", ylabel="residual along y (mm)", title="residuals")
     return figure
 

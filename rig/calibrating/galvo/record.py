@@ -32,10 +32,10 @@ def galvo_model(
         mirrors=pointing.mirrors,
         separation_m=pointing.separation_m,
         area_m=list(pointing.area_m),
-        covariance=mirror.covariance.tolist(),
+        covariance=tuple(tuple(row) for row in mirror.covariance.tolist()),
         spot_error_m=float(np.sqrt(np.trace(spread_m2, axis1=1, axis2=2).mean())),
         residual_m=mirror.residual_m,
-        mirror_rad=[(float(x), float(y)) for x, y in angles_rad],
-        spots_m=[(float(x), float(y)) for x, y in spots_m],
+        mirror_rad=tuple((float(x), float(y)) for x, y in angles_rad),
+        spots_m=tuple((float(x), float(y)) for x, y in spots_m),
         **{"positions": len(angles_rad), **more},
     )

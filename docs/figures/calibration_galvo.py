@@ -1,0 +1,28 @@
+"""Makes the pictures of docs/calibration/galvo.md: both methods on the misaligned rig of the tests.
+
+Run from the project's root: python docs/figures/calibration_galvo.py
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "rig"))
+
+from misaligned import misaligned  # noqa: E402
+
+from rig.acquisition import Watch  # noqa: E402
+from rig.calibrating.galvo.flight_routine import FlightRoutine  # noqa: E402
+from rig.calibrating.galvo.routine import CameraRoutine  # noqa: E402
+from rig.calibrating.run import measured  # noqa: E402
+from rig.calibration.use import Calibrations  # noqa: E402
+from rig.commands.operator import ConsoleOperator  # noqa: E402
+from rig.pictures import save  # noqa: E402
+
+for name, routine in (("flight", FlightRoutine()), ("cameras", CameraRoutine())):
+    config = misaligned()
+    with tempfile.TemporaryDirectory() as folder:
+        files = measured(routine, config, ConsoleOperator(), Path(folder), Watch())
+        found = routine.fit(files, config, Calibrations())
+        save(routine.figure(files, found), ROOT / "docs" / "images" / f"calibration_galvo_{name}.png")

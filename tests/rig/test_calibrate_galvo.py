@@ -1,0 +1,104 @@
+"""``rig calibrate galvo`` from the devices to the stored calibration."""
+
+import json
+
+import numpy as np
+import pytest
+from misaligned import errors_m, misaligned
+
+from rig.acquisition import Watch
+from rig.calibrating.galvo.flight_routine import FlightRoutine
+from rig.calibrating.galvo.routine import CameraRoutine
+from rig.calibration.use import Calibrations
+from rig.config import built_in
+from rig.errors import CalibrationError, DataFileError, UsageError
+from rig.plan import ScanPlan
+from rig.session import Station, open_station
+from rig.stand_in import BenchCamera
+from simulators.cameras import Camera
+from simulators.lens import Intrinsics, Pose
+
+#: A quarter of the default cameras' pixels, so that their pictures are quickly drawn.
+SMALL = Intrinsics(550.0, 550.0, 319.5, 239.5, 640, 480)
+PLACES = ((-0.9, 0.5, 2.4), (0.9, 0.4, 2.6))
+
+
+def test_with_cameras_the_beam_goes_where_it_is_asked_to(tmp_path):
+    """All faults and misalignments; 2 mm, since small pictures and few boards are less good than usual."""
+    config = misaligned(seed=1)
+    routine = CameraRoutine(columns=4, rows=4, boards=7, darks=4)
+    with open_station(config, None) as opened:
+        cameras = tuple(
+            BenchCamera(opened.operator, Camera(Pose.looking_at(place, (0.0, 0.0, 0.0)), SMALL), number)
+            for number, place in enumerate(PLACES, 1)
+        )
+        station = Station(opened.devices, opened.operator, cameras)
+        files = routine.measure(station, config, Calibrations(), tmp_path, Watch())
+        assert not opened.devices.laser.emitting()
+    found = routine.fit(files, config, Calibrations())
+    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+    assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 2e-3
+    assert found.method == "cameras"
+    assert found.positions == 16
+    assert set(found.measured_from) == {"galvo-images.h5"}
+    assert routine.figure(files, found).axes
+
+
+def test_without_cameras_the_command_stores_a_calibration_that_scans_use(rig):
+    measured = rig(
+        "calibrate", "galvo", "--method", "flight", "--columns", 5, "--rows", 4, "--keep", "raw", "--json"
+    )
+    assert measured.code == 0, measured.err
+    found = json.loads(measured.out)["calibration"]
+    assert found["method"] == "flight"
+    # nothing is misaligned here: the model's spots are the configured mirror's, within 5 mm
+    assert found["spot_error_m"] < 5e-3
+    again = rig(
+        "calibrate", "galvo", "--method", "flight", "--json",
+        "--from", "raw/galvo-flight.h5", "--from", "raw/galvo-marks.json",
+    )  # fmt: skip
+    assert json.loads(again.out)["calibration"]["mirror_m"] == pytest.approx(found["mirror_m"])
+    dry = rig("scan", "--dry-run")
+    assert dry.code == 0, dry.err
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
+    config = misaligned(seed)
+    routine = FlightRoutine(columns=6, rows=5)
+    with open_station(routine.setup(config), None) as station:
+        files = routine.measure(station, routine.setup(config), Calibrations(), tmp_path, Watch())
+    found = routine.fit(files, config, Calibrations())
+    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+    assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 5e-3
+    assert routine.figure(files, found).axes
+
+
+def test_marks_are_asked_for_and_looked_at(tmp_path):
+    routine, marks = FlightRoutine(), tmp_path / "marks.json"
+    with pytest.raises(UsageError, match="one scan and one file of marks"):
+        routine.fit([tmp_path / "scan.h5"], built_in(), Calibrations())
+    scan = tmp_path / "flight"
+    scan.mkdir()
+    small = FlightRoutine(columns=4, rows=3)
+    with open_station(small.setup(built_in()), None) as station:
+        files = small.measure(station, small.setup(built_in()), Calibrations(), scan, Watch())
+    for text, reason in (("{", "is no file of marks"), ('{"format": "other"}', "is no file of marks")):
+        marks.write_text(text)
+        with pytest.raises(DataFileError, match=reason):
+            small.fit([files[0], marks], built_in(), Calibrations())
+    content = json.loads(files[1].read_text())
+    marks.write_text(json.dumps({**content, "galvo": "another mirror"}))
+    with pytest.raises(DataFileError, match="is of the mirror 'another mirror'"):
+        small.fit([files[0], marks], built_in(), Calibrations())
+    marks.write_text(json.dumps({**content, "marks": content["marks"][:3]}))
+    with pytest.raises(CalibrationError, match="3 marks are too few"):
+        small.fit([files[0], marks], built_in(), Calibrations())
+
+
+def test_without_two_cameras_nothing_begins(tmp_path):
+    with open_station(built_in(), None) as opened:
+        station = Station(opened.devices, opened.operator, opened.cameras[:1])
+        with pytest.raises(CalibrationError, match="two cameras are needed, 1 are configured"):
+            CameraRoutine().measure(station, built_in(), Calibrations(), tmp_path, Watch())
+    assert not list(tmp_path.iterdir())
