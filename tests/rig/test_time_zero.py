@@ -83,9 +83,10 @@ def test_a_scan_uses_both_and_is_rectified(tmp_path):
     """The first bounce, rectified, comes |x_p - h| - |x_c - h| after the pulse is on the wall."""
     config = misaligned(4, tmp_path / "calibrations")
     store = CalibrationStore(config.calibration.folder)
-    store.add(galvo_calibration(config, 0.5e-3, 4).galvo)
+    known = galvo_calibration(config, 0.5e-3, 4)
+    store.add(known.galvo)
     zero, response = TimeZeroRoutine(columns=7, rows=5), ResponseRoutine(columns=3, rows=2, exposure_s=0.3)
-    fitted(zero, config, measured(zero, config, None, tmp_path, Watch()))
+    store.add(zero.fit(measured(zero, config, None, tmp_path, Watch())[:1], config, known))
     width = fitted(response, config, measured(response, config, None, tmp_path, Watch())).calibration
     assert abs(width.fwhm_s - true_width_s()) < 2e-12
     assert abs(width.fwhm_s - true_width_s()) < 4 * width.fwhm_error_s
