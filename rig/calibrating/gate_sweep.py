@@ -25,8 +25,8 @@ LEAST_COUNTS = 100
 CROWDED = 0.2
 #: What passes a closed gate where it fails; and how sure that has to be [standard errors].
 FAILS_ABOVE, SURE = 0.02, 4.0
-#: A grid this small tells nothing about a smooth correction.
-LEAST_POSITIONS = 6
+#: Degrees of the polynomial that corrects arrivals, and the positions that each needs: twice its terms.
+DEGREES = ((3, 20), (2, 12), (1, 6))
 
 
 @dataclass(frozen=True)
@@ -157,15 +157,20 @@ def smooth_arrivals(
     """Return arrivals anywhere on the wall, and their standard errors.
 
     Straight ways mirror, spot, lens, as far as their places are known; what these leave is smooth, and is
-    taken as a polynomial of third degree in x and y (of the first, where there are few positions).
+    taken as a polynomial in x and y.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few positions.
     """
-    degree = 3 if len(sweep.spots_m) >= 3 * 10 else 1
+    if len(sweep.spots_m) < DEGREES[-1][1]:
+        raise CalibrationError(f"{len(sweep.spots_m)} positions are too few: use a finer grid (--columns)")
+    degree = next(degree for degree, least in DEGREES if len(sweep.spots_m) >= least)
     there_s = [_straight_s(spots, legs) for spots in (sweep.spots_m, spots_m)]
     measured, wanted = (_powers(spots, degree) for spots in (sweep.spots_m, spots_m))
     error = np.maximum(sweep.arrival_error_s, 1e-13)
     weighted = measured / error[:, None]
-    if len(sweep.spots_m) < max(LEAST_POSITIONS, measured.shape[1] + 1):
-        raise CalibrationError(f"{len(sweep.spots_m)} positions are too few: use a finer grid")
     left = (sweep.arrival_s - there_s[0]) / error
     coefficients, *_ = np.linalg.lstsq(weighted, left, rcond=None)
     chi2 = float(((left - weighted @ coefficients) ** 2).sum() / (len(left) - measured.shape[1]))

@@ -117,15 +117,15 @@ def test_gate(benchmark, tmp_path):
 
 @pytest.mark.parametrize("rms", [0.0, 0.002, 0.01])
 def test_dnl(benchmark, tmp_path, rms):
-    """Bins of 256 ps, so that 5 s of lamp are 12 000 counts a bin; then as much light from elsewhere."""
-    bins = 280
+    """Bins of 256 ps, so that 3 s of lamp are 7000 counts a bin; then as much uniform light."""
+    bins = 275
 
     def run():
         rows = []
         for seed in SEEDS:
             config = faulty(seed, tmp_path, nonlinearity=rms)
             harp = config.hydraharp.model_copy(update={"bin_width_s": 256e-12, "bins": bins})
-            got = found(DnlRoutine(exposure_s=5.0), config.model_copy(update={"hydraharp": harp}), tmp_path)
+            got = found(DnlRoutine(exposure_s=3.0), config.model_copy(update={"hydraharp": harp}), tmp_path)
             truth = Nonlinearity(rms=rms, seed=seed).widths()[:bins]
             counts = np.random.default_rng(seed).poisson(got.counts_per_bin * truth)
             mean = counts.mean()

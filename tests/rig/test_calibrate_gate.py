@@ -1,0 +1,195 @@
+"""When to open the gate: the first bounce blocked, the nearest object kept, and what cannot be is mapped."""
+
+import json
+
+import numpy as np
+import pytest
+from calibration_files import config_with, write_counts
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from rig.acquisition import Watch
+from rig.calibrating.gate import MAY_PASS, GateRoutine
+from rig.calibrating.gate_edge import fit_edge, passed
+from rig.calibrating.gate_sweep import nearest_after_s
+from rig.calibrating.run import measured
+from rig.calibration.use import Calibrations, nominal_pointing
+from rig.commands.operator import ConsoleOperator
+from rig.config import built_in_with
+from rig.errors import CalibrationError
+from rig.files.description import Legs
+from rig.plan import ScanPlan
+from rig.simulated import true_geometry
+from simulators.detector.first_bounce import direct_s
+from simulators.mount import TAN_PER_UNIT
+
+C_M_PER_S = 299_792_458.0
+RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
+
+
+def test_what_passes_is_the_edge_averaged_over_the_pulse():
+    for x_s in np.linspace(-300e-12, 300e-12, 13):
+        slow, _ = quad(
+            lambda u, x_s=x_s: np.clip(0.5 - (x_s + u * SIGMA_S) / RISE_S, 0, 1) * norm.pdf(u),
+            -8,
+            8,
+            limit=200,
+        )
+        assert passed(x_s, RISE_S, SIGMA_S) == pytest.approx(slow, abs=1e-6)
+    assert passed(-1e-9, RISE_S, SIGMA_S) == pytest.approx(1)
+    assert passed(1e-9, RISE_S, SIGMA_S) == pytest.approx(0)
+
+
+def test_the_edge_is_found_within_its_errors():
+    """20 drawn sweeps: pulls with a mean within 3/sqrt(20) of 0 and a spread within 3/sqrt(40) of 1."""
+    pulls = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        arrival_s = rng.uniform(0, 2e-9, 40)
+        late_s = (np.arange(-0.8e-9, 3e-9, 200e-12)[:, None] - arrival_s).ravel()
+        due = passed(late_s - 30e-12, RISE_S, SIGMA_S)
+        whole = np.broadcast_to(rng.poisson(1500, 40), (len(late_s) // 40, 40)).ravel().astype(float)
+        edge = fit_edge(late_s, rng.poisson(1500 * due).astype(float), whole, SIGMA_S)
+        offset_error_s, rise_error_s = np.sqrt(np.diag(edge.covariance))
+        pulls.append([(edge.offset_s - 30e-12) / offset_error_s, (edge.rise_s - RISE_S) / rise_error_s])
+    pulls = np.array(pulls)
+    assert np.abs(pulls.mean(axis=0)).max() < 3 / np.sqrt(20)
+    assert np.abs(pulls.std(axis=0, ddof=1) - 1).max() < 3 / np.sqrt(40)
+
+
+def test_nearest_light_takes_the_shortest_way_over_the_plane():
+    legs = Legs(np.array([-0.2, 0.1, 2.5]), np.array([0.3, 0.0, 2.2]), 12e-9)
+    spot_m, seen_m = np.array([[0.7, -0.4, 0.0]]), (0.1, 0.2, 0.0)
+    x, y = np.meshgrid(np.linspace(0, 0.8, 401), np.linspace(-0.5, 0.3, 401))
+    there = np.sqrt((x - 0.7) ** 2 + (y + 0.4) ** 2 + 0.5**2) + np.sqrt(
+        (x - 0.1) ** 2 + (y - 0.2) ** 2 + 0.5**2
+    )
+    back_m = np.linalg.norm(legs.detector_head_m - seen_m) - np.linalg.norm(legs.detector_head_m - spot_m[0])
+    slow_s = (there.min() + back_m) / C_M_PER_S
+    assert nearest_after_s(spot_m, legs, seen_m, 0.5)[0] == pytest.approx(slow_s, abs=0.1e-12)
+
+
+# On the simulated rig, with its faults and out of place
+
+ROUTINE = GateRoutine(columns=6, exposure_s=0.05)
+
+
+def true_opening_s(config):
+    """The edge's foot after the latest first bounce of the scan, and what the pulse's width adds."""
+    geometry = true_geometry(config)
+    mirror = np.tan(nominal_pointing(config).angles_rad(ScanPlan.from_config(config).spots_m)) / TAN_PER_UNIT
+    latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
+    grid_s = np.arange(0, 400e-12, 1e-13)
+    return latest_s + float(grid_s[(passed(grid_s, RISE_S, SIGMA_S) <= MAY_PASS).argmax()])
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    config = built_in_with(
+        {
+            "calibration": {"folder": str(folder / "calibrations")},
+            "scan": {"columns": 60, "rows": 43, "spacing": "3cm"},
+            "spad": {"spot": ["15cm", "10cm", "0cm"]},
+            "simulation": {
+                "seed": 4,
+                "faults": {"memory": 1e-5, "reflections_per_pulse": 1e-4, "failed_gate_radius": "20cm"},
+                "misalignment": {"wall_tilt": ["5deg", "2deg"], "mirror_turn": ["1deg", "1deg", "1deg"],
+                                 "spad_shift": ["-1cm", "2cm", "-2cm"], "cable_delay": "3ns"},
+            },
+        }
+    )  # fmt: skip
+    return config, measured(ROUTINE, config, ConsoleOperator(), folder, Watch())
+
+
+def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
+    """Within 50 ps: a grid of six columns, extended to the corners, on a rig out of place."""
+    config, files = sweep
+    found = ROUTINE.fit(files, config, Calibrations())
+    assert abs(found.gate_delay_s - true_opening_s(config)) < 50e-12
+    assert found.edge_s == pytest.approx(200e-12, abs=5 * found.edge_error_s)
+    assert found.passed <= MAY_PASS
+    # the beam goes somewhat elsewhere on the misaligned rig: leave its rim out
+    geometry = true_geometry(config)
+    angles = nominal_pointing(config).angles_rad(
+        np.column_stack([found.spots_m, np.zeros(len(found.spots_m))])
+    )
+    spots = np.array([geometry.laser_spot_m((x, y)) for x, y in np.tan(angles) / TAN_PER_UNIT])
+    away_m = np.hypot(spots[:, 0] - 0.15, spots[:, 1] - 0.10)
+    assert (away_m < 0.2).any()
+    assert found.failed == (away_m <= 0.2).tolist()
+    assert [earliest is None for earliest in found.earliest_s] == found.failed
+    kept = [late for late, failed in zip(found.latest_s, found.failed, strict=True) if not failed]
+    assert found.gate_delay_s < min(kept)
+    # the gate closes with the histogram, 88 ns after the sync pulse
+    assert found.gate_delay_s + found.gate_width_s == pytest.approx(88e-9, abs=20e-12)
+    assert len(ROUTINE.figure(files, found).axes) == 4
+
+
+def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
+    """Nearer than arrivals spread: where the bounce comes late it is not blocked, and that is mapped."""
+    config, files = sweep
+    near = GateRoutine(columns=6, nearest_m=0.12).fit(files, config, Calibrations())
+    far = ROUTINE.fit(files, config, Calibrations())
+    assert near.gate_delay_s < far.gate_delay_s
+    open_for = [one for one, failed in zip(near.latest_s, near.failed, strict=True) if not failed]
+    assert near.gate_delay_s <= min(open_for) + 10e-12
+    late = [i for i, one in enumerate(near.earliest_s) if one is None and not near.failed[i]]
+    assert late
+    assert all(far.earliest_s[i] > near.gate_delay_s for i in late)
+    with pytest.raises(CalibrationError, match="Give a larger --nearest"):
+        GateRoutine(columns=6, nearest_m=0.01).fit(files, config, Calibrations())
+
+
+def test_a_sweep_that_misses_the_edge_is_refused(sweep):
+    config, files = sweep
+    with pytest.raises(CalibrationError, match="does not reach the gate's edge"):
+        ROUTINE.fit(files[:8], config, Calibrations())
+    with pytest.raises(CalibrationError, match="does not show the gate's edge"):
+        ROUTINE.fit([files[0], *files[-5:]], config, Calibrations())
+    with pytest.raises(CalibrationError, match="five or more at other delays"):
+        ROUTINE.fit(files[:4], config, Calibrations())
+
+
+def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
+    _, files = sweep
+    given = [word for file in files for word in ("--from", file)]
+    done = rig("calibrate", "gate", "--json", "--nearest", "40cm", *given)
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["calibration"]["nearest_m"] == 0.4
+    done = rig("calibrate", "gate", "--nearest", "4", *given)
+    assert done.code == 2
+    assert "no unit" in done.err
+    assert len(list((tmp_path / "calibrations").glob("gate-*"))) == 2
+
+
+# Bad data
+
+
+def wide_open(tmp_path, counts, **spad):
+    setup = GateRoutine().setup(config_with(tmp_path))
+    config = setup.model_copy(update={"spad": setup.spad.model_copy(update=spad)})
+    return write_counts(tmp_path / "open.h5", counts, config, exposure_s=0.01)
+
+
+@pytest.mark.parametrize(
+    ("photons", "reason"),
+    [(0, "beam is not blocked"), (30, "are the least"), (40_000, "saturated")],
+)
+def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, reason):
+    config, files = sweep
+    counts = np.zeros((9, 12_500))
+    counts[:, 3600:3608] = photons / 8
+    with pytest.raises(CalibrationError, match=reason):
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+
+
+def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
+    config, files = sweep
+    counts = np.zeros((9, 12_500))
+    counts[:, 3600:3608] = 100
+    with pytest.raises(CalibrationError, match="other positions"):
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+    (tmp_path / "open.h5").unlink()
+    with pytest.raises(CalibrationError, match="without the gate"):
+        ROUTINE.fit([wide_open(tmp_path, counts, gated=False), *files[1:]], config, Calibrations())
