@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from recon.capture import C_M_PER_S
 from rig.calibrating.galvo.lens import Floats
 from rig.calibrating.galvo.model_fit import (
+    MISSED,
     WIDTHS,
     FittedMirror,
     covariance_of_pointing,
@@ -101,9 +102,8 @@ def fit_flight(
         return mirror(numbers, config).spots_m(marks.mirror_rad)[:, :2] - marks.mark_m
 
     def residuals(numbers: Floats) -> Floats:
-        return np.concatenate(
-            [left_s(numbers) / sigma_s, off_m(numbers).ravel() / AIMED_TO_M, numbers / ALL_WIDTHS]
-        )
+        measured = np.concatenate([left_s(numbers) / sigma_s, off_m(numbers).ravel() / AIMED_TO_M])
+        return np.concatenate([np.nan_to_num(measured, nan=MISSED), numbers / ALL_WIDTHS])
 
     start = np.zeros(len(ALL_WIDTHS))
     for loss in ("linear", "huber"):  # strays are told from the rest once the rest nearly fits

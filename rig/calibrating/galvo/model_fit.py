@@ -27,6 +27,8 @@ WIDTHS = np.array(
 )
 #: How many of a `Pointing`'s numbers are fitted: place, rotation, offset, gain.
 POINTING_NUMBERS = 10
+#: What a fit counts, in standard errors, for a beam that misses the wall.
+MISSED = 1e6
 #: Largest root mean square distance of spots from the fitted model [m].
 WORST_SPOTS_M = 3e-3
 
@@ -92,7 +94,7 @@ def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: 
 
     def residuals(numbers: Floats) -> Floats:
         apart_m = mirror(numbers, config).spots_m(angles_rad)[:, :2] - spots_m
-        return np.concatenate([white @ apart_m.ravel(), numbers / WIDTHS])
+        return np.concatenate([np.nan_to_num(white @ apart_m.ravel(), nan=MISSED), numbers / WIDTHS])
 
     fit = least_squares(residuals, np.zeros(len(WIDTHS)), x_scale=WIDTHS, xtol=1e-9, ftol=1e-9, gtol=1e-9)
     pointing = mirror(fit.x, config)
