@@ -10,7 +10,7 @@ from rig.calibration import use
 from rig.calibration.record import Calibration
 from rig.calibration.store import CalibrationStore
 from rig.config import RigConfig
-from rig.devices import Operator
+from rig.devices import Operator, Preparation
 from rig.pictures import save
 from rig.session import open_station
 
@@ -27,11 +27,16 @@ class Calibrated:
 def measured(
     routine: Routine, config: RigConfig, operator: Operator, folder: Path, watch: Watch
 ) -> list[Path]:
-    """Measure the raw data of a calibration into ``folder``, and return its files."""
+    """Measure the raw data of a calibration into ``folder``, and return its files.
+
+    The rig is left prepared as for a scan.
+    """
     setup = routine.setup(config)
     with open_station(setup, operator) as station:
         known = use.choose(config, station.devices.identities())
-        return routine.measure(station, setup, known, folder, watch)
+        files = routine.measure(station, setup, known, folder, watch)
+    operator.prepare(Preparation.MEASURE)  # the laser is dark by now
+    return files
 
 
 def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibrated:

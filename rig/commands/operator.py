@@ -13,15 +13,20 @@ from rig.quantities import show_length
 class ConsoleOperator:
     """Asks the person at the rig and waits for Enter."""
 
+    def __init__(self) -> None:
+        self._prepared = Preparation.MEASURE
+
     def prepare(self, preparation: Preparation) -> None:
-        """Ask for a preparation.
+        """Ask for a preparation, unless it was the last that was asked for; at first the rig is as for a scan.
 
         Raises
         ------
         UsageError
             If nobody can answer.
         """
-        _ask(f"{preparation.value}. Then press Enter")
+        if preparation is not self._prepared:
+            _ask(f"{preparation.value}. Then press Enter")
+            self._prepared = preparation
 
     def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
         """Ask for the board to be held somewhere."""
