@@ -30,42 +30,53 @@ def rig(folder: Path, *arguments: str) -> str:
     return subprocess.run(command, cwd=folder, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def imaged(folder: Path, scan: str, name: str, *options: str) -> tuple[Volume, dict]:
-    """Image a scan, and measure the image against the scene."""
+def imaged(folder: Path, scan: str, name: str, *options: str) -> None:
+    """Image a scan."""
     rig(folder, "recon", scan, "--depth", DEPTHS, "--out", f"{name}.h5", "--image", f"{name}.png", *options)
-    measured = json.loads(rig(folder, "measure", f"{name}.h5", "--truth", "scene:letters", "--json"))
-    return read_volume(folder / f"{name}.h5"), measured
 
 
-def main(folder: Path, picture: Path) -> None:
-    """Scan, calibrate, scan again, and draw."""
+def experiment(folder: Path) -> None:
+    """Scan, calibrate, and scan again."""
     folder.mkdir(parents=True, exist_ok=True)
     config = ("--config", str(CONFIG))
     rig(folder, "scan", *config, "--out", "before.h5")
-    panels = {"before the calibration": imaged(folder, "before.h5", "before-volume")}
+    imaged(folder, "before.h5", "before-volume")
     rig(folder, "calibrate", "all", *config)
     rig(folder, "scan", *config, "--out", "after.h5")
-    panels["a new scan after it"] = imaged(folder, "after.h5", "after-volume")
-    store = ("--calibrations", "calibrations-misaligned")
-    panels["the first scan, seen with it"] = imaged(folder, "before.h5", "again-volume", *store)
+    imaged(folder, "after.h5", "after-volume")
+    imaged(folder, "before.h5", "again-volume", "--calibrations", "calibrations-misaligned")
+
+
+def draw(folder: Path, picture: Path) -> None:
+    """Measure the three images against the scene, and draw them."""
+    panels = {
+        "before the calibration": "before-volume.h5",
+        "a new scan after it": "after-volume.h5",
+        "the first scan, seen with it": "again-volume.h5",
+    }
     figure = Figure(figsize=(13, 7), layout="constrained")
-    axes = figure.subplots(2, len(panels))
-    for column, (title, (volume, measured)) in enumerate(panels.items()):
+    axes = figure.subplots(2, len(panels), sharex=True, sharey=True)
+    for column, (title, name) in enumerate(panels.items()):
+        volume: Volume = read_volume(folder / name)
+        measured = json.loads(rig(folder, "measure", name, "--truth", "scene:letters", "--json"))
         front = np.sqrt(compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0))
         drawn = draw_front(axes[0, column], front / front.max(), volume.x_m, volume.y_m, "inferno")
         aside, depth = measured["displacement"], measured["depth"]
         axes[0, column].set_title(
-            f"{title}\noff by {aside['x_m'] * 100:+.1f} cm in x, {aside['y_m'] * 100:+.1f} cm in y; "
-            f"{depth['median_m'] * 100:+.1f} cm in depth",
+            f"{title}\noff by {aside['x_m'] * 1e3:.0f} mm in x, {aside['y_m'] * 1e3:.0f} mm in y, "
+            f"{depth['median_m'] * 1e3:.0f} mm in depth".replace(" -0 mm", " 0 mm"),
             fontsize=10,
         )
         axes[1, column].set_facecolor("0.82")
         depths = draw_front(axes[1, column], volume.depth_m, volume.x_m, volume.y_m, "viridis", DEPTH_COLOURS)
         print(title, json.dumps({"displacement": aside, "depth": depth, "overlap": measured["overlap"]}))
+    for panel in axes.flat:
+        panel.set(xlim=(0.9, -0.9), ylim=(-0.65, 0.65))
     figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum, intensity times z⁴")
     figure.colorbar(depths, ax=axes[1], label="depth z (m)", extend="both")
     save(figure, picture)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    experiment(Path(sys.argv[1]))
+    draw(Path(sys.argv[1]), Path(sys.argv[2]))
