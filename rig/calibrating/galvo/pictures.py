@@ -88,6 +88,7 @@ def draw_wall(axes: Axes, model: GalvoModel) -> None:
     """Draw the calibrated area as one who faces the wall sees it."""
     corners_m = np.array([*model.area_m, model.area_m[0]])
     axes.plot(*corners_m.T, "-", color=_AREA, linewidth=1, label="calibrated area")
+    axes.margins(0.12)  # arrows reach beyond the spots
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
