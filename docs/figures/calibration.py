@@ -67,6 +67,7 @@ def draw(folder: Path, picture: Path) -> None:
             f"{depth['median_m'] * 1e3:.0f} mm in depth".replace(" -0 mm", " 0 mm"),
             fontsize=10,
         )
+        axes[0, column].set_facecolor("black")
         axes[1, column].set_facecolor("0.82")
         depths = draw_front(axes[1, column], volume.depth_m, volume.x_m, volume.y_m, "viridis", DEPTH_COLOURS)
         print(title, json.dumps({"displacement": aside, "depth": depth, "overlap": measured["overlap"]}))

@@ -35,8 +35,8 @@ def measured(
     with open_station(setup, operator) as station:
         known = use.choose(config, station.devices.identities())
         files = routine.measure(station, setup, known, folder, watch)
-    operator.prepare(Preparation.MEASURE)  # the laser is dark by now
-    return files
+        station.operator.prepare(Preparation.MEASURE)  # the laser is dark by now
+        return files
 
 
 def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibrated:

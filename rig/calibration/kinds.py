@@ -41,8 +41,6 @@ class TimeZero(Calibration):
     spots_m: list[tuple[float, float]]
     residuals_s: list[float]
     """Where the spots are taken to be, visit after visit, and what the fit leaves of each arrival there."""
-    warnings: list[str]
-    """What speaks against it, as sentences."""
 
     @property
     def legs(self) -> Legs:
@@ -115,8 +113,6 @@ class Response(Calibration):
     counts: int
     chi2: float
     """Mean square of what the fit leaves in its standard errors: about 1 where the shape is right."""
-    warnings: list[str]
-    """What speaks against it, as sentences."""
     time_s: list[float]
     response: list[float]
     """The measured response at ``time_s`` about its peak, area 1 [1/s]."""

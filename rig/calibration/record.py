@@ -38,6 +38,8 @@ class Calibration(BaseModel):
     measured_from: dict[str, str]
     """SHA-256 of each file that it was computed from, by name."""
     simulated: bool = False
+    warnings: list[str] = Field(default_factory=list)
+    """What speaks against it already, as sentences."""
 
     @property
     def expires(self) -> datetime:

@@ -154,6 +154,7 @@ def choose(config: RigConfig, identities: Mapping[str, str] | None = None) -> Ca
         if mine:
             records[kind] = mine.calibration
             warnings += filter(None, [doubts(mine.calibration)])
+            warnings += [f"the {kind} calibration: {sentence}" for sentence in mine.calibration.warnings]
     return Calibrations(records, (*warnings, *_differences(records, config)))
 
 

@@ -17,7 +17,7 @@ class ConsoleOperator:
         self._prepared = Preparation.MEASURE
 
     def prepare(self, preparation: Preparation) -> None:
-        """Ask for a preparation, unless it was the last that was asked for; at first the rig is as for a scan.
+        """Ask for a preparation, unless it was the last that was asked for; at first all is as for a scan.
 
         Raises
         ------

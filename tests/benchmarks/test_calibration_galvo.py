@@ -20,7 +20,7 @@ from rig.calibration.use import Calibrations
 from rig.commands.operator import ConsoleOperator
 from rig.plan import ScanPlan
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "rig"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
 from misaligned import errors_m, misaligned
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "rig"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
 from misaligned_rig import galvo_calibration, misaligned, true_delays_s, true_width_s
 

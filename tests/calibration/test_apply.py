@@ -64,8 +64,14 @@ def true_calibrations(config):
         detector_head_m=truth.detector_head_m,
         detector_spot_m=truth.detector_spot_m,
         rectified_error_s=0.0,
+        rectified_error_worst_s=0.0,
         residual_s=0.0,
+        chi2=1.0,
         positions=99,
+        drift_per_minute_s=None,
+        drift_per_minute_error_s=None,
+        spots_m=[],
+        residuals_s=[],
     )
     return galvo, time_zero
 

@@ -29,8 +29,14 @@ def time_zero(**changes):
         "detector_head_m": (-0.1, 0.2, 2.5),
         "detector_spot_m": (0.0, 0.0, 0.0),
         "rectified_error_s": 1e-12,
+        "rectified_error_worst_s": 2e-12,
         "residual_s": 3e-12,
+        "chi2": 1.0,
         "positions": 99,
+        "drift_per_minute_s": None,
+        "drift_per_minute_error_s": None,
+        "spots_m": [],
+        "residuals_s": [],
     }
     return TimeZero(**(given | changes))
 
@@ -47,8 +53,15 @@ def gate(**changes):
         "gate_delay_error_s": 10e-12,
         "gate_width_s": 40e-9,
         "nearest_m": 0.5,
+        "passed": 1e-4,
+        "edge_s": 200e-12,
+        "edge_error_s": 2e-12,
+        "offset_s": 0.0,
+        "residual": 1.0,
         "spots_m": [(0.0, 0.0)],
         "earliest_s": [None],
+        "latest_s": [34e-9],
+        "failed": [False],
     }
     return GateOpening(**(given | changes))
 
@@ -124,3 +137,11 @@ def test_a_gate_that_overrules_the_configuration_is_told(tmp_path):
     assert chosen.gate_s(configured(tmp_path)) == (33e-9, 40e-9)
     assert chosen.warnings == ("the gate opens at 33 ns as calibrated, not at 31.5 ns as configured",)
     assert use.choose(configured(tmp_path, gate_delay_s=33e-9)).warnings == ()
+
+
+def test_what_a_calibration_doubts_itself_is_told_by_each_scan(tmp_path):
+    fresh = datetime.now(UTC).replace(microsecond=0)
+    CalibrationStore(tmp_path).add(time_zero(created=fresh, warnings=["the galvo is not calibrated"]))
+    assert use.choose(configured(tmp_path)).warnings == (
+        "the time-zero calibration: the galvo is not calibrated",
+    )

@@ -3,6 +3,8 @@
 from math import dist
 
 import numpy as np
+from misaligned import FAULTS
+from misaligned import true_spots_m as across_m
 from scipy.optimize import brentq, least_squares
 
 from recon.capture import C_M_PER_S
@@ -13,16 +15,7 @@ from rig.pointing import Pointing
 from rig.simulated import true_geometry
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
-from simulators.mount import TAN_PER_UNIT
 from simulators.optics import Optics
-
-FAULTS = {
-    "failed_gates": 0.01,
-    "memory": 1e-5,
-    "reflections_per_pulse": 1e-4,
-    "nonlinearity": 0.002,
-    "drift_per_minute": "1ps",
-}
 
 
 def misaligned(seed: int, folder=None, **changes) -> RigConfig:
@@ -46,8 +39,7 @@ def misaligned(seed: int, folder=None, **changes) -> RigConfig:
 
 def true_spots_m(config: RigConfig, mirror_rad) -> np.ndarray:
     """(N, 3) where the beam really meets the wall."""
-    bench = true_geometry(config)
-    return np.array([bench.laser_spot_m(tuple(np.tan(angles) / TAN_PER_UNIT)) for angles in mirror_rad])
+    return np.pad(across_m(config, mirror_rad), ((0, 0), (0, 1)))
 
 
 def true_arrivals_s(config: RigConfig, mirror_rad) -> np.ndarray:
