@@ -1,14 +1,15 @@
 """What distinguishes the cameras, and that one more is a few lines which no solver knows of."""
 
+import re
+
 import numpy as np
 import pytest
 from hidden_points import C, histograms, wall
 
 import recon.solvers.rsd
-import recon.solvers.spectral
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
-from recon.errors import GeometryError, ParameterError
+from recon.errors import GeometryError, MemoryBoundError, ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import SOLVERS, image, plan, planes
 from recon.preparation import Fades
@@ -211,8 +212,11 @@ def test_little_memory_gives_the_same_video(monkeypatch):
     camera = TransientCamera(np.linspace(1e-9, 4e-9, 13))
     whole = video(capture, PULSE, GRID, camera).intensity
     monkeypatch.setattr(recon.solvers.rsd, "WALL_BYTES", 3 * 8 * 48 * 40)  # a few of the wall's spectra
-    monkeypatch.setattr(recon.solvers.spectral, "PLANE_BYTES", 1)  # one thread
-    np.testing.assert_allclose(video(capture, PULSE, GRID, camera).intensity, whole, atol=1e-6 * whole.max())
+    with pytest.raises(MemoryBoundError) as refused:
+        video(capture, PULSE, GRID, camera, memory_bytes=1)
+    least = int(re.search(r"Allow (\d+) MB", str(refused.value))[1]) * 10**6  # one thread
+    little = video(capture, PULSE, GRID, camera, memory_bytes=least).intensity
+    np.testing.assert_allclose(little, whole, atol=1e-6 * whole.max())
 
 
 def test_a_surface_picks_one_depth_for_each_pixel():

@@ -8,7 +8,7 @@ import pytest
 
 from rig.config import built_in_with
 from rig.files.scan import ScanFile
-from rig.simulated import bench_geometry
+from rig.simulated import true_geometry
 from simulators.detector import Detector
 from simulators.geometry import cut
 from simulators.optics import Optics
@@ -33,7 +33,7 @@ def test_the_file_holds_the_expected_transients(rig, bounces):
     expected = Transport(cut(built), built.triangles_m, bounces=bounces, wall_albedo=optics.wall_albedo)
     expected = expected.transients(laser_m, np.zeros((1, 3)), 32e-12 * np.arange(1801))
     per_m2 = (
-        optics.photons_per_s * optics.collection_m2(bench_geometry(built_in_with({}))) * Detector().efficiency
+        optics.photons_per_s * optics.collection_m2(true_geometry(built_in_with({}))) * Detector().efficiency
     )
     power, exposure_s = 1.0, 10e-3
     np.testing.assert_allclose(written, per_m2 * power * exposure_s * expected, rtol=1e-6, atol=1e-30)
