@@ -59,35 +59,30 @@ def occluders(triangles_m: NDArray[np.float64]) -> Occluders:
     return Occluders(corner, second - corner, third - corner, *tree)
 
 
-@njit(cache=True, error_model="numpy")
-def _half_areas(low, high):  # type: ignore[no-untyped-def]
+# A tree is built once for a scene, in array operations: compiling it would take longer than a scan's wait.
+
+
+def _half_areas(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
     """Half the surface of the box around the first n, for every n."""
-    areas, a, b = np.empty(len(low)), low[0].copy(), high[0].copy()
-    for i in range(len(low)):
-        a, b = np.minimum(a, low[i]), np.maximum(b, high[i])
-        d = b - a
-        areas[i] = d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
-    return areas
+    d = np.maximum.accumulate(high) - np.minimum.accumulate(low)
+    return np.asarray(d[:, 0] * d[:, 1] + d[:, 1] * d[:, 2] + d[:, 2] * d[:, 0])
 
 
-@njit(cache=True, error_model="numpy")
-def _best_cut(low, high):  # type: ignore[no-untyped-def]
+def _best_cut(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[float, int]:
     """Where to cut a row of boxes so that a segment meets fewest: by number times surface of both parts.
 
     The surface area heuristic of Goldsmith and Salmon, IEEE Comput. Graph. Appl. 7 (1987).
     """
     total = len(low)
+    least = max(total // SHARE, 1)
     before, after = _half_areas(low, high), _half_areas(low[::-1], high[::-1])[::-1]
-    best, cut = np.inf, total // 2
-    for n in range(max(total // SHARE, 1), total - max(total // SHARE, 1) + 1):
-        cost = n * before[n - 1] + (total - n) * after[n]
-        if cost < best:
-            best, cut = cost, n
-    return best, cut
+    cuts = np.arange(least, total - least + 1)
+    costs = cuts * before[cuts - 1] + (total - cuts) * after[cuts]
+    best = int(costs.argmin())
+    return float(costs[best]), int(cuts[best])
 
 
-@njit(cache=True, error_model="numpy")
-def _tree(low, high):  # type: ignore[no-untyped-def]
+def _tree(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray, ...]:
     """Cut the triangles in two, again and again, across the axis and at the place of `_best_cut`."""
     total = len(low)
     order = np.arange(total)
@@ -98,26 +93,23 @@ def _tree(low, high):  # type: ignore[no-untyped-def]
     # what is still to be built: from, to, and whose right child it is
     waiting = [(0, total, -1)]
     used = 0
-    while len(waiting):
+    while waiting:
         start, stop, parent = waiting.pop()
         node = used
         used += 1
         if parent >= 0:
             first[parent] = node
-        for i in order[start:stop]:
-            for axis in range(3):
-                node_low[node, axis] = min(node_low[node, axis], low[i, axis])
-                node_high[node, axis] = max(node_high[node, axis], high[i, axis])
+        part = order[start:stop].copy()
+        node_low[node] = low[part].min(axis=0, initial=np.inf)
+        node_high[node] = high[part].max(axis=0, initial=-np.inf)
         if stop - start <= LEAF:
             first[node], count[node] = start, stop - start
             continue
-        part, best, half = order[start:stop].copy(), np.inf, start + 1
-        for axis in range(3):
-            ranked = part[np.argsort(middle[part, axis])]
-            cost, cut = _best_cut(low[ranked], high[ranked])
-            if cost < best:
-                best, half = cost, start + cut
-                order[start:stop] = ranked
+        rankings = [part[np.argsort(middle[part, axis], kind="stable")] for axis in range(3)]
+        cuts = [_best_cut(low[ranked], high[ranked]) for ranked in rankings]
+        axis = min(range(3), key=lambda across: cuts[across][0])
+        order[start:stop] = rankings[axis]
+        half = start + cuts[axis][1]
         waiting.append((half, stop, node))
         waiting.append((start, half, -1))  # taken next, so that it follows its parent
     return order, node_low[:used] - MARGIN_M, node_high[:used] + MARGIN_M, first[:used], count[:used]
