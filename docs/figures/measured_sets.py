@@ -43,6 +43,8 @@ class MeasuredSet:
     depth_m: tuple[float, float, float]
     given: dict[str, Any] = field(default_factory=dict)
     voxel_m: float | None = None
+    legible: bool = True
+    """Whether an object is seen in the picture; if not, a depth says nothing."""
 
     def command(self) -> str:
         """Return the command lines."""
@@ -94,7 +96,14 @@ SETS = (
     MeasuredSet("4, sparse", CC + "figure_4/sparse/sub_Sig.mat", (0.935,), 6 * CM, FOUR, OF_FOUR, 2 * CM),
     MeasuredSet("statue, full", CC + "statue/full/sub_Sig.mat", (1.07,), 10 * CM, STATUE, OF_STATUE),
     MeasuredSet(
-        "statue, random", CC + "statue/random/sub_Sig.mat", (1.07,), 10 * CM, STATUE, OF_STATUE, 3 * CM
+        "statue, random",
+        CC + "statue/random/sub_Sig.mat",
+        (1.07,),
+        10 * CM,
+        STATUE,
+        OF_STATUE,
+        3 * CM,
+        legible=False,
     ),
     MeasuredSet(
         "statue, setup",
@@ -104,6 +113,7 @@ SETS = (
         STATUE,
         {"bin_width_s": 32 * PS},
         3 * CM,
+        legible=False,
     ),
     MeasuredSet(
         "L, 18 m away",
@@ -113,7 +123,9 @@ SETS = (
         (0.5, 1.2, 0.02),
         {"bin_width_s": 32 * PS, "wall_size_m": 0.82},
     ),
-    MeasuredSet("mannequin, 1.43 km", "original/km143/mannequin.mat", (), 20 * CM, (0.3, 2.0, 0.02)),
+    MeasuredSet(
+        "mannequin, 1.43 km", "original/km143/mannequin.mat", (), 20 * CM, (0.3, 2.0, 0.02), legible=False
+    ),
 )
 
 
@@ -153,7 +165,8 @@ def main(data: str, path: str) -> None:
     for part, one in zip(parts, there, strict=False):
         with TemporaryDirectory() as folder:
             volume, warnings, size = image_of(one, Path(data), Path(folder))
-        depths = " and ".join(f"{depth:.3f} m" for depth in found_m(volume, one.published_m)) or "nothing"
+        depths = " and ".join(f"{depth:.3f} m" for depth in found_m(volume, one.published_m))
+        depths = depths if one.legible else "nothing"
         published = " and ".join(f"{depth:.2f} m" for depth in one.published_m) or "none"
         print(
             f"| {one.name} ({size}) | `{one.path}` | {one.command()} | {depths} | {published} |", flush=True
