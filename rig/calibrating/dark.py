@@ -122,8 +122,8 @@ class DarkRoutine:
         """Return rates and afterpulses; files in the order in which they are measured."""
         if len(files) < 3:
             raise CalibrationError(
-                f"{len(files)} files were given: first the one with the lens covered, then uncovered with "
-                "the beam blocked, then at least one with the attenuated beam"
+                f"{len(files)} of at least 3 files were given: first the one with the lens covered, then "
+                "uncovered with the beam blocked, then at least one with the attenuated beam"
             )
         with sound_scans(files) as scans:
             covered, uncovered, *pulsed = scans

@@ -156,6 +156,11 @@ def first_bounces(scan: ScanFile) -> FirstBounces:
             f"{scan.path} does not say where the mirror pointed (/geometry/mirror_rad is missing): measure "
             "with rig calibrate, or scan again with this version"
         )
+    if scan.gate_start_s is not None:
+        raise CalibrationError(
+            f"{scan.path} was measured through the gate, which keeps the first bounce out: let the detector "
+            "run freely and attenuate the laser, as rig calibrate does"
+        )
     counts = np.concatenate([block for _, block in scan.capture().histograms.blocks()])
     pulses = scan.live_time_s[scan.done].astype(float) * _setting(scan, "laser", "repetition_hz")
     live, left_out = _live(scan, counts, pulses), {}

@@ -124,3 +124,12 @@ def test_bad_peaks_are_refused_by_name_or_left_out_where_they_are_few(kind, tmp_
     assert list(found.index) == [0, 1, 3]
     assert kind in found.left_out[2]
     assert np.abs(found.arrival_s - 30e-9).max() < 4 * found.error_s.max()
+
+
+def test_a_scan_through_the_gate_holds_no_first_bounces(rig, tmp_path):
+    assert rig("scan", "--grid", "4x3", "--spacing", "20cm", "--exposure", "1ms", "--out", "a.h5").code == 0
+    for kind in ("time-zero", "irf"):
+        done = rig("calibrate", kind, "--from", "a.h5")
+        assert done.code == 5
+        assert "through the gate" in done.err
+    assert not (tmp_path / "calibrations").exists()
