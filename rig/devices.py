@@ -156,11 +156,11 @@ class Tcspc(Device, Protocol):
 class Preparation(Enum):
     """What calibrations ask of the person at the rig. The value says it in words."""
 
-    MEASURE = "Take filters and covers away, the lamp off: the rig as for a scan"
-    ATTENUATE = "Put the filter (optical density 1 or more) into the laser beam"
-    BLOCK = "Put the beam stop before the laser; its sync pulses go on"
-    COVER = "Cover the detector's lens"
-    LAMP = "Put the beam stop before the laser, and light the wall with a steady lamp"
+    MEASURE = "Take filter, beam stop and cover away, the lamp off: the rig as for a scan"
+    ATTENUATE = "Take beam stop and cover away, and put the filter (optical density 1 or more) into the beam"
+    BLOCK = "Take filter and cover away, and put the beam stop before the laser; its sync pulses go on"
+    COVER = "Put the beam stop before the laser, and cover the detector's lens"
+    LAMP = "Put the beam stop before the laser, uncover the lens, and light the wall with a steady lamp"
 
 
 @dataclass(frozen=True)
