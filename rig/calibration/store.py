@@ -58,15 +58,22 @@ class CalibrationStore:
         """Return where something that belongs to a calibration is kept."""
         return self.folder / f"{calibration.kind}-{calibration.created:%Y%m%dT%H%M%SZ}{ending}"
 
-    def newest(self, kind: str, identities: dict[str, str] | None = None) -> Stored | None:
-        """Return the newest calibration of a kind; with ``identities``, of those of these devices.
+    def newest(
+        self, kind: str, identities: dict[str, str] | None = None, rig_name: str | None = None
+    ) -> Stored | None:
+        """Return the newest calibration of a kind; of these devices, and of a rig of this name, where given.
 
         Raises
         ------
         DataFileError
             If a file of this kind is damaged.
         """
-        mine = [one for one in self._all(kind) if not one.calibration.strangers(identities or {})]
+        mine = [
+            one
+            for one in self._all(kind)
+            if rig_name in {None, one.calibration.rig_name}
+            and not one.calibration.strangers(identities or {})
+        ]
         return max(mine, key=lambda one: one.calibration.created, default=None)
 
     def everything(self) -> Iterator[Stored]:

@@ -122,7 +122,7 @@ def nominal_pointing(config: RigConfig) -> Pointing:
 
 
 def choose(config: RigConfig, identities: Mapping[str, str] | None = None) -> Calibrations:
-    """Return the newest calibrations of a rig's store that belong to it.
+    """Return the newest calibrations of a rig's store that belong to it: to its name and to its devices.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def choose(config: RigConfig, identities: Mapping[str, str] | None = None) -> Ca
     records: dict[str, Calibration] = {}
     warnings = []
     for kind in KINDS:
-        newest = store.newest(kind)
-        mine = store.newest(kind, dict(identities or {}))
+        newest = store.newest(kind, rig_name=config.name)
+        mine = store.newest(kind, dict(identities or {}), config.name)
         if newest and newest.calibration.simulated != config.simulated:
             newest = mine = None  # a rehearsal's results say nothing of the real rig
         if newest and newest != mine:

@@ -32,7 +32,7 @@ def show(
     rig_config = load(config) if config else built_in()
     store = CalibrationStore(rig_config.calibration.folder)
     now = utc_now()
-    newest = {kind: store.newest(kind) for kind in KINDS}
+    newest = {kind: store.newest(kind, rig_name=rig_config.name) for kind in KINDS}
     if as_json:
         console.print_json(
             {

@@ -19,7 +19,7 @@ def time_zero(**changes):
     given = {
         "created": NOON,
         "valid_days": 7,
-        "rig_name": "a rig",
+        "rig_name": "simulated rig",
         "devices": DEVICES,
         "measured_from": {"raw.h5": "00ff"},
         "simulated": True,
@@ -45,7 +45,7 @@ def gate(**changes):
     given = {
         "created": NOON,
         "valid_days": 30,
-        "rig_name": "a rig",
+        "rig_name": "simulated rig",
         "devices": {"laser": "L1", "spad": "S1"},
         "measured_from": {},
         "simulated": True,
@@ -124,6 +124,14 @@ def test_an_old_calibration_is_used_and_doubted(tmp_path):
     told = doubts(time_zero(), NOON + timedelta(days=10))
     assert "10 days old" in told
     assert "rig calibrate time-zero" in told
+
+
+def test_another_rig_in_the_same_folder_is_left_alone(tmp_path):
+    store = CalibrationStore(tmp_path)
+    store.add(time_zero(rig_name="the other rig"))
+    assert use.choose(configured(tmp_path), DEVICES).records == {}
+    store.add(time_zero(created=NOON - timedelta(days=1)))
+    assert use.choose(configured(tmp_path), DEVICES).time_zero.rig_name == "simulated rig"
 
 
 def test_a_rehearsal_says_nothing_of_the_real_rig(tmp_path):
