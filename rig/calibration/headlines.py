@@ -31,5 +31,8 @@ def headline(calibration: Calibration) -> str:
                 f"{without} of {len(found.earliest_s)} positions cannot be gated"
             )
         case BinWidths() as found:
-            return f"widths differ by {found.nonlinearity:.2%} rms; {found.counts_per_bin:.3g} counts each"
+            return (
+                f"widths differ by {found.nonlinearity:.2%} rms, by {found.nonlinearity_at_most:.2%} at most; "
+                f"of a counted deviation {found.kept:.0%} is believed"
+            )
     raise TypeError(f"no headline for {type(calibration).__name__}")
