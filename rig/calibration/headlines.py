@@ -32,7 +32,7 @@ def headline(calibration: Calibration) -> str:
             )
         case BinWidths() as found:
             return (
-                f"widths differ by {found.nonlinearity:.2%} rms, by {found.nonlinearity_at_most:.2%} at most; "
+                f"widths differ by {found.nonlinearity:.2%} rms, {found.nonlinearity_at_most:.2%} at most; "
                 f"of a counted deviation {found.kept:.0%} is believed"
             )
     raise TypeError(f"no headline for {type(calibration).__name__}")
