@@ -18,6 +18,7 @@ from rig.acquisition import Watch, record
 from rig.calibrating.counts import sound_scans
 from rig.calibrating.gate_edge import MIDDLE, Edge
 from rig.calibrating.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
+from rig.calibrating.peaks import FWHM_PER_SIGMA
 from rig.calibrating.routine import changed, origin
 from rig.calibration.kinds import GateOpening
 from rig.calibration.record import Calibration
@@ -72,7 +73,7 @@ class GateRoutine:
     @property
     def sigma_s(self) -> float:
         """Standard deviation of the pulse."""
-        return self.pulse_fwhm_s / (2 * np.sqrt(2 * np.log(2)))
+        return self.pulse_fwhm_s / FWHM_PER_SIGMA
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a gated detector, and bins over the whole time between pulses."""

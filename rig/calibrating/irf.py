@@ -22,8 +22,6 @@ from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
 from rig.session import Station
 
-#: Full width at half maximum of a Gaussian of unit standard deviation.
-FWHM_PER_SIGMA = float(2 * np.sqrt(2 * np.log(2)))
 #: Fewest counts in all peaks together: the width is then known to half a per cent or so.
 FEWEST_COUNTS = 10_000
 #: Where the shape fits worse, it is another one.
@@ -87,7 +85,7 @@ class ResponseRoutine:
             valid_days=365,
             fwhm_s=fwhm_s,
             fwhm_error_s=float(np.sqrt(variance)),
-            core_fwhm_s=FWHM_PER_SIGMA * best.shape.sigma_s,
+            core_fwhm_s=peaks.FWHM_PER_SIGMA * best.shape.sigma_s,
             centroid_s=best.shape.tail_s * best.shape.tail_fraction - peak_s(best.shape),
             tail_s=best.shape.tail_s,
             tail_error_s=best.shape_error.tail_s,

@@ -8,6 +8,8 @@ from scipy.special import log_ndtr, ndtr
 
 from rig.errors import CalibrationError
 
+#: Full width at half maximum of a Gaussian of unit standard deviation.
+FWHM_PER_SIGMA = float(2 * np.sqrt(2 * np.log(2)))
 #: At most so many steps of Fisher's scoring; it stops where they do not change anything.
 STEPS, SMALL = 60, 1e-3
 #: Ends of the search: a shape beyond them is none of a detector.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.acquisition import Watch, record
 from rig.calibrating import peaks
+from rig.calibrating.counts import counts_of
 from rig.calibrating.first_bounce import WINDOW_S, highest
 from rig.calibrating.legs_fit import TAPE_ERROR_M, TILT_ERROR_RAD
 from rig.calibrating.routine import origin
@@ -146,7 +147,7 @@ class TargetRoutine:
         Where first bounces pass the gate, or there is none, they are far brighter. They come together on an
         axis of their own, which says where on the target's axis to look.
         """
-        counts = np.concatenate([block for _, block in scan.capture().histograms.blocks()]).astype(float)
+        counts = counts_of(scan)
         galvo_m, detector_m = heads_m
         over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m, detector_m)
         total, start_s = _aligned(scan, counts, over_target)

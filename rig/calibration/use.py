@@ -11,7 +11,6 @@ import numpy as np
 from rig.calibration.kinds import (
     KINDS,
     BinWidths,
-    DarkRates,
     GalvoModel,
     GateOpening,
     Response,
@@ -60,11 +59,6 @@ class Calibrations:
     def response(self) -> Response | None:
         """The response of the system."""
         return self._one(Response)
-
-    @property
-    def dark(self) -> DarkRates | None:
-        """What the detector counts without laser light."""
-        return self._one(DarkRates)
 
     @property
     def gate(self) -> GateOpening | None:

@@ -1,6 +1,7 @@
 """The person at a real rig, asked through the terminal."""
 
 import sys
+from math import radians
 
 from rich.prompt import Prompt
 
@@ -53,7 +54,7 @@ class ConsoleOperator:
             except ValueError:
                 console.say(f"'{text}' is not two numbers, e.g. 3.25 -1.5")
                 continue
-            angles = (x_deg * 0.017453292519943295, y_deg * 0.017453292519943295)
+            angles = (radians(x_deg), radians(y_deg))
             galvo.point(*angles)
 
 
