@@ -121,7 +121,9 @@ class OptotuneMirror:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        leave([lambda: self.point(0.0, 0.0), self._line.close], problem)
+        # After a failure the mirror stays where it is: what failed may be what puts the light out.
+        rest = [] if problem is not None else [lambda: self.point(0.0, 0.0)]
+        leave([*rest, self._line.close], problem)
 
     def point(self, angle_x_rad: float, angle_y_rad: float) -> None:
         """Steer the beam to these optical angles (right and up, facing the wall), without waiting.

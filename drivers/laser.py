@@ -107,7 +107,7 @@ class KatanaLaser:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        leave([self.stop, self._give_back, self._close], problem)
+        leave([self._end, self._close], problem)
 
     def arm(self) -> None:
         """Take control of the power, set power, repetition rate and trigger, and read them back; still dark.
@@ -178,9 +178,9 @@ class KatanaLaser:
         Raises
         ------
         RefusedError
-            The laser says that it still emits.
+            The laser says that it still emits; its power was set to the lowest.
         LinkError, ProtocolError
-            It was told to stop, and whether it did cannot be known.
+            It was told to stop, and whether it did cannot be known; its power was set to the lowest.
         """
         self._armed = self._lit = False
         if self._found is None:
@@ -195,6 +195,7 @@ class KatanaLaser:
             except DeviceError as problem:
                 doubt = type(problem)(self._line.name, "be dark", problem.answered, BEWARE)
         if doubt is not None:
+            leave([self._lower_power], doubt)
             raise doubt
 
     def emitting(self) -> bool:
@@ -280,10 +281,21 @@ class KatanaLaser:
             "Nothing was sent. Correct the configuration.",
         )
 
-    def _give_back(self) -> None:
-        """Return the power control to the knob on the front panel."""
+    def _end(self) -> None:
+        """Make the laser dark; only one that is dark gets its power control back to the front panel.
+
+        The knob may stand at full power, so that light that cannot be ended keeps the lowest power set here.
+        """
+        self.stop()
         if self._found is not None and self._found.remote:
             self._line.set(self._found.remote, "0", expected=0, within=0)
+
+    def _lower_power(self) -> None:
+        """Set the lowest power: the next best where light cannot be ended."""
+        lowest = self._dialect.power_range[0]
+        self._line.set(
+            self._dialect.power, self._dialect.power_format.format(lowest), expected=lowest, within=0.0051
+        )
 
     def _close(self) -> None:
         self._found = None

@@ -4,6 +4,7 @@ import json
 import os
 import sys
 import traceback
+from contextlib import suppress
 
 
 def main() -> None:
@@ -53,9 +54,11 @@ def _hint(error: Exception) -> str:
 
 
 def _report(message: str, code: int) -> None:
-    if "--json" in sys.argv[1:]:
-        print(json.dumps({"error": message, "exit_code": code}))
-    print(f"rig: {message}", file=sys.stderr)
+    with suppress(OSError):  # nobody may be listening any more; the exit code says it still
+        if "--json" in sys.argv[1:]:
+            print(json.dumps({"error": message, "exit_code": code}), flush=True)
+    with suppress(OSError):
+        print(f"rig: {message}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,28 @@ import numpy as np
 from rig.calibration import use
 from rig.calibration.use import Calibrations
 from rig.config import RigConfig, recorded
-from rig.engine import Consumer, Devices, Ended, Event, LineDone, PositionDone, Ready, ScanEngine
+from rig.engine import (
+    Consumer,
+    Devices,
+    Ended,
+    Event,
+    LineDone,
+    Outcome,
+    PositionDone,
+    Ready,
+    ScanEngine,
+)
 from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
 from rig.plan import ScanPlan
 from rig.session import open_devices
+
+#: What is left open where the program ended between the last position and its end.
+UNSEEN_END = (
+    "the scan did not see its own end: whether the laser still emitted at the last positions was not asked"
+)
 
 
 @dataclass(frozen=True)
@@ -145,22 +160,49 @@ def record(
         return _run(plan, config, devices, writer, calibrations, watch or Watch())
 
 
-def interrupted(target: Path) -> tuple[ScanPlan, RigConfig]:
-    """Return the plan and the configuration of a scan that was interrupted.
+def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigConfig, Calibrations]:
+    """Return plan and calibrations of a scan that was interrupted, and the configuration to go on with.
+
+    A file is data, never an order: which library is loaded, which ports are opened and how far a mirror may
+    turn is said by the configuration of this rig, not by the file. Only a simulated rig, which has none of
+    these, is taken from the file.
+
+    Parameters
+    ----------
+    target
+        The scan file.
+    mine
+        The configuration of the rig that is here; None where the scan was simulated.
 
     Raises
     ------
     rig.errors.DataFileError
         If the file is damaged, or no scan of this program.
     rig.errors.UsageError
-        If it is complete.
+        If it is complete, or was measured on a real rig and ``mine`` is not given.
+    rig.errors.RefusedError
+        If the scan was set otherwise than ``mine``.
     """
     with ScanFile(target) as scan:
         if scan.status == "complete":
             raise UsageError(f"{target} is complete: there is nothing to resume")
         if not (scan.plan and scan.configuration):
             raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
-        return ScanPlan(**scan.plan), recorded(json.dumps(scan.configuration))
+        plan, began_with = ScanPlan(**scan.plan), recorded(json.dumps(scan.configuration))
+        calibrations = use.recorded(scan.calibrations, target)
+    if mine is None:
+        if not began_with.simulated:
+            raise UsageError(
+                f"{target} was measured on a real rig ({began_with.name}). Which devices are opened is not "
+                f"taken from a file: name the rig's configuration, rig resume {target} --config FILE"
+            )
+        return plan, began_with, calibrations
+    if others := mine.differences(began_with):
+        raise RefusedError(
+            f"{target} was measured with other settings than this configuration gives: {'; '.join(others)}. "
+            "Set them as they were, or begin a new scan"
+        )
+    return plan, mine, calibrations
 
 
 def resume(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None = None) -> ScanResult:
@@ -173,12 +215,24 @@ def resume(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None 
     rig.errors.RefusedError
         If another device is connected than the one that the scan began with.
     """
+    with ScanFile(target) as scan:
+        if scan.done.all():
+            return _end(target)
+        calibrations = use.recorded(scan.calibrations, target)
     with open_devices(config) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
-            calibrations = use.recorded(scan.calibrations, target)
         with ScanWriter.resume(target) as writer:
             return _run(plan, config, devices, writer, calibrations, watch or Watch())
+
+
+def _end(target: Path) -> ScanResult:
+    """Give a scan its end that measured all positions and then failed or was killed; no device is needed."""
+    with ScanWriter.resume(target) as writer:
+        ended = Ended(Outcome.COMPLETE, writer.positions, "all positions measured")
+        writer.close(ended.outcome.value, ended.reason, [UNSEEN_END])
+    with ScanFile(target) as scan:
+        return ScanResult(ended, scan.photons, float(np.nansum(scan.live_time_s)))
 
 
 def _run(

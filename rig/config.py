@@ -7,7 +7,7 @@ and commented in ``configs/simulated.toml``.
 import tomllib
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -253,6 +253,44 @@ class RigConfig(_Section):
     def simulated(self) -> bool:
         """Whether the devices are simulated."""
         return self.simulation is not None
+
+    def differences(self, other: "RigConfig") -> list[str]:
+        """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
+
+        Left out is what does not change what is measured: where devices are connected, limits, times to wait,
+        cameras, the folder of calibrations, and the plan of a scan.
+        """
+        mine, theirs = _flat(self.model_dump()), _flat(other.model_dump())
+        return [
+            f"{key} is {mine.get(key)}, was {theirs.get(key)}"
+            for key in sorted(mine.keys() | theirs.keys())
+            if mine.get(key) != theirs.get(key) and not key.startswith(_NOT_MEASURED_WITH)
+        ]
+
+
+#: Keys, or beginnings of keys, that may change between two parts of a scan.
+_NOT_MEASURED_WITH = (
+    "galvo.address",
+    "galvo.max_angle",
+    "galvo.settle_",
+    "laser.address",
+    "spad.serial",
+    "hydraharp.library",
+    "hydraharp.serial",
+    "hydraharp.readout_time_s",
+    "scan.",
+    "calibration.",
+    "cameras.",
+    "simulation.real_time",
+)
+
+
+def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
+    """Return the values of nested tables by their dotted keys."""
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        values |= _flat(value, f"{within}{name}.") if isinstance(value, dict) else {within + name: value}
+    return values
 
 
 def built_in() -> RigConfig:

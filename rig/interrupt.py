@@ -1,13 +1,21 @@
-"""Ctrl-C in two steps: the first asks to stop at the next position, the second stops at once."""
+"""Being asked to stop: the first signal asks for the next position, a second Ctrl-C stops at once."""
 
 import signal
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Self
 
+#: A second one of these stops at once.
+AT_ONCE = {signal.SIGINT, signal.SIGTERM}
+
 
 class StopRequest:
-    """While entered, SIGINT and SIGTERM set a flag; a second one raises KeyboardInterrupt.
+    """While entered, every signal that would end or suspend the program sets a flag instead.
+
+    A program that is gone or suspended cannot put out a laser that it has lit. So a closed terminal (SIGHUP),
+    Ctrl-backslash (SIGQUIT), Ctrl-Z (SIGTSTP), a failing power supply (SIGPWR) and the others ask for a stop
+    as Ctrl-C does. What cannot be caught, or comes from a crash, is not met here.
 
     Parameters
     ----------
@@ -25,8 +33,10 @@ class StopRequest:
         return self._requested
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in _stopping():
             self._previous[number] = signal.signal(number, self._handle)
+        for number in _named("SIGTTIN", "SIGTTOU"):  # a program in the background may be suspended by these
+            self._previous[number] = signal.signal(number, signal.SIG_IGN)
         return self
 
     def __exit__(
@@ -37,6 +47,25 @@ class StopRequest:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._requested:
-            raise KeyboardInterrupt
+            if number in AT_ONCE:
+                raise KeyboardInterrupt
+            return
         self._requested = True
-        self._announce("Stopping after this position; press Ctrl-C again to stop at once.")
+        with suppress(Exception):  # a terminal that is gone cannot be told, and must not keep the light on
+            self._announce("Stopping after this position; press Ctrl-C to stop at once.")
+
+
+def _named(*names: str) -> set[int]:
+    return {int(getattr(signal, name)) for name in names if hasattr(signal, name)}
+
+
+def _stopping() -> set[int]:
+    """Return the signals whose default is to end or suspend a program, and that can be caught.
+
+    Those of a crash are left out, since the program cannot go on after them; so are those that the system
+    ignores by default (of a child, of the window), or Python (a closed pipe, a file that is too large).
+    """
+    crash = _named("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP")
+    harmless = _named("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGPIPE", "SIGXFSZ", "SIGTTIN", "SIGTTOU")
+    every = {int(number) for number in signal.valid_signals()}
+    return every - crash - harmless - _named("SIGKILL", "SIGSTOP")

@@ -3,7 +3,8 @@
 import json
 import sys
 import time
-from typing import TYPE_CHECKING, Any, Self
+from contextlib import suppress
+from typing import IO, TYPE_CHECKING, Any, Self, cast
 
 from rich.console import Console
 from rich.markup import escape
@@ -18,8 +19,30 @@ if TYPE_CHECKING:
 
     from rig.doctor import Finding
 
+
+class _Stderr:
+    """The present stderr, whose loss ends nothing: without a terminal, too, a scan goes on and is watched."""
+
+    def write(self, text: str) -> int:
+        with suppress(OSError, ValueError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError, ValueError):
+            sys.stderr.flush()
+
+    def isatty(self) -> bool:
+        with suppress(OSError, ValueError):
+            return sys.stderr.isatty()
+        return False
+
+    def fileno(self) -> int:
+        return sys.stderr.fileno()
+
+
 #: Everything but results.
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+err = Console(file=cast("IO[str]", _Stderr()), highlight=False, soft_wrap=True)
 
 
 def say(message: str) -> None:

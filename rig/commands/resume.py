@@ -8,16 +8,24 @@ import typer
 
 def resume(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file that was interrupted.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
 ) -> None:
     """Take up an interrupted scan where it stopped, with the plan and the settings that its file holds.
 
-    The devices must be those that the scan began with. Photons that the file holds are never touched.
+    The devices must be those that the scan began with, and set the same. Which devices are opened, and their
+    limits, is said by the rig's configuration and never by the file. Photons that the file holds are never
+    touched.
     """
     from rig import acquisition
-    from rig.calibration import use
     from rig.commands.running import run
+    from rig.config import load
 
-    plan, config = acquisition.interrupted(scan)
-    plan.check(config, scan.parent, use.choose(config).pointing(config))
-    run(lambda watch: acquisition.resume(plan, config, scan, watch), plan, scan, as_json)
+    plan, rig_config, calibrations = acquisition.interrupted(scan, load(config) if config else None)
+    plan.check(rig_config, scan.parent, calibrations.pointing(rig_config))
+    run(lambda watch: acquisition.resume(plan, rig_config, scan, watch), plan, scan, as_json)

@@ -161,6 +161,11 @@ class ScanFile:
         )
 
     @property
+    def photons(self) -> int:
+        """Sum of all counts as the closing record has it; 0 without one."""
+        return int(self._attribute("stop", "photons", 0))
+
+    @property
     def warnings(self) -> list[str]:
         """What went less than well."""
         return list(self._json("stop", "warnings", "[]"))

@@ -30,6 +30,11 @@ class ScanWriter:
     without its counts. A chunk that is still partial at a checkpoint is written too, and rewritten when it is
     full; its marks are taken back before that, since a half rewritten chunk cannot be read.
 
+    An exception may come between any two lines here, a second Ctrl-C for one. So nothing is counted before
+    it is there: the buffer keeps its chunk until that was written, and marks are taken to be in the file from
+    before they are written until after they are taken back. After a write that failed nothing more is
+    written: HDF5 cannot tell what of it reached the disk.
+
     Use as a context manager; leaving it without `close` records how: complete if all positions were appended,
     interrupted if not, failed if an exception passed through.
     """
@@ -44,11 +49,13 @@ class ScanWriter:
         self.positions, self.bins = self._counts.shape
         done = self._done[()]
         self.appended = int(done.argmin()) if not done.all() else self.positions
-        self._marked = self.appended
-        self._photons = 0.0
+        self._marked = self._maybe_marked = self.appended
+        self._photons = np.zeros(self.positions)
         chunk_positions = self._counts.chunks[0]
         self._buffer = np.zeros((chunk_positions, self.bins), self._counts.dtype)
+        self._first = 0  # position of the buffer's first row
         self._live = np.full(self.positions, np.nan, "<f4")
+        self._broken = False
 
     @classmethod
     def create(cls, path: str | Path, description: ScanDescription) -> Self:
@@ -112,12 +119,13 @@ class ScanWriter:
         """Read back what was there, mark the partial chunk as not done, and remove the closing record."""
         assert self._file is not None
         size = len(self._buffer)
-        start = self.appended - self.appended % size
-        self._buffer[: self.appended - start] = self._counts[start : self.appended]
+        self._first = self.appended - self.appended % size
+        self._buffer[: self.appended - self._first] = self._counts[self._first : self.appended]
         self._live[: self.appended] = self._live_time_s[: self.appended]
         for first in range(0, self.appended, size):
-            self._photons += float(self._counts[first : min(first + size, self.appended)].sum(dtype=float))
-        self._unmark_from(start)
+            rows = slice(first, min(first + size, self.appended))
+            self._photons[rows] = self._counts[rows].sum(axis=1, dtype=float)
+        self._unmark_from(self._first)
         self._file.pop("stop", None)
         start_attributes = self._file["start"].attrs
         resumed = json.loads(start_attributes.get("resumed", "[]"))
@@ -139,22 +147,21 @@ class ScanWriter:
         ValueError
             If the shape or type does not fit, or all positions are there already.
         DataFileError
-            If the file cannot be written, e.g. on a full disk.
+            If the file cannot be written, e.g. on a full disk; nothing more will be written then.
         """
         if self.appended == self.positions:
             raise ValueError(f"{self.path} has all its {self.positions} positions")
         if np.shape(counts) != (self.bins,):
             raise ValueError(f"counts must be ({self.bins},), not {np.shape(counts)}")
-        row = self.appended % len(self._buffer)
-        np.copyto(self._buffer[row], counts)
+        if self.appended - self._first == len(self._buffer):
+            self._write_chunk()
+            self._first = self.appended
+        np.copyto(self._buffer[self.appended - self._first], counts)
         self._live[self.appended] = live_time_s
-        self._photons += float(
-            np.sum(counts, dtype=np.float64 if self._buffer.dtype.kind == "f" else np.uint64)
+        self._photons[self.appended] = np.sum(
+            counts, dtype=np.float64 if self._buffer.dtype.kind == "f" else np.uint64
         )
         self.appended += 1
-        if row + 1 == len(self._buffer):
-            with _named(self.path, "write"):
-                self._write_chunk()
 
     def record_devices(self, devices: Mapping[str, Settings]) -> None:
         """Write what each device says of itself and its settings; what was there before is replaced.
@@ -165,7 +172,7 @@ class ScanWriter:
             If the file cannot be written.
         """
         assert self._file is not None
-        with _named(self.path, "write"):
+        with self._writing():
             for name, settings in devices.items():
                 group = self._file["devices"].require_group(name)
                 group.attrs.update(settings)
@@ -179,21 +186,17 @@ class ScanWriter:
         DataFileError
             If the file cannot be written.
         """
-        if first >= self.appended:
+        if first >= self.appended or self._broken:
             return
-        with _named(self.path, "write"):
+        with self._writing():
             self._unmark_from(first)
             self._live[first:] = np.nan
             self._live_time_s[first:] = np.nan
-            size = len(self._buffer)
-            kept = first // size * size
-            partial = self.appended // size * size
-            for start in range(kept, self.appended, size):
-                rows = self._buffer if start == partial else self._counts[start : start + size]
-                untrusted = rows[max(first - start, 0) : self.appended - start]
-                self._photons -= float(untrusted.sum(dtype=np.float64))
-            if kept < partial:
+            if first < self._first:
+                size = len(self._buffer)
+                kept = first // size * size
                 self._buffer[:] = self._counts[kept : kept + size]
+                self._first = kept
             self.appended = first
 
     def checkpoint(self) -> None:
@@ -207,12 +210,12 @@ class ScanWriter:
         assert self._file is not None
         if self._marked == self.appended:
             return
-        with _named(self.path, "write"):
-            if self.appended % len(self._buffer):
-                self._write_chunk()
+        self._write_chunk()
+        with self._writing():
             new = slice(self._marked, self.appended)
             self._live_time_s[new] = self._live[new]
             self._file.flush()
+            self._maybe_marked = self.appended
             self._done[new] = True
             self._file.flush()
             self._marked = self.appended
@@ -235,15 +238,16 @@ class ScanWriter:
         if self._file is None:
             return
         try:
-            self.checkpoint()
-            with _named(self.path, "write"):
-                stop = self._file.create_group("stop")
-                stop.attrs["description"] = SCAN["/stop"].what
-                stop.attrs["status"] = status
-                stop.attrs["reason"] = reason
-                stop.attrs["stopped"] = utc_now()
-                stop.attrs["photons"] = self._photons
-                stop.attrs["warnings"] = json.dumps(list(warnings))
+            if not self._broken:
+                self.checkpoint()
+                with self._writing():
+                    stop = self._file.require_group("stop")
+                    stop.attrs["description"] = SCAN["/stop"].what
+                    stop.attrs["status"] = status
+                    stop.attrs["reason"] = reason
+                    stop.attrs["stopped"] = utc_now()
+                    stop.attrs["photons"] = float(self._photons[: self.appended].sum())
+                    stop.attrs["warnings"] = json.dumps(list(warnings))
         finally:
             file, self._file = self._file, None
             with _named(self.path, "close"):
@@ -254,21 +258,31 @@ class ScanWriter:
 
         Shuffled and deflated here rather than by HDF5's own filters, to the same bytes: nearly half the time.
         """
-        size = len(self._buffer)
-        start = (self.appended - 1) // size * size
-        self._unmark_from(start)
-        rows = self.appended - start
-        self._buffer[rows:] = 0
+        self._buffer[self.appended - self._first :] = 0
         itemsize = self._buffer.itemsize
         shuffled = np.ascontiguousarray(self._buffer.view(np.uint8).reshape(-1, itemsize).T)
-        self._counts.id.write_direct_chunk((start, 0), zlib.compress(shuffled.data, COMPRESSION))
+        packed = zlib.compress(shuffled.data, COMPRESSION)
+        with self._writing():
+            self._unmark_from(self._first)
+            self._counts.id.write_direct_chunk((self._first, 0), packed)
 
     def _unmark_from(self, position: int) -> None:
         assert self._file is not None
-        if self._marked > position:
-            self._done[position : self._marked] = False
+        if self._maybe_marked > position:
+            self._marked = min(self._marked, position)
+            self._done[position : self._maybe_marked] = False
             self._file.flush()
-            self._marked = position
+            self._maybe_marked = position
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Write to the file; a failure is told by its name, and is the last thing that is tried."""
+        try:
+            with _named(self.path, "write"):
+                yield
+        except Exception:
+            self._broken = True
+            raise
 
     def __enter__(self) -> Self:
         return self

@@ -36,18 +36,26 @@ class KatanaHead(LineFirmware):
     ----------
     garble_answers, drop_answers
         So many of the next answers arrive with a flipped bit, or are lost.
+    emission_stuck
+        Whether emission no longer follows the commands.
     """
 
     def __init__(self, bench: Bench, *, knob: float = 0.0) -> None:
         super().__init__(terminator=b"\n", longest=64)
         self.drop_answers = 0
         self.garble_answers = 0
+        self.emission_stuck = False
         self._bench = bench
         self._key_on = True
         self._interlock_closed = True
         self._knob = knob
         self._power = 0.0
         self._numbers = {"ltg": 0.0, "ltlg": 0.0, "lps": 0.0, "let": 45.0}
+        self._apply_power()
+
+    def turn_knob(self, power: float) -> None:
+        """Turn the power knob on the front panel, 0 to 10."""
+        self._knob = power
         self._apply_power()
 
     def turn_key(self, on: bool) -> None:
@@ -117,6 +125,8 @@ class KatanaHead(LineFirmware):
         return ""
 
     def _switch(self, on: bool) -> str:
+        if self.emission_stuck:
+            return ""
         if on and not self._key_on:
             return "emission not possible, key switch is off (Error 100)\n"
         # An open interlock is not told: the light just does not come.

@@ -169,6 +169,26 @@ def test_unplugged_while_emitting_is_no_quiet_end(rig):
         work()
 
 
+def test_light_that_cannot_be_ended_is_dimmed_and_never_given_to_the_front_knob(rig):
+    """The knob stands at full power, the scan ran at a tenth of it, and the laser does not hear leg=0."""
+    rig.head.turn_knob(10.0)
+
+    def work():
+        with rig.laser(power_setpoint=1.0) as laser:
+            laser.arm()
+            laser.emit()
+            rig.head.emission_stuck = True
+
+    with pytest.raises(RefusedError, match=r"still emits.*turn its key off by hand"):
+        work()
+    assert rig.bench.light.emitting
+    assert rig.bench.light.power == 0.0
+    assert max(change.get("power", 0.0) for change in rig.bench.changes[1:]) <= 1.0
+    lit = [change for change in rig.bench.changes if "emitting" in change]
+    after = rig.bench.changes[rig.bench.changes.index(lit[0]) :]
+    assert all(change["power"] <= 0.1 for change in after if "power" in change)
+
+
 def test_a_setting_that_the_laser_does_not_take_is_refused(rig, monkeypatch):
     with rig.laser(power_setpoint=7.5) as laser:
         monkeypatch.setattr(rig.head, "_power", 3.0)

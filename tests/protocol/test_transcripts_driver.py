@@ -164,11 +164,12 @@ def test_laser_of_the_other_model(play):
         laser.arm()
 
 
-def test_laser_that_does_not_go_dark_is_told_twice_and_then_the_person(play):
+def test_laser_that_does_not_go_dark_is_told_twice_then_dimmed_and_then_the_person(play):
     bright = lines((b"leg=0\n", b""), (b"leg?\n", b"status: 1\n"))
     found = lines((b"leg?\n", b"status: 1\n"))
+    dimmed = lines((b"lp=0.00\n", b""), (b"lp?\n", b"lp=0.00\n"))
     with (
-        play(found + bright + bright) as address,
+        play(found + bright + bright + dimmed) as address,
         pytest.raises(RefusedError, match="turn its key off by hand"),
         KatanaLaser(address, clock=StepClock(), power_setpoint=1, repetition_hz=1e7),
     ):

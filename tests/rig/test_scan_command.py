@@ -164,6 +164,65 @@ def test_a_complete_scan_is_not_resumed(rig):
     assert "complete" in done.err
 
 
+def test_a_scan_that_was_killed_before_its_end_is_given_one(rig):
+    assert rig("scan", *SMALL, "--out", "a.h5").code == 0
+    whole = counts_of("a.h5")
+    with h5py.File("a.h5", "r+") as file:
+        del file["stop"]
+        file["devices/spad"].attrs["identity"] = "away"  # no device is needed
+    done = rig("resume", "a.h5")
+    assert done.code == 0, done.err
+    assert f"{whole.sum():,}" in done.out
+    with h5py.File("a.h5") as file:
+        assert file["stop"].attrs["status"] == "complete"
+        assert file["stop"].attrs["photons"] == whole.sum()
+        assert "did not see its own end" in file["stop"].attrs["warnings"]
+    assert np.array_equal(counts_of("a.h5"), whole)
+    assert rig("resume", "a.h5").code == 2
+
+
+def as_of_a_real_rig(path, **of_harp):
+    """Make a scan file say that it comes from a real rig."""
+    with h5py.File(path, "r+") as file:
+        configuration = json.loads(file["start"].attrs["configuration"])
+        configuration["simulation"] = None
+        configuration["galvo"]["address"] = configuration["laser"]["address"] = "/dev/of-the-file"
+        configuration["hydraharp"] |= of_harp
+        file["start"].attrs["configuration"] = json.dumps(configuration)
+
+
+HERE = (
+    '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\n'
+    '[hydraharp]\nlibrary = "here.so"\n'
+)
+
+
+def test_which_library_and_which_ports_are_opened_is_never_taken_from_a_scan_file(rig, tmp_path):
+    stopped_scan(rig, "a.h5", lines=5)
+    (tmp_path / "gift.so").write_bytes(b"")
+    as_of_a_real_rig("a.h5", library=str(tmp_path / "gift.so"))
+    done = rig("resume", "a.h5")
+    assert done.code == 2
+    assert "not taken from a file" in done.err
+    Path("rig.toml").write_text(HERE)
+    done = rig("resume", "a.h5", "--config", "rig.toml")
+    assert done.code == 3
+    assert "here.so" in done.err
+    assert "gift.so" not in done.err
+    assert "of-the-file" not in done.err
+
+
+def test_a_scan_is_not_resumed_with_other_settings(rig):
+    stopped_scan(rig, "a.h5", lines=5)
+    as_of_a_real_rig("a.h5", offset_s=29e-9)
+    Path("rig.toml").write_text(HERE + "[spad]\ngated = false\n")
+    done = rig("resume", "a.h5", "--config", "rig.toml")
+    assert done.code == 4
+    assert "spad.gated is False, was True" in done.err
+    assert "hydraharp.offset_s is 2.8e-08, was 2.9e-08" in done.err
+    assert "address" not in done.err.split("other settings")[1]
+
+
 def test_a_scan_is_not_resumed_with_another_device(rig):
     stopped_scan(rig, "a.h5", lines=5)
     with h5py.File("a.h5", "r+") as file:

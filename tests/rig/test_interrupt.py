@@ -1,0 +1,79 @@
+"""Whatever asks the program to end or to pause, it stops a scan and leaves it in order."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import h5py
+import pytest
+
+from rig.interrupt import StopRequest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+
+#: Of all that end or suspend a program: terminal closed, Ctrl-C, Ctrl-Z, asked, timers, power, real time.
+ASKING = (
+    "SIGHUP", "SIGINT", "SIGQUIT", "SIGTERM", "SIGTSTP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM",
+    "SIGPROF", "SIGXCPU", "SIGPWR", "SIGIO", "SIGSTKFLT", "SIGRTMIN", "SIGRTMAX",
+)  # fmt: skip
+
+
+def numbers(names):
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+@pytest.mark.parametrize("number", numbers(ASKING), ids=lambda number: signal.Signals(number).name)
+def test_every_way_to_ask_is_a_request_to_stop(number):
+    told = []
+    with StopRequest(told.append) as stop:
+        assert not stop()
+        os.kill(os.getpid(), number)
+        assert stop()
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("number", numbers(("SIGTTIN", "SIGTTOU")))
+def test_a_program_in_the_background_is_not_suspended(number):
+    with StopRequest(lambda _: None) as stop:
+        os.kill(os.getpid(), number)
+        assert not stop()
+
+
+def test_only_a_second_ctrl_c_stops_at_once():
+    with StopRequest(lambda _: None):
+        os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGHUP)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_terminal_that_is_gone_does_not_prevent_the_stop():
+    def gone(sentence):
+        raise OSError("Input/output error")
+
+    with StopRequest(gone) as stop:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert stop()
+
+
+def test_what_was_set_before_is_set_again():
+    before = {number: signal.getsignal(number) for number in numbers(ASKING)}
+    with StopRequest(lambda _: None):
+        pass
+    assert {number: signal.getsignal(number) for number in numbers(ASKING)} == before
+
+
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGTSTP"])
+def test_a_scan_ends_in_order_when_its_terminal_is_closed_or_ctrl_z_is_pressed(tmp_path, name):
+    command = [sys.executable, "-m", "rig", "scan", "--grid", "20x150", "--spacing", "8mm", "--out", "a.h5"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as scan:
+        for line in scan.stderr:
+            if "10 %" in line:
+                break
+        scan.stderr.close()  # as a closed terminal, nobody listens from now on
+        scan.send_signal(getattr(signal, name))
+        assert scan.wait(60) == 6
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["stop"].attrs["status"] == "interrupted"
+        assert 0 < file["transients/done"][()].sum() < len(file["transients/done"])
