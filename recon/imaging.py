@@ -1,6 +1,7 @@
 """From a capture to an image or a video: a choice of camera, and a choice of solver.
 
-The camera says what (`recon.camera`), the solver how (`recon.solvers.task`); `SOLVERS` is the table of all.
+The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `SOLVERS` is the table of
+all.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,24 +10,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon import budget
+from recon import memory
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.preparation import Fades
-from recon.reach import CONFOCAL, Slab, path_limits_m, slabs
-from recon.solvers import backprojection, direct, fresnel, scattered
-from recon.solvers.task import Solver, Task, ignore
+from recon.sampling import CONFOCAL, Slab, path_limits_m, slabs
+from recon.solvers import direct, fresnel, time_domain
+from recon.solvers.problem import Solver, Task, ignore
+from recon.solvers.rsd import dispatch
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 Progress = Callable[[float], None]
 #: All solvers, by name.
 SOLVERS: dict[str, Solver] = {
-    "rsd": scattered.focus,
+    "rsd": dispatch.focus,
     "fresnel": fresnel.focus,
     "direct": direct.focus,
-    "backprojection": backprojection.focus,
+    "backprojection": time_domain.focus,
 }
 #: Those that can keep to a bound on memory.
 BOUNDED = ("rsd", "fresnel")
@@ -92,8 +94,8 @@ def image(
         Voxels, any pitch, offset and extent in front of the wall.
     solver
         A key of `SOLVERS`. "rsd": any positions, by FFT or the quickest other way to the same numbers
-        (`recon.solvers.scattered`); "fresnel": by FFT with the paraxial wave, for a regular grid of positions
-        on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
+        (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular grid of
+        positions on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
         "backprojection": in time, any positions, slow.
     camera
         What to see; one that shows one frame.
@@ -177,7 +179,7 @@ def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
         )
-    return budget.cut(task, memory_bytes)
+    return memory.cut(task, memory_bytes)
 
 
 def _known(solver: str) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
-from recon.preparation import Fades
-from recon.reach import Slab
+from recon.sampling import Slab
+from recon.window import Fades
 
 
 def spectra(

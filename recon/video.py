@@ -18,9 +18,9 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import Progress, bounded, plan, planes
-from recon.preparation import Fades
-from recon.reach import path_limits_m
+from recon.sampling import path_limits_m
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 #: How depths are put into one picture: the greatest intensity, or the sum of all, or what is on the surface.
 Over = Literal["max", "sum", "surface"]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.clock import BenchClock
-from simulators.mirror import SteeringMirror
-from simulators.mount import MirrorMount
+from simulators.motion.mirror import SteeringMirror
+from simulators.motion.mount import MirrorMount
 
 #: Beam movement inside one exposure that is followed in steps rather than taken at its middle [mirror units],
 #: about 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.

@@ -9,10 +9,10 @@ from simulators.bench import BenchGeometry, Detections, LightState
 from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import FirstBounce, direct_s
-from simulators.geometry import cut
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.scenes import Scene
-from simulators.transport import Transport
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import Transport
 
 Spot = tuple[float, float, float]
 
@@ -46,7 +46,7 @@ class HiddenScenePhotons:
     first_bounce
         What the first bounce leaves in the record although the gate is closed; by default nothing.
     bounces
-        3, 4 or 5, see `simulators.transport.Transport`.
+        3, 4 or 5, see `simulators.transport.renderer.Transport`.
 
     Raises
     ------

@@ -14,16 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
-from recon.advice import voxels
-from recon.baselines.solve import BASELINES, baseline_image
 from recon.capture import Capture
+from recon.defaults import voxels
 from recon.depth import compensate_falloff
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.preparation import Fades
+from recon.solvers.classic.solve import BASELINES, baseline_image
 from recon.wave import VirtualPulse
+from recon.window import Fades
 from rig.files.scan import ScanFile
-from rig.pictures import draw_front, save
+from rig.show.volume import draw_front, save
 
 IMAGES = Path(__file__).parents[1] / "images"
 

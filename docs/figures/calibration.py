@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from recon.depth import compensate_falloff
 from rig.files import Volume, read_volume
-from rig.pictures import draw_front, save
+from rig.show.volume import draw_front, save
 
 CONFIG = Path(__file__).parents[2] / "configs" / "misaligned.toml"
 DEPTHS = "0.5m:2m:1cm"

@@ -12,13 +12,13 @@ sys.path.insert(0, str(ROOT / "tests" / "rig"))
 
 from misaligned import misaligned  # noqa: E402
 
-from rig.acquisition import Watch  # noqa: E402
-from rig.calibrating.galvo.flight_routine import FlightRoutine  # noqa: E402
-from rig.calibrating.galvo.routine import CameraRoutine  # noqa: E402
-from rig.calibrating.run import measured  # noqa: E402
-from rig.calibration.use import Calibrations  # noqa: E402
+from rig.acquire.acquisition import Watch  # noqa: E402
+from rig.calibrate.galvo.flight_routine import FlightRoutine  # noqa: E402
+from rig.calibrate.galvo.routine import CameraRoutine  # noqa: E402
+from rig.calibrate.run import measured  # noqa: E402
 from rig.commands.operator import ConsoleOperator  # noqa: E402
-from rig.pictures import save  # noqa: E402
+from rig.model.state import Calibrations  # noqa: E402
+from rig.show.volume import save  # noqa: E402
 
 for name, routine in (("flight", FlightRoutine()), ("cameras", CameraRoutine())):
     config = misaligned()

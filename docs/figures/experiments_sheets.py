@@ -12,9 +12,9 @@ from scipy.ndimage import binary_erosion
 
 from recon.depth import compensate_falloff, front_view
 from rig.files import Volume, read_volume
-from rig.pictures import draw_front, save
-from rig.quantities import show_length
-from rig.truth import true_depth
+from rig.image.truth import true_depth
+from rig.model.quantities import show_length
+from rig.show.volume import draw_front, save
 
 #: Part of a front view's pixels below full scale: a glossy thing outshines all matt ones.
 BRIGHTEST = 0.99

@@ -22,9 +22,9 @@ from PIL import Image
 
 from recon.depth import compensate_falloff
 from rig.files.volume import Volume
+from rig.image.reconstruct import Request, reconstruct
 from rig.importers import import_scan
-from rig.pictures import draw_front, save
-from rig.reconstruct import Request, reconstruct
+from rig.show.volume import draw_front, save
 
 PAIRS, COLOURS = 4, 128
 PS, CM = 1e-12, 0.01

@@ -11,16 +11,16 @@ import sys
 import numpy as np
 from PIL import Image
 
-from recon import advice
+from recon import defaults
 from recon.camera import PhotoCamera
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.preparation import Fades
 from recon.solvers import fresnel
 from recon.wave import VirtualPulse
+from recon.window import Fades
 from rig.files import ScanFile, Volume
-from rig.pictures import save
-from rig.pictures_sheet import sheet
+from rig.show.sheet import sheet
+from rig.show.volume import save
 
 WAVELENGTH_M = 0.04
 #: In front of both letters, on the F, between, on the R, and behind both.
@@ -38,7 +38,7 @@ def main(scan_path: str, picture_path: str) -> None:
     panels, titles = [], []
     with ScanFile(scan_path) as scan:
         capture = scan.capture()
-        across = advice.voxels(capture, pulse, depth_m=(1.0, 1.0, 1.0))
+        across = defaults.voxels(capture, pulse, depth_m=(1.0, 1.0, 1.0))
         grid = VoxelGrid(across.x_m, across.y_m, FOCUS_M)
         fades = Fades(start_s=scan.fade_from_s)
         for solver in ("rsd", "fresnel"):

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from rig.pictures import save
+from rig.show.volume import save
 from simulators.scenes import SCENES, scene
 
 PICTURE = Path(__file__).parents[1] / "images" / "scenes.png"

@@ -22,12 +22,12 @@ from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
 from recon.video import video
 from recon.wave import VirtualPulse
-from rig.pictures import draw_front, save
-from simulators.geometry import cut
+from rig.show.volume import draw_front, save
 from simulators.scenes.mesh import Scene
 from simulators.scenes.solids import quads_mesh
 from simulators.threads import each
-from simulators.transport import Transport
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import Transport
 
 SPACING_M, COLUMNS, ROWS = 0.04, 45, 33
 #: Longest edge of a patch: a tenth of the wavelength.

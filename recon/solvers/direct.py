@@ -10,8 +10,8 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
+from recon.solvers.problem import Task
 from recon.solvers.spectral import Field, SumPropagator, by_planes, spectral
-from recon.solvers.task import Task
 
 
 class DirectPropagator(SumPropagator):

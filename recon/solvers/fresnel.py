@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.solvers import fused
-from recon.solvers.lattice import AxisPlan
-from recon.solvers.rsd import LatticePropagator, Workspace, aperture, propagator
+from recon.solvers.problem import Task
+from recon.solvers.rsd import kernels
+from recon.solvers.rsd.lattice import AxisPlan
+from recon.solvers.rsd.regular import LatticePropagator, Workspace, aperture, propagator
 from recon.solvers.spectral import Field, by_planes, spectral
-from recon.solvers.task import Task
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
 LARGEST_FIGURE = 0.1
@@ -65,7 +65,7 @@ class FresnelPropagator(LatticePropagator):
         for index in reversed(range(len(self.band))):
             k = self._legs * self.band.frequencies_rad_per_s[index] / C_M_PER_S
             along_y, along_x = (_chirp(axis, k, z_m) for axis in (self._y, self._x))
-            fused.outer(along_y * np.complex64(np.exp(1j * k * z_m) / z_m), along_x, work.kernel)
+            kernels.outer(along_y * np.complex64(np.exp(1j * k * z_m) / z_m), along_x, work.kernel)
             yield index
 
 

@@ -17,8 +17,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
 from recon.grid import VoxelGrid
-from recon.reach import Slab
-from recon.solvers.task import Solver, Task, part_of
+from recon.sampling import Slab
+from recon.solvers.problem import Solver, Task, part_of
 from recon.spectrum import spectra
 from recon.wave import Band
 

@@ -39,11 +39,11 @@ def galvo(
 ) -> None:
     """Learn where the beam meets the wall for each command."""
     if method is Method.CAMERAS:
-        from rig.calibrating.galvo.routine import CameraRoutine
+        from rig.calibrate.galvo.routine import CameraRoutine
 
         run(CameraRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
     else:
-        from rig.calibrating.galvo.flight_routine import FlightRoutine
+        from rig.calibrate.galvo.flight_routine import FlightRoutine
 
         run(FlightRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
 
@@ -74,8 +74,8 @@ def dark(
 
     With --from: the file with the lens covered, then the one uncovered, then those with the attenuated beam.
     """
-    from rig.calibrating.dark import DarkRoutine
-    from rig.quantities import parse
+    from rig.calibrate.dark import DarkRoutine
+    from rig.model.quantities import parse
 
     routine = DarkRoutine(
         hold_offs_s=tuple(parse(text, "time") for text in hold_offs.split(",")),
@@ -110,8 +110,8 @@ def gate(
     as_json: AsJson = False,
 ) -> None:
     """Find when to open the gate: the first bounce blocked, the nearest object kept."""
-    from rig.calibrating.gate import GateRoutine
-    from rig.quantities import parse
+    from rig.calibrate.gate import GateRoutine
+    from rig.model.quantities import parse
 
     routine = GateRoutine(
         nearest_m=parse(nearest, "length"),
@@ -136,8 +136,8 @@ def dnl(
     as_json: AsJson = False,
 ) -> None:
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
-    from rig.calibrating.dnl import DnlRoutine
-    from rig.quantities import parse
+    from rig.calibrate.dnl import DnlRoutine
+    from rig.model.quantities import parse
 
     run(DnlRoutine(exposure_s=parse(exposure, "time")), config, seed, recorded, keep, as_json)
 
@@ -159,10 +159,10 @@ def time_zero(
 ) -> None:
     """Measure when the pulse is on the wall, from first bounces all over it or from one known target."""
     if target is not None:
-        from rig.calibrating.target import TargetRoutine, place
+        from rig.calibrate.target import TargetRoutine, place
 
         return run(TargetRoutine(place(target)), config, seed, recorded, keep, as_json)
-    from rig.calibrating.time_zero import TimeZeroRoutine
+    from rig.calibrate.time_zero import TimeZeroRoutine
 
     return run(TimeZeroRoutine(), config, seed, recorded, keep, as_json)
 
@@ -176,6 +176,6 @@ def irf(
     as_json: AsJson = False,
 ) -> None:
     """Measure the response of laser, detector and electronics to a pulse, from first bounces."""
-    from rig.calibrating.irf import ResponseRoutine
+    from rig.calibrate.irf import ResponseRoutine
 
     run(ResponseRoutine(), config, seed, recorded, keep, as_json)

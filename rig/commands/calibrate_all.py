@@ -7,7 +7,7 @@ import typer
 from rig.commands.calibrate_run import AsJson, Config, Keep, Seed, calibrated, configuration
 
 if TYPE_CHECKING:
-    from rig.calibrating.routine import Routine
+    from rig.calibrate.routine import Routine
 
 
 def all_(
@@ -27,9 +27,9 @@ def all_(
     It stops at the first calibration that fails; those before it are stored. Each can be measured alone with
     other options, see its own help.
     """
-    from rig.calibration.headlines import headline
     from rig.commands import console
     from rig.errors import RigError
+    from rig.model.calibrations.headlines import headline
 
     rig_config = configuration(config, seed)
     routines = _routines(without_cameras)
@@ -64,15 +64,15 @@ def all_(
 
 
 def _routines(without_cameras: bool) -> "list[Routine]":
-    """Return all routines with their usual options, in the order of `rig.calibration.kinds.KINDS`."""
-    from rig.calibrating.dark import DarkRoutine
-    from rig.calibrating.dnl import DnlRoutine
-    from rig.calibrating.galvo.flight_routine import FlightRoutine
-    from rig.calibrating.galvo.routine import CameraRoutine
-    from rig.calibrating.gate import GateRoutine
-    from rig.calibrating.irf import ResponseRoutine
-    from rig.calibrating.time_zero import TimeZeroRoutine
-    from rig.calibration.kinds import KINDS
+    """Return all routines with their usual options, in the order of `rig.model.calibrations.kinds.KINDS`."""
+    from rig.calibrate.dark import DarkRoutine
+    from rig.calibrate.dnl import DnlRoutine
+    from rig.calibrate.galvo.flight_routine import FlightRoutine
+    from rig.calibrate.galvo.routine import CameraRoutine
+    from rig.calibrate.gate import GateRoutine
+    from rig.calibrate.irf import ResponseRoutine
+    from rig.calibrate.time_zero import TimeZeroRoutine
+    from rig.model.calibrations.kinds import KINDS
 
     galvo: Routine = FlightRoutine() if without_cameras else CameraRoutine()
     usual: list[Routine] = [

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rig.calibrating.routine import Routine
-    from rig.calibrating.run import Calibrated
-    from rig.config import RigConfig
+    from rig.calibrate.routine import Routine
+    from rig.calibrate.run import Calibrated
+    from rig.model.config import RigConfig
 
 Config = Annotated[
     Path | None,
@@ -39,8 +39,8 @@ def run(
     as_json: bool,
 ) -> None:
     """Measure or read, fit, store and tell."""
-    from rig.calibration.headlines import headline
     from rig.commands import console
+    from rig.model.calibrations.headlines import headline
 
     config = configuration(config_path, seed)
     result = calibrated(routine, config, recorded, keep)
@@ -66,12 +66,12 @@ def calibrated(
 def _calibrated(
     routine: "Routine", config: "RigConfig", recorded: list[Path] | None, folder: Path
 ) -> "Calibrated":
-    from rig.acquisition import Watch
-    from rig.calibrating.run import fitted, measured
+    from rig.acquire.acquisition import Watch
+    from rig.acquire.interrupt import StopRequest
+    from rig.calibrate.run import fitted, measured
     from rig.commands import console
     from rig.commands.operator import ConsoleOperator
     from rig.errors import InterruptedScanError
-    from rig.interrupt import StopRequest
 
     if recorded:
         return fitted(routine, config, recorded)
@@ -95,8 +95,8 @@ def _with_raw_data(keep: Path | None, work: "Callable[[Path], Calibrated]") -> "
 
 def configuration(path: Path | None, seed: int | None) -> "RigConfig":
     """Return the rig that the options name."""
-    from rig.config import built_in, load
     from rig.errors import UsageError
+    from rig.model.config import built_in, load
 
     config = load(path) if path else built_in()
     if seed is None:
@@ -108,7 +108,7 @@ def configuration(path: Path | None, seed: int | None) -> "RigConfig":
 
 def _facts(content: dict[str, Any]) -> dict[str, str]:
     """Return what was found, the long lists left out."""
-    from rig.quantities import show
+    from rig.model.quantities import show
 
     units = {"_s": "s", "_hz": "Hz", "_m": "m", "_rad": "rad"}
     facts = {}

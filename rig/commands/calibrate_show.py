@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.calibration.store import Stored
+    from rig.model.calibrations.store import Stored
 
 
 def show(
@@ -23,11 +23,11 @@ def show(
 
     Whether they belong to the devices that are connected is seen when a scan begins.
     """
-    from rig.calibration.kinds import KINDS
-    from rig.calibration.record import utc_now
-    from rig.calibration.store import CalibrationStore
     from rig.commands import console
-    from rig.config import built_in, load
+    from rig.model.calibrations.base import utc_now
+    from rig.model.calibrations.kinds import KINDS
+    from rig.model.calibrations.store import CalibrationStore
+    from rig.model.config import built_in, load
 
     rig_config = load(config) if config else built_in()
     store = CalibrationStore(rig_config.calibration.folder)
@@ -50,7 +50,7 @@ def show(
 
 
 def _in_words(stored: "Stored", now: datetime) -> str:
-    from rig.calibration.headlines import headline
+    from rig.model.calibrations.headlines import headline
 
     calibration = stored.calibration
     verdict = (
@@ -66,7 +66,7 @@ def _in_words(stored: "Stored", now: datetime) -> str:
 
 
 def _as_dict(stored: "Stored", now: datetime) -> dict:
-    from rig.calibration.headlines import headline
+    from rig.model.calibrations.headlines import headline
 
     calibration = stored.calibration
     return {

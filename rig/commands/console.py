@@ -11,13 +11,13 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
-from rig.engine import Ended, Event, PhaseChanged, PositionDone, Ready
-from rig.quantities import show, show_duration
+from rig.acquire.engine import Ended, Event, PhaseChanged, PositionDone, Ready
+from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rig.doctor import Finding
+    from rig.acquire.doctor import Finding
 
 
 class _Stderr:

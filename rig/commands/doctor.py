@@ -19,9 +19,9 @@ def doctor(
 
     Looks only: nothing moves, nothing emits, no byte is sent to a port. Exit code 3 if something is missing.
     """
+    from rig.acquire.doctor import examine
     from rig.commands import console
-    from rig.config import built_in, load
-    from rig.doctor import examine
+    from rig.model.config import built_in, load
 
     findings = examine(load(config) if config else built_in(), Path())
     if as_json:

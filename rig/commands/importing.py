@@ -49,7 +49,7 @@ def import_(
     """
     from rig.commands import console
     from rig.importers import import_scan
-    from rig.quantities import parse
+    from rig.model.quantities import parse
 
     report = import_scan(
         source,

@@ -46,8 +46,8 @@ def measure(
     """
     from rig.commands import console
     from rig.files import read_volume
-    from rig.measuring import measure, wall_of
-    from rig.truth import true_depth
+    from rig.image.measures import measure, wall_of
+    from rig.image.truth import true_depth
 
     image = read_volume(volume)
     truth_m = true_depth(truth, image.x_m, image.y_m) if truth else None

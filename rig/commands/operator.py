@@ -6,9 +6,9 @@ from math import radians
 from rich.prompt import Prompt
 
 from rig.commands import console
-from rig.devices import Board, Galvo, Preparation
 from rig.errors import UsageError
-from rig.quantities import show_length
+from rig.model.devices import Board, Galvo, Preparation
+from rig.model.quantities import show_length
 
 
 class ConsoleOperator:

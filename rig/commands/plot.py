@@ -30,7 +30,7 @@ def plot(
       rig plot office-10ms.h5 office-5ms.h5 office-1ms.h5 --image compared.png
     """
     from rig.commands import console
-    from rig.pictures import save
+    from rig.show.volume import save
 
     picture = image or files[0].with_name(f"{files[0].stem}-plot.png")
     with console.Working("drawing"):
@@ -45,8 +45,8 @@ def _figure(files: list[Path]) -> "Figure":
     from rig.errors import UsageError
     from rig.files.scan import ScanFile
     from rig.files.volume import is_volume, read_volume
-    from rig.pictures import volume_figure
-    from rig.pictures_raw import comparison_figure, raw_view, scan_figure
+    from rig.show.raw import comparison_figure, raw_view, scan_figure
+    from rig.show.volume import volume_figure
 
     volumes = [path for path in files if is_volume(path)]
     if volumes and len(files) > 1:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.result import Result
+    from rig.image.result import Result
 
 
 class Solver(StrEnum):
@@ -151,8 +151,8 @@ def recon(
       rig recon scan.h5 --solver lct       an earlier method, to compare with
     """
     from rig.commands import console
-    from rig.quantities import parse
-    from rig.reconstruct import Request, reconstruct
+    from rig.image.reconstruct import Request, reconstruct
+    from rig.model.quantities import parse
 
     def length(text: str | None) -> float | None:
         return parse(text, "length") if text else None
@@ -185,7 +185,7 @@ def recon(
 
 def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
     from rig.errors import UsageError
-    from rig.quantities import parse
+    from rig.model.quantities import parse
 
     parts = text.split(":")
     if len(parts) != 3:

@@ -22,9 +22,9 @@ def resume(
     limits, is said by the rig's configuration and never by the file. Photons that the file holds are never
     touched.
     """
-    from rig import acquisition
+    from rig.acquire import acquisition
     from rig.commands.running import run
-    from rig.config import load
+    from rig.model.config import load
 
     plan, rig_config, calibrations = acquisition.interrupted(scan, load(config) if config else None)
     plan.check(rig_config, scan.parent, calibrations.pointing(rig_config))

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import typer
 
-from rig.acquisition import ScanResult, Watch
+from rig.acquire.acquisition import ScanResult, Watch
+from rig.acquire.engine import Outcome
+from rig.acquire.interrupt import StopRequest
 from rig.commands import console
-from rig.engine import Outcome
 from rig.errors import InterruptedScanError
-from rig.interrupt import StopRequest
-from rig.plan import ScanPlan
-from rig.quantities import show, show_duration
+from rig.model.plan import ScanPlan
+from rig.model.quantities import show, show_duration
 
 Acquisition = Callable[[Watch], ScanResult]
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.calibration.use import Calibrations
-    from rig.config import RigConfig
-    from rig.plan import ScanPlan
+    from rig.model.config import RigConfig
+    from rig.model.plan import ScanPlan
+    from rig.model.state import Calibrations
 
 
 def scan(
@@ -67,12 +67,12 @@ def scan(
 
     Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
     """
-    from rig.acquisition import acquire
-    from rig.calibration import use
+    from rig.acquire.acquisition import acquire
     from rig.commands import console
     from rig.commands.running import run
-    from rig.plan import ScanPlan
-    from rig.quantities import parse
+    from rig.model import state as use
+    from rig.model.plan import ScanPlan
+    from rig.model.quantities import parse
 
     if preset == "list":
         _show_presets(as_json)
@@ -101,7 +101,7 @@ def scan(
 
 def _show_presets(as_json: bool) -> None:
     from rig.commands import console
-    from rig.presets import about
+    from rig.model.presets import about
 
     if as_json:
         console.print_json({"presets": about()})
@@ -110,9 +110,9 @@ def _show_presets(as_json: bool) -> None:
 
 
 def _configuration(path: Path | None, preset: str | None, scene: str | None, seed: int | None) -> "RigConfig":
-    from rig.config import built_in_with, load
     from rig.errors import UsageError
-    from rig.presets import preset as changes_of
+    from rig.model.config import built_in_with, load
+    from rig.model.presets import preset as changes_of
 
     overlay = changes_of(preset) if preset else {}
     if path and preset and not load(path).simulated:
@@ -156,7 +156,7 @@ def _show_plan(plan: "ScanPlan", config: "RigConfig", calibrations: "Calibration
     import numpy as np
 
     from rig.commands import console
-    from rig.quantities import show, show_duration, show_length
+    from rig.model.quantities import show, show_duration, show_length
 
     angles = np.degrees(np.abs(calibrations.pointing(config).angles_rad(plan.spots_m)).max(axis=0))
     limits = np.degrees([config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad])

@@ -52,13 +52,13 @@ def render(
     """
     import time
 
+    from rig.bench.render import render as rendered
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
-    from rig.config import built_in_with, load
     from rig.errors import UsageError
-    from rig.plan import ScanPlan
-    from rig.quantities import parse, show_duration
-    from rig.rendering import render as rendered
+    from rig.model.config import built_in_with, load
+    from rig.model.plan import ScanPlan
+    from rig.model.quantities import parse, show_duration
 
     simulation = {"scene": scene, "bounces": bounces, "roughness": roughness}
     changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}

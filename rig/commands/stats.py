@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rig.statistics import Statistics
+    from rig.show.statistics import Statistics
 
 
 def stats(
@@ -31,8 +31,8 @@ def stats(
     """
     from rig.commands import console
     from rig.files.scan import ScanFile
-    from rig.quantities import parse
-    from rig.statistics import FIRST_USEFUL_S, tally
+    from rig.model.quantities import parse
+    from rig.show.statistics import FIRST_USEFUL_S, tally
 
     from_s = parse(start, "time") if start else FIRST_USEFUL_S
     found = {}

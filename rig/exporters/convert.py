@@ -3,10 +3,10 @@
 from pathlib import Path
 from types import ModuleType
 
+from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.exporters import mat, npz, tal, tiff, transients_mat, vti
 from rig.files import ScanFile, read_volume
-from rig.files.atomic import appearing
 from rig.files.volume import is_volume
 
 #: Layouts of a volume: modules with NAME, ENDINGS and write(path, volume).

@@ -6,46 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from recon.capture import C_M_PER_S
+from rig.model.delays import PathDelays
 
 #: A device's settings, as read back from it.
 Settings = Mapping[str, str | int | float | bool]
-
-
-@dataclass(frozen=True)
-class Legs:
-    """The ways and delays that a record in the laser's time contains beside wall, object, wall.
-
-    Attributes
-    ----------
-    laser_head_m, detector_head_m
-        (3,) where light leaves the laser and enters the detector.
-    electronics_delay_s
-        Delay of cables and electronics.
-    """
-
-    laser_head_m: NDArray[np.float64]
-    detector_head_m: NDArray[np.float64]
-    electronics_delay_s: float = 0.0
-
-    def delay_s(self, laser_m: NDArray, detector_m: NDArray) -> NDArray[np.float64]:
-        """Return what to subtract from recorded time to rectify it.
-
-        t_rectified = t_recorded - t_electronics - |x_p - head_laser| / c - |x_c - head_detector| / c
-        (Liu et al. 2019, methods: the time origin is moved to the wall).
-
-        Parameters
-        ----------
-        laser_m, detector_m
-            (P, 3) and (1 or P, 3) spots x_p and x_c on the wall.
-
-        Returns
-        -------
-        (P,) delays in seconds.
-        """
-        to_wall_m = np.linalg.norm(laser_m - self.laser_head_m, axis=1)
-        from_wall_m = np.linalg.norm(detector_m - self.detector_head_m, axis=1)
-        return self.electronics_delay_s + (to_wall_m + from_wall_m) / C_M_PER_S
 
 
 @dataclass(frozen=True)
@@ -92,7 +56,7 @@ class ScanDescription:
     bins: int
     bin_width_s: float
     first_bin_s: float
-    legs: Legs | None = None
+    legs: PathDelays | None = None
     plan: str = "{}"
     configuration: str = "{}"
     simulated: bool = False
@@ -128,11 +92,3 @@ class ScanDescription:
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
         return "wall" if self.legs is None and self.delay_s is None else "laser"
-
-    def rectified_first_bin_s(self) -> NDArray[np.float64]:
-        """Return the left edge of bin 0 in rectified time: (1,) where all positions share it, else (P,)."""
-        if self.delay_s is not None:
-            return self.first_bin_s - self.delay_s
-        if self.legs is None:
-            return np.array([self.first_bin_s])
-        return self.first_bin_s - self.legs.delay_s(self.laser_m, self.detector_m)

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rig.files.atomic import appearing
+from rig.atomic import appearing
 
 
 def salvage(path: Path) -> None:

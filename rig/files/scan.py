@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
-from rig.files.description import Legs, Settings
+from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, TaggedHistograms
 from rig.files.layout import SCAN
 from rig.files.summary import summarise
+from rig.model.delays import PathDelays
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
@@ -87,7 +88,7 @@ class ScanFile:
                 f"{self.path} has time_origin = '{self.time_origin}' on /transients; "
                 f"it must be 'wall' or 'laser'"
             )
-        self.legs: Legs | None = None
+        self.legs: PathDelays | None = None
         self.delay_s: NDArray[np.float64] | None = None
         if self.time_origin == "laser" and "delay_s" in self._file["geometry"]:
             self.delay_s = self._file["geometry/delay_s"][()].astype(float)
@@ -103,7 +104,7 @@ class ScanFile:
                     "the data and set time_origin to 'wall'"
                 )
             laser_head_m, detector_head_m, delay_s = (plain(geometry[name]) for name in names)
-            self.legs = Legs(laser_head_m.astype(float), detector_head_m.astype(float), float(delay_s))
+            self.legs = PathDelays(laser_head_m.astype(float), detector_head_m.astype(float), float(delay_s))
 
     def _read_photons(self, sizes: dict[str, int]) -> None:
         transients = self._file["transients"]

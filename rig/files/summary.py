@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.quantities import show, show_duration, show_length
+from rig.model.quantities import show, show_duration, show_length
 
 if TYPE_CHECKING:
     from rig.files.scan import ScanFile

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.atomic import appearing
 from rig.errors import DataFileError, RigError, UsageError
-from rig.files.atomic import appearing
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.layout import VOLUME
 from rig.files.start import describe, write_root

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
-from rig.files import Legs
+from rig.model.delays import PathDelays
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Content:
     first_bin_s: float
     dtype: np.dtype
     blocks: Iterable[NDArray]
-    legs: Legs | None = None
+    legs: PathDelays | None = None
     fade_from_s: float | None = None
     instrument_response_s: float | None = None
     delay_s: NDArray[np.float64] | None = None

@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
-from rig.files.atomic import appearing
 from rig.importers import (
     ahn,
     cc_socr,

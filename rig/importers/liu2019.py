@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
-from rig.files import Legs
 from rig.files.check import reading
 from rig.importers.content import Content, Options, stored_dtype
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
+from rig.model.delays import PathDelays
 
 NAME = "Liu 2019, phasor field"
 SIGN = "MATLAB v7.3 with dataset/data (t, detector, laser), dataset/laserPos and dataset/deltat"
@@ -67,7 +67,7 @@ def read(source: Source, options: Options) -> Content:
         first_bin_s=start_m / C_M_PER_S,
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
-        legs=Legs(frame.bring(laser_head_m), frame.bring(camera_head_m)),
+        legs=PathDelays(frame.bring(laser_head_m), frame.bring(camera_head_m)),
         assumed=("t0 is the left edge of the first bin", frame.in_words()),
     )
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files import Legs
+from rig.model.delays import PathDelays
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Spots:
 
     laser_m: NDArray[np.float64]
     detector_m: NDArray[np.float64]
-    legs: Legs | None
+    legs: PathDelays | None
     assumed: tuple[str, ...]
 
 
@@ -61,10 +61,10 @@ def each_with_each(
         return Spots(
             sensor_m,
             laser_m,
-            Legs(heads[1], heads[0]) if heads else None,
+            PathDelays(heads[1], heads[0]) if heads else None,
             ("by reciprocity, its sensor points are the scanned laser spots, and its laser is the detector",),
         )
-    legs = Legs(*heads) if heads else None
+    legs = PathDelays(*heads) if heads else None
     if len(sensor_m) == 1:
         return Spots(laser_m, sensor_m, legs, ())
     said = f"each of {len(laser_m)} laser points with each of {len(sensor_m)} sensor points"

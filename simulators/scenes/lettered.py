@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulators.letters import letter_quads
+from simulators.scenes.letters import letter_quads
 from simulators.scenes.mesh import Mesh, Point, Scene
 from simulators.scenes.solids import quads_mesh
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from simulators.truth import Truth
+    from simulators.scenes.truth import Truth
 
 Point = tuple[float, float, float]
 
@@ -36,7 +36,7 @@ class Mesh:
         Fraction of light reflected: one number, or (F,) one for each face.
     roughness
         1 is perfectly Lambertian; below, down to 0.05, more and more light leaves near the mirror direction,
-        see `simulators.reflectance`.
+        see `simulators.transport.reflectance`.
     retro
         Whether the lobe of a surface with roughness below 1 points back to where the light comes from.
 
@@ -100,7 +100,7 @@ class Scene:
 
     def truth(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> "Truth":
         """Return the first surface along +z from the wall, at the points of two axes [m]."""
-        from simulators.truth import first_surface
+        from simulators.scenes.truth import first_surface
 
         return first_surface(self.triangles_m, self.mesh_index, x_m, y_m)
 

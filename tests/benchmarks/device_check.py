@@ -17,11 +17,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from recon.aperture import recognise
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.preparation import Fades
-from recon.reach import CONFOCAL, plane_times_s, slabs
-from recon.solvers import rsd_array
+from recon.sampling import CONFOCAL, plane_times_s, slabs
+from recon.solvers.rsd import array as rsd_array
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 POINTS_M = np.array([[0.2, 0.1, 0.8], [-0.3, -0.2, 1.4], [0.1, 0.3, 2.2]])
 DETECTOR_M = np.array([0.1, -0.05, 0.0])

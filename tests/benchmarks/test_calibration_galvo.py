@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.acquisition import Watch
-from rig.calibrating.galvo.flight_routine import FlightRoutine
-from rig.calibrating.galvo.model_fit import spot_covariances_m2
-from rig.calibrating.galvo.routine import CameraRoutine
-from rig.calibrating.run import measured
-from rig.calibration.use import Calibrations
+from rig.acquire.acquisition import Watch
+from rig.calibrate.galvo.flight_routine import FlightRoutine
+from rig.calibrate.galvo.model_fit import spot_covariances_m2
+from rig.calibrate.galvo.routine import CameraRoutine
+from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.plan import ScanPlan
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 

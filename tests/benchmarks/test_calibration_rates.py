@@ -6,19 +6,19 @@ Run with ``pytest tests/benchmarks/test_calibration_rates.py --benchmark-only -s
 import numpy as np
 import pytest
 
-from rig.acquisition import Watch
-from rig.calibrating.dark import DarkRoutine
-from rig.calibrating.dnl import DnlRoutine
-from rig.calibrating.gate import MAY_PASS, GateRoutine
-from rig.calibrating.gate_edge import passed
-from rig.calibrating.run import measured
-from rig.calibration.use import Calibrations, nominal_pointing
+from rig.acquire.acquisition import Watch
+from rig.bench.simulated import true_geometry
+from rig.calibrate.dark import DarkRoutine
+from rig.calibrate.dnl import DnlRoutine
+from rig.calibrate.gate import MAY_PASS, GateRoutine
+from rig.calibrate.gate_edge import passed
+from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.config import built_in_with
-from rig.plan import ScanPlan
-from rig.simulated import true_geometry
+from rig.model.config import built_in_with
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations, nominal_pointing
 from simulators.detector.first_bounce import direct_s
-from simulators.mount import TAN_PER_UNIT
+from simulators.motion.mount import TAN_PER_UNIT
 from simulators.wire.hydraharp.timing import Nonlinearity
 
 SEEDS = range(20)

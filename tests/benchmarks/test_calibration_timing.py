@@ -15,12 +15,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
 from misaligned_rig import galvo_calibration, misaligned, true_delays_s, true_width_s
 
-from rig.acquisition import Watch
-from rig.calibrating.irf import ResponseRoutine
-from rig.calibrating.run import measured
-from rig.calibrating.time_zero import TimeZeroRoutine
-from rig.calibration.use import Calibrations
+from rig.acquire.acquisition import Watch
+from rig.calibrate.irf import ResponseRoutine
+from rig.calibrate.run import measured
+from rig.calibrate.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
+from rig.model.state import Calibrations
 
 SEEDS = 20
 #: Error of each measured spot along x and y.

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from test_rsd_speed import scan, seconds_of_ffts
 
-from recon.advice import voxels
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
+from recon.defaults import voxels
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.wave import VirtualPulse

@@ -14,13 +14,13 @@ import ducc0
 import numpy as np
 import pytest
 
-from recon.advice import voxels
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
+from recon.defaults import voxels
 from recon.imaging import image
-from recon.preparation import Fades
-from recon.reach import slabs
+from recon.sampling import slabs
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 
 def scan(nx, ny, pitch_m, bins, bin_width_s):

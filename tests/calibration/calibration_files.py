@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 
-from rig.calibrating.routine import changed
-from rig.config import built_in
+from rig.calibrate.routine import changed
 from rig.files import ScanDescription, ScanWriter
+from rig.model.config import built_in
 
 
 def config_with(folder, **sections):

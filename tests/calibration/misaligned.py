@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rig.config import RigConfig, built_in_with
-from rig.simulated import true_geometry
-from simulators.mount import TAN_PER_UNIT
+from rig.bench.simulated import true_geometry
+from rig.model.config import RigConfig, built_in_with
+from simulators.motion.mount import TAN_PER_UNIT
 
 FAULTS = {
     "memory": 1e-5,

@@ -8,14 +8,14 @@ from misaligned import true_spots_m as across_m
 from scipy.optimize import brentq, least_squares
 
 from recon.capture import C_M_PER_S
-from rig.calibration.kinds import GalvoModel
-from rig.calibration.use import Calibrations, nominal_pointing
-from rig.config import RigConfig, built_in_with
-from rig.pointing import Pointing
-from rig.simulated import true_geometry
+from rig.bench.simulated import true_geometry
+from rig.model.calibrations.kinds import GalvoModel
+from rig.model.config import RigConfig, built_in_with
+from rig.model.pointing import Pointing
+from rig.model.state import Calibrations, nominal_pointing
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 
 
 def misaligned(seed: int, folder=None, **changes) -> RigConfig:

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rig.calibration.apply import as_recorded, from_store, recalibrated
-from rig.calibration.kinds import GalvoModel, TimeZero
-from rig.calibration.store import CalibrationStore
-from rig.calibration.use import Calibrations
-from rig.config import load
+from rig.bench.simulated import true_geometry
 from rig.errors import DataFileError, UsageError
-from rig.files import Legs, ScanDescription, ScanFile, ScanWriter
-from rig.simulated import true_geometry
+from rig.files import ScanDescription, ScanFile, ScanWriter
+from rig.image.recalibrate import as_recorded, from_store, recalibrated
+from rig.model.calibrations.kinds import GalvoModel, TimeZero
+from rig.model.calibrations.store import CalibrationStore
+from rig.model.config import load
+from rig.model.delays import PathDelays
+from rig.model.state import Calibrations
 
 MISALIGNED = """
 name = "crooked rig"
@@ -176,7 +177,7 @@ def test_a_file_without_mirror_angles_cannot_be_calibrated_again(tmp_path):
         bins=5,
         bin_width_s=4e-12,
         first_bin_s=0.0,
-        legs=Legs(np.zeros(3), np.zeros(3)),
+        legs=PathDelays(np.zeros(3), np.zeros(3)),
     )
     with ScanWriter.create(path, description) as writer:
         writer.append(np.ones(5, "u4"))

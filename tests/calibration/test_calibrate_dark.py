@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from calibration_files import config_with, write_counts
 
-from rig.acquisition import Watch
-from rig.calibrating.afterpulses import Record, fitted
-from rig.calibrating.dark import DarkRoutine
-from rig.calibrating.run import measured
-from rig.calibration.use import Calibrations
+from rig.acquire.acquisition import Watch
+from rig.calibrate.afterpulses import Record, fitted
+from rig.calibrate.dark import DarkRoutine
+from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
+from rig.model.state import Calibrations
 
 PERIOD_S, WIDTH_S = 500e-9, 256e-12
 BINS = 1954

@@ -7,16 +7,16 @@ import pytest
 from calibration_files import config_with, write_counts
 
 from recon.capture import ArrayHistograms
-from rig.acquisition import Watch
-from rig.calibrating.dnl import DnlRoutine
-from rig.calibrating.run import measured
-from rig.calibration.bin_widths import corrected
-from rig.calibration.record import Calibration
-from rig.calibration.store import parse
-from rig.calibration.use import Calibrations
+from rig.acquire.acquisition import Watch
+from rig.calibrate.dnl import DnlRoutine
+from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
 from rig.files import ScanFile
+from rig.image.even_bins import corrected
+from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.store import parse
+from rig.model.state import Calibrations
 
 BINS = 2000
 

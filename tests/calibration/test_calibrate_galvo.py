@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from misaligned import errors_m, misaligned
 
-from rig.acquisition import Watch
-from rig.calibrating.galvo.flight_routine import FlightRoutine
-from rig.calibrating.galvo.routine import CameraRoutine
-from rig.calibration.use import Calibrations
-from rig.config import built_in
+from rig.acquire.acquisition import Watch
+from rig.acquire.connect import Station, open_station
+from rig.bench.operator import BenchCamera
+from rig.calibrate.galvo.flight_routine import FlightRoutine
+from rig.calibrate.galvo.routine import CameraRoutine
 from rig.errors import CalibrationError, DataFileError, UsageError
-from rig.plan import ScanPlan
-from rig.session import Station, open_station
-from rig.stand_in import BenchCamera
-from simulators.cameras import Camera
-from simulators.lens import Intrinsics, Pose
+from rig.model.config import built_in
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations
+from simulators.optics.cameras import Camera
+from simulators.optics.lens import Intrinsics, Pose
 
 #: A quarter of the default cameras' pixels, so that their pictures are quickly drawn.
 SMALL = Intrinsics(550.0, 550.0, 319.5, 239.5, 640, 480)

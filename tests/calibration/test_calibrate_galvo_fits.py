@@ -5,19 +5,19 @@ import pytest
 from misaligned import misaligned, true_spots_m
 from scipy.spatial.transform import Rotation
 
-from rig.calibrating.galvo.boards import CalibratedCameras, board_points_m, calibrate_cameras
-from rig.calibrating.galvo.flight import Marks, fit_flight
-from rig.calibrating.galvo.lens import CameraModel
-from rig.calibrating.galvo.model_fit import fit_mirror, spot_covariances_m2
-from rig.calibrating.galvo.routine import mirror_angles_rad
-from rig.calibrating.galvo.spots import background, find_spot
-from rig.calibrating.galvo.triangulation import locate
-from rig.devices import Board
+from rig.bench.simulated import true_geometry
+from rig.calibrate.galvo.boards import CalibratedCameras, board_points_m, calibrate_cameras
+from rig.calibrate.galvo.flight import Marks, fit_flight
+from rig.calibrate.galvo.lens import CameraModel
+from rig.calibrate.galvo.model_fit import fit_mirror, spot_covariances_m2
+from rig.calibrate.galvo.routine import mirror_angles_rad
+from rig.calibrate.galvo.spots import background, find_spot
+from rig.calibrate.galvo.triangulation import locate
 from rig.errors import CalibrationError
-from rig.simulated import true_geometry
-from simulators.cameras import Checkerboard, default_cameras
+from rig.model.devices import Board
 from simulators.detector.first_bounce import direct_s
-from simulators.lens import Pose
+from simulators.optics.cameras import Checkerboard, default_cameras
+from simulators.optics.lens import Pose
 
 SIZE = (1280, 960)
 

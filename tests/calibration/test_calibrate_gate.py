@@ -8,20 +8,20 @@ from calibration_files import config_with, write_counts
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from rig.acquisition import Watch
-from rig.calibrating.gate import MAY_PASS, GateRoutine
-from rig.calibrating.gate_edge import fit_edge, passed
-from rig.calibrating.gate_sweep import nearest_after_s
-from rig.calibrating.run import measured
-from rig.calibration.use import Calibrations, nominal_pointing
+from rig.acquire.acquisition import Watch
+from rig.bench.simulated import true_geometry
+from rig.calibrate.gate import MAY_PASS, GateRoutine
+from rig.calibrate.gate_edge import fit_edge, passed
+from rig.calibrate.gate_sweep import nearest_after_s
+from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.config import built_in_with
 from rig.errors import CalibrationError
-from rig.files.description import Legs
-from rig.plan import ScanPlan
-from rig.simulated import true_geometry
+from rig.model.config import built_in_with
+from rig.model.delays import PathDelays
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations, nominal_pointing
 from simulators.detector.first_bounce import direct_s
-from simulators.mount import TAN_PER_UNIT
+from simulators.motion.mount import TAN_PER_UNIT
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
@@ -58,7 +58,7 @@ def test_the_edge_is_found_within_its_errors():
 
 
 def test_nearest_light_takes_the_shortest_way_over_the_plane():
-    legs = Legs(np.array([-0.2, 0.1, 2.5]), np.array([0.3, 0.0, 2.2]), 12e-9)
+    legs = PathDelays(np.array([-0.2, 0.1, 2.5]), np.array([0.3, 0.0, 2.2]), 12e-9)
     spot_m, seen_m = np.array([[0.7, -0.4, 0.0]]), (0.1, 0.2, 0.0)
     x, y = np.meshgrid(np.linspace(0, 0.8, 401), np.linspace(-0.5, 0.3, 401))
     there = np.sqrt((x - 0.7) ** 2 + (y + 0.4) ** 2 + 0.5**2) + np.sqrt(

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from rig.calibrating import peaks
-from rig.calibrating.first_bounce import first_bounces, free_running
-from rig.config import built_in, built_in_with
+from rig.calibrate import peaks
+from rig.calibrate.first_bounce import first_bounces, free_running
 from rig.errors import CalibrationError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
+from rig.model.config import built_in, built_in_with
 
 SHAPE = peaks.Shape(27.6e-12, 53e-12, 0.07)
 BIN_S, BINS = 4e-12, 25_000

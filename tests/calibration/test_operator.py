@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
+from rig.acquire.connect import open_devices
 from rig.commands.operator import ConsoleOperator
-from rig.config import built_in
-from rig.devices import Board, Preparation
 from rig.errors import UsageError
-from rig.session import open_devices
+from rig.model.config import built_in
+from rig.model.devices import Board, Preparation
 
 
 class Terminal(io.StringIO):

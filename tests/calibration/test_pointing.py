@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rig.errors import RefusedError
-from rig.pointing import Pointing, outside
+from rig.model.pointing import Pointing, outside
 from simulators.bench import BenchGeometry
-from simulators.mount import TAN_PER_UNIT, MirrorMount
+from simulators.motion.mount import TAN_PER_UNIT, MirrorMount
 
 TURN = (0.03, -0.09, 0.02)
 

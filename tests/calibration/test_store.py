@@ -5,11 +5,11 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from rig.calibration import use
-from rig.calibration.kinds import GateOpening, TimeZero
-from rig.calibration.store import CalibrationStore, doubts, read
-from rig.config import CalibrationConfig, built_in
 from rig.errors import DataFileError
+from rig.model import state as use
+from rig.model.calibrations.kinds import GateOpening, TimeZero
+from rig.model.calibrations.store import CalibrationStore, doubts, read
+from rig.model.config import CalibrationConfig, built_in
 
 NOON = datetime(2026, 3, 4, 12, tzinfo=UTC)
 DEVICES = {"galvo": "G1", "laser": "L1", "spad": "S1", "tcspc": "T1"}

@@ -14,20 +14,20 @@ from misaligned_rig import (
     true_width_s,
 )
 
-from recon.advice import shortest_wavelength_m, wavelength
-from rig.acquisition import Watch, acquire
-from rig.calibrating import irf, peaks
-from rig.calibrating.irf import ResponseRoutine
-from rig.calibrating.legs_fit import fit_legs
-from rig.calibrating.run import fitted, measured
-from rig.calibrating.target import TargetRoutine, place
-from rig.calibrating.time_zero import TimeZeroRoutine, belief
-from rig.calibration.store import CalibrationStore
-from rig.calibration.use import Calibrations, choose, nominal_pointing
-from rig.config import built_in_with
+from recon.defaults import shortest_wavelength_m, wavelength
+from rig.acquire.acquisition import Watch, acquire
+from rig.calibrate import irf, peaks
+from rig.calibrate.irf import ResponseRoutine
+from rig.calibrate.legs_fit import fit_legs
+from rig.calibrate.run import fitted, measured
+from rig.calibrate.target import TargetRoutine, place
+from rig.calibrate.time_zero import TimeZeroRoutine, belief
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
-from rig.plan import ScanPlan
+from rig.model.calibrations.store import CalibrationStore
+from rig.model.config import built_in_with
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations, choose, nominal_pointing
 
 
 def errors_s(legs, config, known, mirror_rad):

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from drivers.galvo import OptotuneMirror
-from drivers.laser import KatanaLaser
-from drivers.spad import Id120Spad
+from drivers.id120 import Id120Spad
+from drivers.katana.laser import KatanaLaser
+from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead

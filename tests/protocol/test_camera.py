@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.camera import STORED, VideoCamera
 from drivers.errors import DeviceNotFoundError, LinkError
+from drivers.video_camera import STORED, VideoCamera
 
 
 class Capture:

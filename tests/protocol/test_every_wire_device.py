@@ -7,7 +7,7 @@ import pytest
 from simulated_rig import simulated_rig
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
-from rig import devices
+from rig.model import devices
 
 DEVICES = {"galvo": devices.Galvo, "laser": devices.Laser, "spad": devices.GatedSpad}
 

@@ -10,7 +10,7 @@ from simulated_rig import simulated_rig
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError, RefusedError
-from drivers.galvo import OptotuneMirror
+from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits

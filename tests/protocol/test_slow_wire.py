@@ -3,9 +3,9 @@
 import pytest
 
 from drivers.errors import LinkError, RefusedError
-from drivers.galvo import OptotuneMirror
-from drivers.laser import KatanaLaser
-from drivers.serial_line import SerialLine
+from drivers.katana.laser import KatanaLaser
+from drivers.lines.serial import SerialLine
+from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead

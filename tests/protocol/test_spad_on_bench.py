@@ -11,7 +11,7 @@ from simulated_rig import simulated_rig
 from usb.core import USBError
 
 from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedError
-from drivers.spad import Id120Spad
+from drivers.id120 import Id120Spad
 from simulators.clock import BenchClock
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend

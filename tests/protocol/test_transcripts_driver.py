@@ -15,9 +15,9 @@ from drivers.errors import (
     ProtocolError,
     RefusedError,
 )
-from drivers.galvo import MirrorStatus, OptotuneMirror
-from drivers.laser import KatanaLaser
-from drivers.spad import Id120Spad
+from drivers.id120 import Id120Spad
+from drivers.katana.laser import KatanaLaser
+from drivers.optotune import MirrorStatus, OptotuneMirror
 
 USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.katana_dialects import parse_emission, parse_refusal, parse_value
-from drivers.usbtmc_frames import (
+from drivers.katana.dialects import parse_emission, parse_refusal, parse_value
+from drivers.lines.usbtmc_frames import (
     FrameError,
     announced_size,
     message_out,

@@ -7,7 +7,7 @@ from hidden_points import wall
 from recon.aperture import recognise
 from recon.grid import VoxelGrid
 from recon.solvers.fresnel import FresnelPropagator
-from recon.solvers.rsd import LatticePropagator
+from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import VirtualPulse
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hidden_points import wall
 
-from recon import advice
+from recon import defaults
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
@@ -21,13 +21,13 @@ PAPER = capture(wall(180, 130, 0.01))
 
 
 def test_the_papers_wavelength():
-    choice = advice.wavelength(PAPER, response_fwhm_s=65e-12)
+    choice = defaults.wavelength(PAPER, response_fwhm_s=65e-12)
     assert choice.value == pytest.approx(0.04)
     assert "four times the spacing" in choice.reason
 
 
 def test_a_slow_response_asks_for_a_longer_wave():
-    choice = advice.wavelength(PAPER, response_fwhm_s=750e-12)
+    choice = defaults.wavelength(PAPER, response_fwhm_s=750e-12)
     # The response's standard deviation is 318 ps; exp(-(omega s)^2 / 2) = exp(-2) there.
     damping = np.exp(-((2 * np.pi * 299792458 / choice.value * 750e-12 / 2.355) ** 2) / 2)
     assert damping == pytest.approx(np.exp(-2))
@@ -37,25 +37,25 @@ def test_a_slow_response_asks_for_a_longer_wave():
 def test_spacing_of_scattered_positions():
     laser_m = wall(40, 40, 0.02)
     laser_m[:, :2] += np.random.default_rng(0).uniform(-4e-3, 4e-3, (1600, 2))
-    assert advice.spacing_m(capture(laser_m)) == pytest.approx(0.018, abs=0.003)
+    assert defaults.spacing_m(capture(laser_m)) == pytest.approx(0.018, abs=0.003)
 
 
 def test_default_voxels_are_the_walls():
-    grid = advice.voxels(PAPER, VirtualPulse(0.04))
+    grid = defaults.voxels(PAPER, VirtualPulse(0.04))
     assert grid.shape == (126, 130, 180)
     np.testing.assert_allclose(grid.x_m, np.unique(PAPER.laser_m[:, 0]), atol=1e-9)
     assert (grid.z_m[0], grid.z_m[-1]) == pytest.approx((0.5, 3.0))
 
 
 def test_asked_voxels_go_on_the_lattice_where_they_can():
-    grid = advice.voxels(
+    grid = defaults.voxels(
         PAPER, VirtualPulse(0.04), width_m=0.5, height_m=0.3, voxel_m=0.02, depth_m=(1, 2, 0.5)
     )
     assert grid.shape == (3, 15, 25)
     steps = (grid.x_m + 0.895) / 0.01
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
     assert abs(grid.x_m.mean()) <= 0.005 + 1e-9
-    free = advice.voxels(
+    free = defaults.voxels(
         PAPER, VirtualPulse(0.04), width_m=0.5, height_m=0.3, voxel_m=0.015, depth_m=(1, 2, 0.5)
     )
     assert np.diff(free.x_m) == pytest.approx(0.015)
@@ -63,29 +63,31 @@ def test_asked_voxels_go_on_the_lattice_where_they_can():
 
 
 def test_depths_stay_inside_record_and_room():
-    assert advice.depths(capture(wall(64, 64, 0.4 / 63), True, 512, 16e-12)) == pytest.approx(
+    assert defaults.depths(capture(wall(64, 64, 0.4 / 63), True, 512, 16e-12)) == pytest.approx(
         (0.2, 1.228), abs=1e-3
     )
-    assert advice.depths(capture(wall(64, 64, 0.03), True, 15000)) == (0.5, 3.0)
-    near, far = advice.depths(capture(wall(64, 64, 0.03), True, 100, 4e-12))
+    assert defaults.depths(capture(wall(64, 64, 0.03), True, 15000)) == (0.5, 3.0)
+    near, far = defaults.depths(capture(wall(64, 64, 0.03), True, 100, 4e-12))
     assert 0 < near < far <= 0.06
 
 
 def test_warns_of_what_spoils_the_image():
     grid = VoxelGrid.from_spec(1.8, 1.3, 0.01, (0.5, 3.0, 0.02))
-    assert advice.warnings(PAPER, VirtualPulse(0.04), grid, 65e-12) == []
-    (short,) = advice.warnings(PAPER, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    assert defaults.warnings(PAPER, VirtualPulse(0.04), grid, 65e-12) == []
+    (short,) = defaults.warnings(PAPER, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
     assert "shorter than 2 times the spacing" in short
     confocal = capture(wall(180, 130, 0.01), confocal=True)
-    (short,) = advice.warnings(confocal, VirtualPulse(0.03), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    (short,) = defaults.warnings(confocal, VirtualPulse(0.03), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
     assert "use 4 cm or more" in short
-    (slow,) = advice.warnings(PAPER, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)), 2e-10)
+    (slow,) = defaults.warnings(
+        PAPER, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)), 2e-10
+    )
     assert "200 ps blurs" in slow
 
 
 def test_warns_of_what_the_record_does_not_reach():
     late = capture(wall(180, 130, 0.01), bins=1000, first_bin_s=5e-9)
-    dark, cut = advice.warnings(late, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 3, 0.1)))
+    dark, cut = defaults.warnings(late, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 3, 0.1)))
     assert "begin at a depth of 0.75 m" in dark
     assert "the record ends at 2.70 m of path" in cut
     assert "end at a depth of 1.35 m" in cut
@@ -100,42 +102,44 @@ def test_refuses_empty_boxes(spec):
 def test_spacing_of_random_positions_is_their_share_of_the_wall():
     laser_m = np.random.default_rng(1).uniform(-0.5, 0.5, (2500, 3)) * [1, 1, 0]
     # 2500 squares of 2 cm; the hull of random positions is a little smaller than the wall.
-    assert advice.spacing_m(capture(laser_m)) == pytest.approx(0.02, rel=0.03)
+    assert defaults.spacing_m(capture(laser_m)) == pytest.approx(0.02, rel=0.03)
     # Lit once for each of two detectors.
-    assert advice.spacing_m(capture(np.tile(laser_m, (2, 1)))) == pytest.approx(0.02, rel=0.03)
+    assert defaults.spacing_m(capture(np.tile(laser_m, (2, 1)))) == pytest.approx(0.02, rel=0.03)
     line = np.array([[0.0, 0, 0], [0.1, 0, 0.01], [0.2, 0, 0.03]])
-    assert advice.spacing_m(capture(line)) == pytest.approx(0.1, rel=0.05)
+    assert defaults.spacing_m(capture(line)) == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_plane_behind_the_origin_is_a_grid_too():
-    assert advice.spacing_m(capture(wall(20, 20, 0.03) - [0, 0, 0.05])) == pytest.approx(0.03)
+    assert defaults.spacing_m(capture(wall(20, 20, 0.03) - [0, 0, 0.05])) == pytest.approx(0.03)
 
 
 @pytest.mark.parametrize("bins", [500, 2000, 6000])
 def test_the_depths_that_the_program_chose_are_not_warned_of(bins):
     taken = capture(wall(64, 64, 0.02), confocal=True, bins=bins)
     pulse = VirtualPulse(0.08)
-    assert not [one for one in advice.warnings(taken, pulse, advice.voxels(taken, pulse)) if "ends" in one]
+    assert not [
+        one for one in defaults.warnings(taken, pulse, defaults.voxels(taken, pulse)) if "ends" in one
+    ]
     end_m = bins * 4e-12 * 299792458
     for far_m, expected in ((end_m / 2 - 0.001, False), (end_m / 2 + 0.001, True)):
         grid = VoxelGrid(np.zeros(1), np.zeros(1), np.array([0.1, far_m]))
-        assert any("record ends" in one for one in advice.warnings(taken, pulse, grid)) == expected
+        assert any("record ends" in one for one in defaults.warnings(taken, pulse, grid)) == expected
     aside = VoxelGrid(np.array([9.0]), np.zeros(1), np.array([0.1]))
-    assert any("record ends" in one for one in advice.warnings(taken, pulse, aside))
+    assert any("record ends" in one for one in defaults.warnings(taken, pulse, aside))
 
 
 def test_a_response_too_slow_for_any_wavelength_is_said_with_figures():
     taken = capture(wall(64, 64, 0.0156), confocal=True)
     grid = VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1))
-    choice = advice.wavelength(taken, 0.75e-9)
-    (why,) = advice.warnings(taken, VirtualPulse(choice.value), grid, 0.75e-9)
+    choice = defaults.wavelength(taken, 0.75e-9)
+    (why,) = defaults.warnings(taken, VirtualPulse(choice.value), grid, 0.75e-9)
     # pi c 750 ps / 2.355 = 30 cm; a wall of 98.3 cm is 3.3 of those, and needs 1.2 m or 615 ps.
     for figure in ("750 ps", "30 cm", "98.3 cm", "3.3", "1.2 m", "614 ps"):
         assert figure in why
-    assert advice.warnings(taken, VirtualPulse(0.2), grid, 0.4e-9) == []
+    assert defaults.warnings(taken, VirtualPulse(0.2), grid, 0.4e-9) == []
 
 
 def test_few_points_of_a_grid_have_the_spacing_of_scattered_ones():
     full = wall(64, 64, 0.02)
     few = full[np.random.default_rng(2).permutation(4096)[:256]]
-    assert advice.spacing_m(capture(few)) == pytest.approx(0.08, rel=0.06)
+    assert defaults.spacing_m(capture(few)) == pytest.approx(0.08, rel=0.06)

@@ -11,9 +11,9 @@ from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
-from recon.preparation import Fades
-from recon.solvers import scattered, termwise
+from recon.solvers.rsd import direct_f32, dispatch
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 PULSE = VirtualPulse(0.08)
 BIN, BINS = 16e-12, 700
@@ -87,8 +87,8 @@ def worst(found, wanted):
 @pytest.fixture(params=["lattice", "table"])
 def way(request, monkeypatch):
     """Force each of the two ways, which a cost model chooses between."""
-    monkeypatch.setattr(scattered, "regular", lambda *_: False)
-    monkeypatch.setattr(scattered, "quicker_on_lattice", lambda *_: request.param == "lattice")
+    monkeypatch.setattr(dispatch, "regular", lambda *_: False)
+    monkeypatch.setattr(dispatch, "quicker_on_lattice", lambda *_: request.param == "lattice")
     return request.param
 
 
@@ -130,12 +130,12 @@ def test_each_record_may_begin_at_its_own_time():
 @pytest.mark.parametrize("geometry", ["one", "confocal", "pairs"])
 def test_each_frequency_is_the_direct_sum(geometry):
     spots, band = WALLS["curved"][:90], PULSE.band(6e-8)
-    assert len(band) > termwise.ANCHOR
+    assert len(band) > direct_f32.ANCHOR
     emitted = (RANDOM.normal(size=(len(band), 180)).astype(np.float32)).view(np.complex64)
     detector_m = DETECTORS[geometry](spots)
     capture = Capture(ArrayHistograms(np.zeros((90, BINS))), BIN, np.zeros(1), spots, detector_m)
     grid = GRIDS["finer, aside"]
-    found = termwise.TermwisePropagator(capture, emitted, band, grid).fields(0.52)
+    found = direct_f32.TermwisePropagator(capture, emitted, band, grid).fields(0.52)
     y, x = np.meshgrid(grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, np.full_like(x, 0.52)], axis=-1)[:, :, None]
     r_p = np.linalg.norm(voxels - spots, axis=-1)
@@ -181,13 +181,13 @@ def test_the_way_that_costs_less_is_taken():
 
     def runs(spots, geometry="one"):
         counts = ArrayHistograms(np.zeros((len(spots), 1)))
-        return scattered.planar_runs(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
+        return dispatch.planar_runs(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
 
-    assert scattered.quicker_on_lattice(runs(many), many, band, large)
-    assert not scattered.quicker_on_lattice(runs(few), few, band, large)
-    assert not scattered.quicker_on_lattice(runs(many, "pairs"), many, band, large)
+    assert dispatch.quicker_on_lattice(runs(many), many, band, large)
+    assert not dispatch.quicker_on_lattice(runs(few), few, band, large)
+    assert not dispatch.quicker_on_lattice(runs(many, "pairs"), many, band, large)
     near = VoxelGrid(large.x_m, large.y_m, large.z_m - 0.4)  # evanescent waves still there
-    assert not scattered.quicker_on_lattice(runs(many), many, band, near)
-    assert scattered.quicker_on_lattice(runs(many), many, band, large, frames=9)
+    assert not dispatch.quicker_on_lattice(runs(many), many, band, near)
+    assert dispatch.quicker_on_lattice(runs(many), many, band, large, frames=9)
     assert len(runs(many, "three")) == 3
     assert not runs(WALLS["curved"])

@@ -11,8 +11,8 @@ from hidden_points import C, wall
 from recon.aperture import recognise
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
-from recon.solvers import rsd_array
-from recon.solvers.rsd import LatticePropagator
+from recon.solvers.rsd import array as rsd_array
+from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import VirtualPulse
 
 BAND = VirtualPulse(0.08).band(4e-9)
@@ -87,7 +87,7 @@ def test_what_is_missing_is_said_once_and_clearly(monkeypatch):
 def test_needs_numpy_alone():
     script = "import sys; [sys.modules.__setitem__(n, None) for n in ('numba', 'ducc0', 'scipy', 'h5py')]; "
     script += (
-        "from recon import aperture, capture, grid, reach, spectrum, wave; import recon.solvers.rsd_array"
+        "from recon import aperture, capture, grid, sampling, spectrum, wave; import recon.solvers.rsd.array"
     )
     root = Path(__file__).parents[2]
     done = subprocess.run(

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from recon.aperture import LatticeAxis
-from recon.baselines import backproject, fk
-from recon.baselines.lct import LightCone
-from recon.baselines.readout import LateralAxis, read_voxels
-from recon.baselines.record import ConfocalLattice, confocal_record
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.preparation import Fades
+from recon.solvers.classic import ellipsoids, fk
+from recon.solvers.classic.interpolate import LateralAxis, read_voxels
+from recon.solvers.classic.lct import LightCone
+from recon.solvers.classic.resample import ConfocalLattice, confocal_record
+from recon.window import Fades
 
 UNFADED = Fades(fall_s=0)
 
@@ -33,8 +33,8 @@ def test_backprojection_is_the_adjoint_of_projection(detectors):
     counts = random.normal(size=(30, bins)).astype(np.float32)
     volume = random.normal(size=grid.shape).astype(np.float32)
     capture = Capture(ArrayHistograms(counts, 13), width_s, first_bin_s, laser_m, detector_m)
-    forward = backproject.project(volume, grid, laser_m, detector_m, bins, width_s, first_bin_s)
-    back = backproject.backproject(capture, grid, UNFADED)
+    forward = ellipsoids.project(volume, grid, laser_m, detector_m, bins, width_s, first_bin_s)
+    back = ellipsoids.backproject(capture, grid, UNFADED)
     scale = float(np.linalg.norm(forward) * np.linalg.norm(counts))
     # Delays in single precision: 1e-7 of 20 bins' position each, of 4200 terms of random sign.
     assert np.vdot(forward, counts) == pytest.approx(np.vdot(volume, back), abs=1e-5 * scale)
@@ -57,7 +57,7 @@ def test_counts_are_summed_by_groups_of_bins_that_voxels_can_tell():
     capture = Capture(ArrayHistograms(counts), 1e-12, np.zeros(1), spots, spots)
     grid = VoxelGrid(np.zeros(1), np.zeros(1), np.arange(0.2, 0.3, 0.02))
     # 2 cm of path is 66.7 bins.
-    np.testing.assert_allclose(backproject.backproject(capture, grid, UNFADED), 66)
+    np.testing.assert_allclose(ellipsoids.backproject(capture, grid, UNFADED), 66)
 
 
 def test_laplacian_filter_is_the_second_difference_along_depth():
@@ -70,7 +70,7 @@ def test_laplacian_filter_is_the_second_difference_along_depth():
         counts = (sign * 1e4 * (path_m / 2) ** 2)[None]
         capture = Capture(ArrayHistograms(counts), 10e-12, np.zeros(1), spots, spots)
         group = int(0.05 / (C_M_PER_S * 10e-12))
-        sharp = backproject.laplacian_filtered(capture, grid, UNFADED)
+        sharp = ellipsoids.laplacian_filtered(capture, grid, UNFADED)
         expected = 0 if sign > 0 else 2e4 * 0.05**2 * group
         # Straight lines between groups of 4.8 cm of path change r^2 by up to a quarter of (2.4 cm)^2.
         np.testing.assert_allclose(sharp, expected, atol=4 * 1e4 * 0.024**2 / 4 * group)

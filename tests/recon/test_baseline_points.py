@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hidden_points import histograms, wall
 
-from recon.baselines.solve import baseline_image
 from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff
 from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.preparation import Fades
+from recon.solvers.classic.solve import baseline_image
+from recon.window import Fades
 
 POINT = np.array([0.083, -0.057, 0.613])
 BIN = 8e-12

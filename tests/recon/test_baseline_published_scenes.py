@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from test_published_scenes import load
 
-from recon.baselines.solve import baseline_image
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
+from recon.solvers.classic.solve import baseline_image
 
 
 @pytest.mark.parametrize("solver", ["log-fbp", "lct", "fk"])

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hidden_points import C, histograms, wall
 
-import recon.solvers.rsd
+import recon.solvers.rsd.regular
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, MemoryBoundError, ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import SOLVERS, image, plan, planes
-from recon.preparation import Fades
 from recon.video import frame_times_s, video
 from recon.wave import ContinuousWave, VirtualPulse
+from recon.window import Fades
 
 PULSE = VirtualPulse(0.06)
 LASER = wall(24, 20, 0.02)
@@ -211,7 +211,8 @@ def test_little_memory_gives_the_same_video(monkeypatch):
     capture = captured(histograms(POINT, LASER, DETECTOR, 2000, BIN))
     camera = TransientCamera(np.linspace(1e-9, 4e-9, 13))
     whole = video(capture, PULSE, GRID, camera).intensity
-    monkeypatch.setattr(recon.solvers.rsd, "WALL_BYTES", 3 * 8 * 48 * 40)  # a few of the wall's spectra
+    # a few of the wall's spectra
+    monkeypatch.setattr(recon.solvers.rsd.regular, "WALL_BYTES", 3 * 8 * 48 * 40)
     with pytest.raises(MemoryBoundError) as refused:
         video(capture, PULSE, GRID, camera, memory_bytes=1)
     least = int(re.search(r"Allow (\d+) MB", str(refused.value))[1]) * 10**6  # one thread

@@ -8,8 +8,8 @@ from recon.capture import ArrayHistograms, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.preparation import Fades
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 
 def test_end_is_the_last_bins_raised_cosine():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hidden_points import histograms, wall
 
-from recon.advice import voxels
 from recon.capture import ArrayHistograms, Capture
+from recon.defaults import voxels
 from recon.depth import compensate_falloff, depth_map, front_view
 from recon.grid import VoxelGrid
 from recon.imaging import image

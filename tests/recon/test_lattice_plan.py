@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from recon.aperture import LatticeAxis, recognise
 from recon.camera import ConfocalCamera, Plane
 from recon.grid import VoxelGrid
-from recon.solvers.lattice import plan_axis
-from recon.solvers.rsd import LatticePropagator
+from recon.solvers.rsd.lattice import plan_axis
+from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import Band
 
 WAVELENGTH = 0.05

@@ -6,13 +6,13 @@ import h5py
 import numpy as np
 import pytest
 
-from recon.advice import voxels
 from recon.capture import ArrayHistograms, Capture
+from recon.defaults import voxels
 from recon.depth import compensate_falloff, depth_map, front_view
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.preparation import Fades
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 

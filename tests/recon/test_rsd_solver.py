@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hidden_points import direct_sum, histograms, wall
 
-import recon.solvers.rsd
+import recon.solvers.rsd.regular
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
@@ -165,7 +165,7 @@ def test_moving_wall_and_scene_moves_the_image():
 
 def test_few_frequencies_at_a_time_give_the_same(monkeypatch):
     whole = image(capture(), PULSE, voxels()).field
-    monkeypatch.setattr(recon.solvers.rsd, "WALL_BYTES", 5 * 8 * 48 * 40)
+    monkeypatch.setattr(recon.solvers.rsd.regular, "WALL_BYTES", 5 * 8 * 48 * 40)
     parts = []
     cut = image(capture(), PULSE, voxels(), progress=parts.append).field
     assert worst(cut, whole) < 1e-5

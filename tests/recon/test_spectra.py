@@ -6,10 +6,10 @@ from hidden_points import C, histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.preparation import Fades
-from recon.reach import path_limits_m, slabs
+from recon.sampling import path_limits_m, slabs
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
+from recon.window import Fades
 
 PULSE = VirtualPulse(0.06)
 GRID = VoxelGrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.1, 0.3, 7), np.linspace(0.4, 1.6, 25))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.config import built_in, load
 from rig.errors import ConfigError
+from rig.model.config import built_in, load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -10,10 +10,19 @@ import numpy as np
 import pytest
 
 from drivers.hydraharp import Exposure, Rates
-from rig.engine import Devices, Ended, LineDone, Outcome, Phase, PhaseChanged, PositionDone, ScanEngine
+from rig.acquire.engine import (
+    Devices,
+    Ended,
+    LineDone,
+    Outcome,
+    Phase,
+    PhaseChanged,
+    PositionDone,
+    ScanEngine,
+)
 from rig.errors import RefusedError
-from rig.plan import ScanPlan
-from rig.pointing import Pointing
+from rig.model.plan import ScanPlan
+from rig.model.pointing import Pointing
 
 PLAN = ScanPlan(
     columns=3,

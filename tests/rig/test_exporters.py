@@ -10,8 +10,9 @@ from imported import C_M_PER_S, load
 
 from rig.errors import UsageError
 from rig.exporters import export
-from rig.files import Legs, ScanDescription, ScanWriter, Volume, write_volume
+from rig.files import ScanDescription, ScanWriter, Volume, write_volume
 from rig.importers import import_scan
+from rig.model.delays import PathDelays
 
 X_M, Y_M, Z_M = 0.1 * np.arange(5) - 0.3, 0.2 * np.arange(4) - 0.1, 1.0 + 0.05 * np.arange(3)
 
@@ -118,7 +119,9 @@ def test_uneven_axes_are_refused_where_only_a_spacing_is_kept(tmp_path, ending):
     assert not list(tmp_path.glob(f"*.{ending}"))
 
 
-@pytest.mark.parametrize("legs", [None, Legs(np.array([0.3, 0.2, 2.0]), np.array([-0.4, 0.1, 2.5]), 3e-9)])
+@pytest.mark.parametrize(
+    "legs", [None, PathDelays(np.array([0.3, 0.2, 2.0]), np.array([-0.4, 0.1, 2.5]), 3e-9)]
+)
 @pytest.mark.parametrize("confocal", [False, True])
 @pytest.mark.parametrize("full", [True, False])
 def test_tal_goes_round(tmp_path, confocal, full, legs):

@@ -8,7 +8,7 @@ import sys
 import h5py
 import pytest
 
-from rig.interrupt import StopRequest
+from rig.acquire.interrupt import StopRequest
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from rig.errors import DataFileError, UsageError
 from rig.files import Volume
-from rig.pictures import save, volume_figure
+from rig.show.volume import save, volume_figure
 
 
 def volume(nx=60, ny=40, nz=50, blob=(0.5, 0.3, 1.0), **changes):

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.calibration.use import nominal_pointing
-from rig.config import built_in
 from rig.errors import RefusedError
-from rig.plan import ScanPlan
-from rig.pointing import Pointing
+from rig.model.config import built_in
+from rig.model.plan import ScanPlan
+from rig.model.pointing import Pointing
+from rig.model.state import nominal_pointing
 
 
 def test_the_default_is_the_papers_scan():
@@ -71,7 +71,7 @@ def test_refuses_what_the_rig_cannot_do(tmp_path, changes, told):
 
 
 def test_refuses_a_scan_that_the_disk_cannot_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr("rig.plan.disk_usage", lambda folder: SimpleNamespace(free=10))
+    monkeypatch.setattr("rig.model.plan.disk_usage", lambda folder: SimpleNamespace(free=10))
     config = built_in()
     with pytest.raises(RefusedError, match="0 MB free"):
         ScanPlan.from_config(config).check(config, tmp_path, nominal_pointing(config))

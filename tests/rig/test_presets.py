@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from rig.config import built_in, built_in_with, load
+from rig.bench.simulated import rack
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
-from rig.presets import about, merged, preset
-from rig.simulated import rack
-from rig.statistics import tally
+from rig.model.config import built_in, built_in_with, load
+from rig.model.presets import about, merged, preset
+from rig.show.statistics import tally
 from simulators.scenes import SCENES
 
 #: Photons a second and position: Table 1's totals by 23 400 positions and by the exposure.

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.errors import UsageError
-from rig.quantities import KINDS, parse, show, show_duration, show_length
+from rig.model.quantities import KINDS, parse, show, show_duration, show_length
 
 
 @pytest.mark.parametrize(

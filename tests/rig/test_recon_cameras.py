@@ -11,15 +11,15 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
-from recon.baselines.solve import BASELINES
 from recon.capture import C_M_PER_S
 from recon.imaging import SOLVERS
+from recon.solvers.classic.solve import BASELINES
 from rig.commands.recon import Solver
 from rig.errors import UsageError
 from rig.files import Volume, read_volume
 from rig.files.volume import volume_by_planes
-from rig.pictures_sheet import frames_figure, refocus_figure
-from rig.pictures_video import save_video
+from rig.show.sheet import frames_figure, refocus_figure
+from rig.show.video import save_video
 
 POINT = np.array([0.21, 0.13, 0.7])
 DETECTOR = np.array([-0.05, 0.05, 0.0])

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from rig.errors import UsageError
-from rig.files import Legs, ScanDescription, ScanFile, ScanWriter
+from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.files.histograms import BLOCK_BYTES
+from rig.model.delays import PathDelays
 
 C_M_PER_S = 299_792_458.0
 
@@ -113,7 +114,7 @@ def test_blocks_are_small_and_follow_the_chunks(tmp_path):
 
 
 def test_rectified_time_subtracts_each_leg(tmp_path):
-    legs = Legs(np.array([0.3, -0.5, 2.0]), np.array([-0.2, -0.4, 1.7]), electronics_delay_s=23e-9)
+    legs = PathDelays(np.array([0.3, -0.5, 2.0]), np.array([-0.2, -0.4, 1.7]), electronics_delay_s=23e-9)
     description = describe(legs=legs, first_bin_s=40e-9)
     with ScanFile(write(tmp_path / "a.h5", description, draw())) as scan:
         assert scan.time_origin == "laser"

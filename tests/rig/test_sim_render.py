@@ -6,14 +6,14 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.config import built_in_with
+from rig.bench.simulated import true_geometry
 from rig.files.scan import ScanFile
-from rig.simulated import true_geometry
+from rig.model.config import built_in_with
 from simulators.detector import Detector
-from simulators.geometry import cut
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.scenes import scene
-from simulators.transport import Transport
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import Transport
 
 TINY = ("--grid", "9x8", "--spacing", "20cm", "--bin-width", "32ps", "--bins", "1800")
 

@@ -12,8 +12,8 @@ from recon.capture import ArrayHistograms, Capture
 from rig.errors import DataFileError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, write_volume
-from rig.pictures_raw import comparison_figure, raw_view, scan_figure
-from rig.statistics import FIRST_USEFUL_S, histograms_of, streak, tally
+from rig.show.raw import comparison_figure, raw_view, scan_figure
+from rig.show.statistics import FIRST_USEFUL_S, histograms_of, streak, tally
 
 SMALL = ("--grid", "12x8", "--spacing", "15cm", "--exposure", "10ms")
 

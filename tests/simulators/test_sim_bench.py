@@ -5,7 +5,7 @@ import pytest
 
 from simulators.bench import Bench, BenchGeometry, no_detections
 from simulators.detector import Detector
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 

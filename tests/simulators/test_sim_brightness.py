@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simulators.bench import LightState
-from simulators.brightness import tuned
 from simulators.detector import Detector
+from simulators.optics.brightness import tuned
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 

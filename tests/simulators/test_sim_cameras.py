@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.bench import Bench
-from simulators.cameras import Camera, Checkerboard, Sensor, default_cameras
-from simulators.lens import WALL, Distortion, Intrinsics, Lens, Pose
+from simulators.optics.cameras import Camera, Checkerboard, Sensor, default_cameras
+from simulators.optics.lens import WALL, Distortion, Intrinsics, Lens, Pose
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from simulators.bench import LightState
 from simulators.detector import Afterpulsing, Detector
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2, exponnorm, kstest, norm
 from simulators.bench import LightState
 from simulators.detector import Detector
 from simulators.detector.response import delays
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 
 SIGMA = 1 / (2 * sqrt(2 * log(2)))
 OPEN = LightState(biased=True)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from simulators.clusters import form_factors, gather, with_wall
 from simulators.constants import C_M_PER_S
-from simulators.extra_bounces import BIN_M, WALL_M, WALL_PITCH_M, Interreflections
-from simulators.geometry import cut
 from simulators.scenes import Scene, quads_mesh, scene
-from simulators.three_bounces import ThreeBounces
-from simulators.transport import Transport, expected_transient
-from simulators.visibility import occluders
+from simulators.transport.clusters import form_factors, gather, with_wall
+from simulators.transport.extra_bounces import BIN_M, WALL_M, WALL_PITCH_M, Interreflections
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import Transport, expected_transient
+from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.visibility import occluders
 
 P, C = (0.4, -0.2, 0.0), (-0.3, 0.1, 0.0)
 

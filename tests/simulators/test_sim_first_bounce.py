@@ -11,7 +11,7 @@ from simulators.bench import Bench, BenchGeometry, LightState
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector, Ringing
 from simulators.detector.first_bounce import FirstBounce, direct_s
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from simulators.constants import C_M_PER_S
-from simulators.extra_bounces import WALL_M
-from simulators.geometry import cut
 from simulators.scenes import Scene, quads_mesh
 from simulators.scenes.solids import box
-from simulators.transport import expected_transient
+from simulators.transport.extra_bounces import WALL_M
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import expected_transient
 
 RENDERER = Path(__file__).with_name("path_traced_room.py")
 LASER = (0.35, -0.25, 0.0)

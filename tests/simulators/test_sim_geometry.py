@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulators.geometry import USUAL_PATCHES, cut, subdivide
 from simulators.scenes import scene
-from simulators.visibility import PACKET, STACK, occluders, shade
+from simulators.transport.geometry import USUAL_PATCHES, cut, subdivide
+from simulators.transport.visibility import PACKET, STACK, occluders, shade
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
 triangle = st.tuples(*[st.tuples(coordinate, coordinate, coordinate)] * 3).map(np.array)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from simulators.letters import ALPHABET, letter_quads
 from simulators.scenes import Scene, letter
+from simulators.scenes.letters import ALPHABET, letter_quads
 
 SIZES = [(0.45, 0.60, 0.09), (0.34, 0.50, 0.08), (0.30, 0.70, 0.05), (0.60, 0.50, 0.10)]
 

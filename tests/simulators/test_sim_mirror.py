@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from simulators.mirror import HOLD, SteeringMirror
+from simulators.motion.mirror import HOLD, SteeringMirror
 
 W = 2 * np.pi * 400.0
 

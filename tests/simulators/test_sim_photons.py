@@ -10,11 +10,11 @@ from scipy.stats import chi2
 from simulators.bench import BenchGeometry, LightState
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
-from simulators.geometry import cut
-from simulators.optics import Optics
+from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
-from simulators.transport import expected_transient
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import expected_transient
 
 SPOT = (0.3, 0.2, 0.0)
 FREE = LightState(emitting=True, biased=True)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from simulators.constants import C_M_PER_S
-from simulators.geometry import cut
 from simulators.scenes import Mesh, Scene
-from simulators.three_bounces import ThreeBounces
-from simulators.transport import expected_transient
-from simulators.visibility import occluders
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import expected_transient
+from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.visibility import occluders
 
 RENDERED = Path(__file__).resolve().parents[3] / "shared" / "data" / "rendered_letters_g32.h5"
 

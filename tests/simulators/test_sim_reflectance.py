@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulators.geometry import cut
-from simulators.reflectance import gloss
 from simulators.scenes import Mesh, Scene, quads_mesh, scene
-from simulators.three_bounces import ThreeBounces
-from simulators.visibility import occluders
+from simulators.transport.geometry import cut
+from simulators.transport.reflectance import gloss
+from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.visibility import occluders
 
 UP = np.array([[0.0, 0.0, 1.0]])
 direction = st.tuples(st.floats(0.0, 1.45), st.floats(0, 2 * np.pi)).map(lambda angles: towards(*angles))

@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from simulators.geometry import cut
-from simulators.letters import letter_quads
 from simulators.scenes import SCENES, Mesh, Scene, scene
-from simulators.three_bounces import ThreeBounces
-from simulators.transport import expected_transient
-from simulators.visibility import occluders
+from simulators.scenes.letters import letter_quads
+from simulators.transport.geometry import cut
+from simulators.transport.renderer import expected_transient
+from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.visibility import occluders
 
 #: Points of the aperture, off the edges that scenes have at whole centimetres.
 X_M, Y_M = np.arange(-0.9, 0.9, 0.031) + 1e-4, np.arange(-0.65, 0.65, 0.033) + 1e-4

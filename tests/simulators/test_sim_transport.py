@@ -5,11 +5,11 @@ import pytest
 from scipy.stats import chi2
 
 from simulators.constants import C_M_PER_S
-from simulators.geometry import Patches, cut
 from simulators.scenes import Mesh, Scene, letter, quads_mesh, scene
-from simulators.three_bounces import ThreeBounces
-from simulators.transport import expected_transient
-from simulators.visibility import occluders
+from simulators.transport.geometry import Patches, cut
+from simulators.transport.renderer import expected_transient
+from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.visibility import occluders
 
 FACING = np.array([[0.01, -0.01, 0], [-0.01, -0.01, 0], [-0.01, 0.01, 0], [0.01, 0.01, 0]])
 

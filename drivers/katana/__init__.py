@@ -1,0 +1,1 @@
+"""The Onefive/NKT Katana HP pulsed laser."""

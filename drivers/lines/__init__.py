@@ -1,0 +1,1 @@
+"""What devices hang on: serial lines and USB."""

@@ -1,0 +1,108 @@
+"""Finding one USB instrument by what it is, never by where it is plugged in."""
+
+import errno
+import importlib
+from typing import Any
+
+import usb.core
+import usb.util
+
+from drivers.errors import DeviceNotFoundError, LinkError
+from drivers.lines.usbtmc import tmc_interface
+
+USB488_PROTOCOL = 1
+
+
+def find_instrument(
+    name: str, *, vendor_product: tuple[int, int], serial: str | None, backend: Any = None
+) -> usb.core.Device:
+    """Return the USB device with these identifiers, or else one of the USB488 class.
+
+    Only descriptors are read, and strings only of devices that fit.
+
+    Parameters
+    ----------
+    name
+        What is looked for, for messages.
+    vendor_product
+        USB vendor and product identifiers that are looked for first.
+    serial
+        Its USB serial number; None takes the only one there is.
+    backend
+        A pyusb backend; None takes the system's libusb, or the one that the ``usb`` extra brings.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        None fits, or several do; the message lists what was seen.
+    LinkError
+        A device that fits may not be opened.
+    """
+    asked = f"be found by USB {vendor_product[0]:04x}:{vendor_product[1]:04x} or the USB488 class"
+    if serial is not None:
+        asked += f" and serial number {serial}"
+    try:
+        devices = list(usb.core.find(find_all=True, backend=backend or _libusb_of_the_extra()))
+    except usb.core.NoBackendError as problem:
+        raise DeviceNotFoundError(
+            name,
+            asked,
+            "the library libusb is missing",
+            "Install it (Debian: libusb-1.0-0), or install this program with its extra 'usb': "
+            "pip install 'nlos-rig[usb]'.",
+        ) from problem
+    fitting = [d for d in devices if (d.idVendor, d.idProduct) == vendor_product]
+    fitting = fitting or [d for d in devices if _is_usb488(d)]
+    others = [d for d in devices if d not in fitting]
+    numbered = [(device, _serial_number(device, name)) for device in fitting]
+    found = [device for device, number in numbered if serial in (None, number)]
+    if len(found) == 1:
+        return found[0]
+    seen = [_describe(device, number) for device, number in [*numbered, *((d, None) for d in others)]]
+    raise DeviceNotFoundError(
+        name,
+        asked,
+        (f"{len(found)} fit among" if found else "none fits among") + f" {', '.join(seen) or 'no devices'}",
+        "Say which by its serial number." if found else "Check its power, cable and serial number.",
+    )
+
+
+def _libusb_of_the_extra() -> Any:
+    """Return the backend that the ``usb`` extra brings, or None where it is not installed."""
+    try:
+        return importlib.import_module("libusb_package").get_libusb1_backend()
+    except ImportError:
+        return None
+
+
+def _is_usb488(device: usb.core.Device) -> bool:
+    try:
+        interface = tmc_interface(device)
+    except usb.core.USBError:  # some devices keep their descriptors to themselves
+        return False
+    return interface is not None and interface.bInterfaceProtocol == USB488_PROTOCOL
+
+
+def _serial_number(device: usb.core.Device, name: str) -> str | None:
+    """Return the serial number, or None where the device tells none."""
+    try:
+        number = device.serial_number
+    except usb.core.USBError as problem:
+        if problem.errno == errno.EACCES:
+            raise LinkError(
+                f"{name} {_describe(device, None)}",
+                "tell its serial number",
+                "permission was denied",
+                "On Linux, add a udev rule for its USB identifiers.",
+            ) from problem
+        return None
+    except ValueError:  # pyusb: no language, therefore no strings
+        return None
+    finally:
+        usb.util.dispose_resources(device)
+    return None if number is None else str(number)
+
+
+def _describe(device: usb.core.Device, serial: str | None) -> str:
+    described = f"{device.idVendor:04x}:{device.idProduct:04x}"
+    return described if serial is None else f"{described} (serial {serial})"

@@ -1,0 +1,218 @@
+"""Sensible choices for a capture, with their reasons, and warnings about choices that are not."""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, KDTree, QhullError
+
+from recon.aperture import LatticeAxis, recognise
+from recon.capture import C_M_PER_S, Capture
+from recon.errors import GeometryError
+from recon.grid import VoxelGrid
+from recon.sampling import path_limits_m
+from recon.wave import ContinuousWave, Light, VirtualPulse
+
+#: Full width at half maximum of a Gaussian in standard deviations.
+FWHM_SIGMAS = 2.355
+#: The paper's trade-off: a wavelength of four spacings.
+SPACINGS = 4.0
+#: Fewest wavelengths across the wall with which anything is told apart.
+LEAST_WAVELENGTHS = 4.0
+#: Part of a lattice that must be filled for its pitch to be the spacing.
+LEAST_FILLED = 0.5
+#: Nearest object in the paper's rooms, and the farthest depth that is imaged unasked.
+NEAR_M, FAR_M = 0.5, 3.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A value and the reason for it."""
+
+    value: float
+    reason: str
+
+
+def spacing_m(capture: Capture) -> float:
+    """Return the spacing that sets the aliasing.
+
+    That is the coarser pitch of a regular grid, on a plane of any depth; for scattered positions, and for few
+    points of a grid, the side of the square that each has to itself, sqrt(area / positions): random ones
+    crowd, and the distance of nearest neighbours, half of that, would promise too much. Spots that are lit
+    more than once, with several detectors, count once.
+    """
+    spots_m = np.unique(np.round(capture.laser_m, 4), axis=0)
+    try:
+        aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
+    except GeometryError:
+        return _side_of_each_m(spots_m)
+    if len(spots_m) < LEAST_FILLED * aperture.x.count * aperture.y.count:
+        return _side_of_each_m(spots_m)
+    return max(aperture.x.pitch_m, aperture.y.pitch_m)
+
+
+def shortest_wavelength_m(response_fwhm_s: float) -> float:
+    """Return the wavelength that a timing response of this full width at half maximum still passes.
+
+    A Gaussian response of standard deviation s damps the carrier by exp(-(omega s)^2/2); omega s = 2 leaves
+    0.14 of it. That is lambda = pi c s: 2.6 cm for 65 ps.
+    """
+    return pi * C_M_PER_S * response_fwhm_s / FWHM_SIGMAS
+
+
+def _side_of_each_m(spots_m: NDArray[np.float64]) -> float:
+    """Return sqrt(area / positions), of the hull as seen from the front; of the distances, if it has none."""
+    try:
+        hull = ConvexHull(spots_m[:, :2])
+    except (QhullError, ValueError):
+        nearest, _ = KDTree(spots_m).query(spots_m, k=2)
+        return float(np.median(nearest[:, 1]))
+    # The hull passes through the outermost positions, which have half of their square outside.
+    count, rim_m = len(spots_m), hull.area
+    half_rim_m = rim_m / 2
+    return float((half_rim_m + np.sqrt(half_rim_m**2 + 4 * (count - 1) * hull.volume)) / (2 * (count - 1)))
+
+
+def _slowest_response_s(extent_m: float) -> float:
+    """Return the response whose shortest wavelength a wall of this extent holds `LEAST_WAVELENGTHS` times."""
+    return extent_m / LEAST_WAVELENGTHS * FWHM_SIGMAS / (pi * C_M_PER_S)
+
+
+def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice:
+    """Choose a wavelength from the spacing of positions, and from the instrument's response where known."""
+    pitch_m = spacing_m(capture)
+    spaced = Choice(SPACINGS * pitch_m, f"four times the spacing of positions, {pitch_m * 100:.3g} cm")
+    if response_fwhm_s is None or shortest_wavelength_m(response_fwhm_s) <= spaced.value:
+        return spaced
+    return Choice(
+        shortest_wavelength_m(response_fwhm_s),
+        f"the shortest that an instrument response of {response_fwhm_s * 1e12:.0f} ps passes",
+    )
+
+
+def voxels(
+    capture: Capture,
+    pulse: VirtualPulse,
+    *,
+    width_m: float | None = None,
+    height_m: float | None = None,
+    voxel_m: float | None = None,
+    depth_m: tuple[float, float, float] | None = None,
+) -> VoxelGrid:
+    """Choose voxels: what is not asked for is as wide and as finely spaced as the wall.
+
+    Where the pitch is a whole number of the wall's, voxels are put on the wall's lattice (a shift of half a
+    wall pitch at most), which is the fastest for the RSD solver and needs no interpolation.
+
+    Parameters
+    ----------
+    capture
+        Its wall and its record.
+    pulse
+        Planes are half a wavelength apart by default.
+    width_m, height_m, voxel_m, depth_m
+        As in `VoxelGrid.from_spec`; None chooses.
+    """
+    low, high = capture.laser_m.min(axis=0), capture.laser_m.max(axis=0)
+    pitch_m = spacing_m(capture)
+    voxel_m = voxel_m or pitch_m
+    width_m = width_m or float(high[0] - low[0]) + pitch_m
+    height_m = height_m or float(high[1] - low[1]) + pitch_m
+    grid = VoxelGrid.from_spec(
+        width_m,
+        height_m,
+        voxel_m,
+        depth_m or (*depths(capture), pulse.wavelength_m / 2),
+        (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2),
+    )
+    try:
+        aperture = recognise(capture.laser_m)
+    except GeometryError:
+        return grid
+    return VoxelGrid(_snapped(grid.x_m, aperture.x), _snapped(grid.y_m, aperture.y), grid.z_m)
+
+
+def _snapped(voxels_m: NDArray[np.float64], wall: LatticeAxis) -> NDArray[np.float64]:
+    """Move an axis onto the wall's lattice if its pitch is a whole number of the wall's."""
+    if len(voxels_m) > 1:
+        stride = (voxels_m[1] - voxels_m[0]) / wall.pitch_m
+        if round(stride) < 1 or abs(stride - round(stride)) * len(voxels_m) > 0.1:
+            return voxels_m
+    else:
+        stride = 1.0
+    start = round((voxels_m[0] - wall.start_m) / wall.pitch_m)
+    return wall.start_m + wall.pitch_m * (start + round(stride) * np.arange(len(voxels_m), dtype=np.float64))
+
+
+def depths(capture: Capture) -> tuple[float, float]:
+    """Choose the nearest and the farthest depth.
+
+    Near: half a metre, or half the wall's width where that is less. Far: three metres, or half of the
+    record's longest path.
+    """
+    extent = np.ptp(capture.laser_m, axis=0)
+    end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s
+    far_m = min(FAR_M, end_s * C_M_PER_S / 2)
+    near_m = min(NEAR_M, float(max(extent[0], extent[1])) / 2)
+    return (near_m, far_m) if near_m < far_m else (far_m / 2, far_m)
+
+
+def warnings(
+    capture: Capture,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    response_fwhm_s: float | None = None,
+    light: Light | None = None,
+) -> list[str]:
+    """List what will spoil the image, each with its remedy; empty if nothing is known to.
+
+    `light` is the camera's, where that is not the pulse: one frequency has no reach to warn about.
+    """
+    found = []
+    pitch_m = spacing_m(capture)
+    least = 4 if capture.confocal else 2
+    if pulse.wavelength_m < least * pitch_m * (1 - 1e-3):
+        found.append(
+            f"wavelength {pulse.wavelength_m * 100:.3g} cm is shorter than {least} times the spacing of "
+            f"positions, {pitch_m * 100:.3g} cm: ghosts will appear; use "
+            f"{least * pitch_m * 100:.3g} cm or more"
+        )
+    extent_m = float(np.ptp(capture.laser_m, axis=0).max())
+    passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
+    if response_fwhm_s and extent_m < LEAST_WAVELENGTHS * passed_m:
+        found.append(
+            f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
+            f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
+            f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: "
+            "no wavelength can image this record; "
+            f"scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "
+            f"{_slowest_response_s(extent_m) * 1e12:.0f} ps or less"
+        )
+    elif response_fwhm_s and pulse.wavelength_m < passed_m * (1 - 1e-3):
+        found.append(
+            f"an instrument response of {response_fwhm_s * 1e12:.0f} ps blurs a wavelength of "
+            f"{pulse.wavelength_m * 100:.3g} cm away; use {passed_m * 100:.3g} cm or more"
+        )
+    elif extent_m < LEAST_WAVELENGTHS * pulse.wavelength_m:
+        found.append(
+            f"the wall is only {extent_m / pulse.wavelength_m:.1f} wavelengths wide: at a depth of its own "
+            f"width nothing smaller than {0.61 * pulse.wavelength_m * 100:.3g} cm is resolved"
+        )
+    if isinstance(light, ContinuousWave):
+        return found
+    shortest_m, _ = path_limits_m(capture, grid)
+    begin_m = float(capture.first_bin_s.max()) * C_M_PER_S
+    end_m = (float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s) * C_M_PER_S
+    if shortest_m < begin_m:
+        found.append(
+            f"the record begins at {begin_m:.2f} m of path, the volume at {shortest_m:.2f} m: its near part "
+            f"is dark; begin at a depth of {begin_m / 2:.2f} m"
+        )
+    if shortest_m > end_m or 2 * float(grid.z_m[-1]) > end_m * (1 + 1e-9):
+        found.append(
+            f"the record ends at {end_m:.2f} m of path, the farthest plane, seen straight on, is at "
+            f"{2 * float(grid.z_m[-1]):.2f} m: it is dark; end at a depth of {end_m / 2:.2f} m or take a "
+            "longer record"
+        )
+    return found

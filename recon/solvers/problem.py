@@ -1,0 +1,89 @@
+"""What a solver is given, and the seam that all of them share.
+
+A solver is a function of a task that yields U(v, t) plane by plane, (T, y, x) complex, in order of depth. It
+asks the camera for light, reading times and aperture weights, and never what camera it is.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import Camera
+from recon.capture import Capture
+from recon.grid import VoxelGrid
+from recon.sampling import Slab, plane_times_s
+from recon.wave import Band, Light
+from recon.window import Fades
+
+
+def ignore(fraction: float) -> None:
+    """Take progress that nobody asked for."""
+
+
+def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:
+    """Return what takes the progress of a part of the work, and tells that of the whole."""
+    return lambda fraction: progress(begin + fraction * (end - begin))
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to image.
+
+    Attributes
+    ----------
+    capture, grid
+        Histograms with their geometry, and voxels.
+    camera, light
+        What to see, and its illumination.
+    slabs
+        Parts of the volume with the bins and frequencies that image them, covering all planes in order.
+    fades
+        Soft edges of the record.
+    progress
+        To be called with the fraction that is done.
+    passes
+        The work cut for a bound on memory: slabs, or runs of a slab's frequencies, that share one pass over
+        the record. Empty takes all slabs in one.
+    working_bytes
+        What a solver may take at once for tables.
+    plane_bytes
+        Memory for planes in work, their frequencies and frames; fewer threads run where it would not suffice.
+    device
+        Where the rsd solver computes: "cpu" or "cuda".
+    """
+
+    capture: Capture
+    grid: VoxelGrid
+    camera: Camera
+    light: Light
+    slabs: tuple[Slab, ...]
+    fades: Fades
+    progress: Callable[[float], None] = ignore
+    passes: tuple[tuple[Slab, ...], ...] = ()
+    working_bytes: int = 64 * 2**20
+    plane_bytes: int = 2**30
+    device: str = "cpu"
+
+    def times_s(self, plane: int) -> NDArray[np.float64]:
+        """(T, y or 1, x or 1) moments at which the plane is read."""
+        return plane_times_s(self.capture, self.grid, self.camera, self.grid.z_m[plane])
+
+    @property
+    def band(self) -> Band:
+        """The frequencies of a task of one slab."""
+        return self.slabs[0].band
+
+    @property
+    def frames(self) -> int:
+        """Number of moments T."""
+        return len(self.times_s(0))
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(P,) weight of each position."""
+        return self.camera.aperture_weights(self.capture.laser_m)
+
+
+Solver = Callable[[Task], Iterator[NDArray[np.complexfloating]]]

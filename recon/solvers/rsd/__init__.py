@@ -1,0 +1,1 @@
+"""The Rayleigh-Sommerfeld diffraction solver, for regular grids and for positions anywhere."""

@@ -1,0 +1,266 @@
+"""The Rayleigh-Sommerfeld diffraction solver: the exact sum over the wall, by FFT.
+
+For one frequency and one plane of voxels, sum_p H^(p, omega) exp(i k r_p)/r_p is a convolution over the
+wall's plane with the spherical wave exp(i k r)/r, k = omega/c (2 omega/c for confocal data, whose light goes
+both legs). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
+nothing wraps around: the result is the discrete sum itself, to single precision, with no approximation of
+the wave.
+
+How it is made quick, per plane and frequency, for an FFT of N points and V voxels:
+
+- the wave is even along both axes, so only a quarter is evaluated, and transformed by two real DCT-I of N/4
+  points (half an FFT of N) in place of an FFT;
+- from one frequency to the next the wave is multiplied by exp(-i dk r): no sine or cosine (N/4 complex
+  multiplications; single precision loses 1e-7 a step);
+- one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read),
+  and folds the product where voxels are several lattice steps apart;
+- the inverse FFT along y takes all columns, the one along x only the rows that are read (3/4 of an FFT of N,
+  or of as many points as the folded spectrum has);
+- the phase of the moment t(v) at which a voxel is read and the sum over frequencies are one pass of Horner's
+  rule, total <- total * exp(i d_omega t) + field (V multiplications).
+
+That is 1.25 FFTs of N points for each plane and frequency, against the 2 of kernel and inverse. Where all
+voxels of a plane are read at one moment, as in confocal data, the sum is taken before the inverse FFT, and
+0.5 FFTs remain. Planes are shared out to threads; each thread's working set stays within its cache.
+"""
+
+from collections.abc import Iterator
+from os import cpu_count
+from threading import local
+
+import numpy as np
+from ducc0.fft import c2c, dct
+from numpy.typing import NDArray
+
+from recon.aperture import Aperture, recognise
+from recon.capture import C_M_PER_S, Capture
+from recon.errors import GeometryError
+from recon.grid import VoxelGrid
+from recon.solvers.rsd import kernels
+from recon.solvers.rsd.lattice import AxisPlan, plan_axis
+from recon.solvers.spectral import Field, Propagator
+from recon.wave import Band
+
+#: Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
+WALL_BYTES = 256 * 2**20
+
+
+class Workspace:
+    """Arrays of one thread."""
+
+    def __init__(self, y: AxisPlan, x: AxisPlan) -> None:
+        quarter = (2, y.half + 1, x.half + 1)
+        self.wave = np.empty(quarter, np.float32)
+        self.step = np.empty(quarter, np.float32)
+        self.kernel = np.empty(quarter, np.float32)
+        self.spectrum = np.empty((y.folded, x.folded), np.complex64)
+        self.rows = np.empty((len(y.first), x.folded), np.complex64)
+
+
+class LatticePropagator(Propagator):
+    """Convolves with the spherical wave on a lattice.
+
+    Parameters
+    ----------
+    aperture
+        The wall's lattice.
+    emitted
+        (F, P) complex64: what each position emits at each frequency.
+    band
+        The frequencies.
+    grid
+        Voxels; all depths that will be asked for.
+    legs
+        PathDelays of the path that the kernel stands for: 1, or 2 for confocal data.
+    """
+
+    def __init__(
+        self, aperture: Aperture, emitted: NDArray[np.complex64], band: Band, grid: VoxelGrid, legs: int
+    ) -> None:
+        self.band = band
+        self._emitted = emitted
+        self._shape = grid.shape[1:]
+        self._legs = legs
+        self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
+        self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
+        self._aperture = aperture
+        kept = max(1, WALL_BYTES // (8 * self._y.length * self._x.length))
+        self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
+        for index in range(len(self._walls)):
+            self._walls[index] = self._transform(index, cpu_count() or 1)
+        self._threads = local()
+
+    def fields(self, z_m: float) -> Field:
+        """Return the fields on the plane at depth `z_m`: (F, y, x) complex64."""
+        work = self._workspace()
+        fields = np.zeros((len(self.band), *self._shape), np.complex64)
+        for index in self._walk(z_m, work):
+            kernels.multiply(self._wall(index), work.kernel, work.spectrum, False)
+            kernels.add_field(fields[index], fields[index], self._rows(work), self._x.first, self._x.weights)
+        return fields
+
+    def adjoint(self, z_m: float, fields: Field) -> NDArray[np.complex64]:
+        """Take fields on the plane at depth `z_m` back to the positions: (F, y, x) to (F, P).
+
+        It is the adjoint of what `fields` does to `emitted`: <fields(e), f> = <e, adjoint(f)>.
+        """
+        work = self._workspace()
+        emitted = np.empty_like(self._emitted)
+        for index in self._walk(z_m, work):
+            across = np.zeros((self._x.folded, self._shape[0]), np.complex64)
+            kernels.spread_rows(
+                np.ascontiguousarray(fields[index].T, np.complex64), self._x.first, self._x.weights, across
+            )
+            read = np.zeros((self._y.folded, self._x.folded), np.complex64)
+            kernels.spread_rows(np.ascontiguousarray(across.T), self._y.first, self._y.weights, read)
+            lattice = np.tile(c2c(read, nthreads=1).conj(), (self._y.fold, self._x.fold))
+            product = np.empty_like(lattice)
+            kernels.multiply(lattice, work.kernel, product, False)
+            # conj(K^) L is conj(K^ conj(L)), and a transform back of a conjugate is a conjugated transform.
+            c2c(product, out=product, nthreads=1)
+            emitted[index] = _take(self._aperture, product.conj(), self._y, self._x) / product.size
+        return emitted
+
+    def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
+        """Sum the fields over all frequencies at moments t: (T, y, x) complex64."""
+        if len(times_s) > 1:
+            return super().focus(z_m, times_s)
+        work = self._workspace()
+        total = np.zeros((1, *self._shape), np.complex64)
+        if times_s.size == 1:
+            turns = np.exp(1j * self.band.frequencies_rad_per_s * times_s.item()).astype(np.complex64)
+            work.spectrum[:] = 0
+            for index in self._walk(z_m, work):
+                wall = self._wall(index)
+                wall = wall * turns[index] if turns[index] != 1 else wall
+                kernels.multiply(wall, work.kernel, work.spectrum, True)
+            kernels.add_field(total[0], total[0], self._rows(work), self._x.first, self._x.weights)
+            return total
+        base, step = np.empty_like(total[0]), np.empty_like(total[0])
+        kernels.phase(
+            np.ascontiguousarray(np.broadcast_to(times_s[0], self._shape)),
+            self.band.first_rad_per_s / (2 * np.pi),
+            self.band.step_rad_per_s / (2 * np.pi),
+            base,
+            step,
+        )
+        for index in self._walk(z_m, work):
+            kernels.multiply(self._wall(index), work.kernel, work.spectrum, False)
+            kernels.add_field(total[0], step, self._rows(work), self._x.first, self._x.weights)
+        total *= base
+        return total
+
+    def _wavenumber(
+        self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
+    ) -> float:
+        """Return the highest spatial frequency of the field along an axis [rad/m]."""
+        return self._legs * self.band.last_rad_per_s / C_M_PER_S
+
+    def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
+        """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
+        kernels.spherical_wave(
+            np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
+            np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
+            z_m,
+            self._legs * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._legs * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
+            work.wave,
+            work.step,
+        )
+        for index in reversed(range(len(self.band))):
+            dct(work.wave, axes=(1, 2), type=1, out=work.kernel, nthreads=1)
+            yield index
+            if index:
+                kernels.next_frequency(work.wave, work.step)
+
+    def _wall(self, index: int) -> NDArray[np.complex64]:
+        """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""
+        if index < len(self._walls):
+            return self._walls[index]
+        return self._transform(index, 1)
+
+    def _transform(self, index: int, threads: int) -> NDArray[np.complex64]:
+        """Put positions on the lattice, and transform."""
+        scale = np.float32(1 / (self._y.length * self._x.length))  # the inverse FFT's
+        wall = _put(self._aperture, self._emitted[index] * scale, self._y, self._x)
+        return c2c(wall, out=wall, nthreads=threads)
+
+    def _rows(self, work: Workspace) -> NDArray[np.complex64]:
+        """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
+        c2c(work.spectrum, axes=(0,), forward=False, out=work.spectrum, nthreads=1)
+        kernels.read_rows(work.spectrum, self._y.first, self._y.weights, work.rows)
+        return c2c(work.rows, axes=(1,), forward=False, out=work.rows, nthreads=1)
+
+    def _workspace(self) -> Workspace:
+        """Return the calling thread's arrays."""
+        if not hasattr(self._threads, "work"):
+            self._threads.work = Workspace(self._y, self._x)
+        return self._threads.work
+
+
+def propagator(
+    capture: Capture,
+    emitted: Field,
+    band: Band,
+    grid: VoxelGrid,
+    kind: type[LatticePropagator] = LatticePropagator,
+) -> LatticePropagator:
+    """Make a propagator for a capture's positions; raises as `aperture`."""
+    return kind(aperture(capture), emitted, band, grid, 2 if capture.confocal else 1)
+
+
+def aperture(capture: Capture) -> Aperture:
+    """Find the lattice of a capture's positions.
+
+    Raises
+    ------
+    GeometryError
+        If the positions are on no even grid on z = 0, or each has a detector spot of its own elsewhere.
+    """
+    if capture.round_trip and not capture.confocal:
+        raise GeometryError(
+            "solver by FFT",
+            "one detector spot, or each position lit and seen at the same spot",
+            f"there are {len(capture.detector_m)} detector spots apart from the laser's",
+            "Use the rsd solver, which takes any pairs.",
+        )
+    return recognise(capture.laser_m)
+
+
+def _put(
+    aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
+    grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
+    np.add.at(grid.reshape(-1), aperture.row * aperture.x.count + aperture.column, emitted)
+    grid = _spread(y, _spread(x, grid.T).T)
+    lattice = np.zeros((y.length, x.length), np.complex64)
+    lattice[np.ix_(y.wall, x.wall)] = grid
+    return lattice
+
+
+def _take(
+    aperture: Aperture, lattice: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
+) -> NDArray[np.complex64]:
+    """Take what positions receive, (P,), off the lattice: the adjoint of `_put`."""
+    grid = lattice[np.ix_(y.wall, x.wall)]
+    grid = _gather(y, _gather(x, grid.T).T)
+    return grid[aperture.row, aperture.column]
+
+
+def _spread(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Spread a grid along its first axis."""
+    if axis.spread is None:
+        return grid
+    spread = np.zeros((len(axis.wall), grid.shape[1]), np.complex64)
+    kernels.spread_rows(np.ascontiguousarray(grid), *axis.spread, spread)
+    return spread
+
+
+def _gather(axis: AxisPlan, grid: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Take the adjoint of `_spread`."""
+    if axis.spread is None:
+        return grid
+    gathered = np.empty((len(axis.spread[0]), grid.shape[1]), np.complex64)
+    kernels.read_rows(np.ascontiguousarray(grid), *axis.spread, gathered)
+    return gathered

@@ -1,0 +1,1 @@
+"""Measuring: devices opened, a plan run, the photons handed on."""

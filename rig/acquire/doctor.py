@@ -1,0 +1,100 @@
+"""What is installed and connected, and what to do about what is missing. It only looks."""
+
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Literal
+
+from rig.model.config import RigConfig
+
+#: Where to read what a check says.
+Verdict = Literal["ok", "warning", "missing"]
+
+_PACKAGES = ("numpy", "scipy", "h5py", "matplotlib", "numba", "ducc0", "pyserial", "pyusb")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of one check."""
+
+    what: str
+    verdict: Verdict
+    found: str
+    remedy: str = ""
+
+
+def examine(config: RigConfig, folder: Path) -> list[Finding]:
+    """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
+    findings = [*_software(), _disk(folder)]
+    if not config.simulated:
+        findings += [*_ports(config), _detector(), _timing_library(config)]
+    return findings
+
+
+def _software() -> Iterator[Finding]:
+    yield Finding("Python", "ok", sys.version.split()[0])
+    for package in _PACKAGES:
+        try:
+            yield Finding(package, "ok", version(package))
+        except PackageNotFoundError:
+            yield Finding(package, "missing", "not installed", f"Install it: pip install {package}")
+
+
+def _disk(folder: Path) -> Finding:
+    free = shutil.disk_usage(folder).free
+    verdict: Verdict = "ok" if free > 2e9 else "warning"
+    remedy = (
+        "" if verdict == "ok" else "A long scan may need more; free some space or scan with --out elsewhere"
+    )
+    return Finding(f"disk space in {folder.resolve()}", verdict, f"{free / 1e9:.1f} GB free", remedy)
+
+
+def _ports(config: RigConfig) -> Iterator[Finding]:
+    from serial.tools import list_ports
+
+    present = {str(Path(port.device).resolve()): port for port in list_ports.comports()}
+    for name, address in (("galvo", config.galvo.address), ("laser", config.laser.address)):
+        what = f"{name} at {address}"
+        if address is None or "://" in address:
+            yield Finding(what, "ok", "a URL; it is tried when a scan opens it")
+        elif port := present.get(str(Path(address).resolve())):
+            yield Finding(what, "ok", port.description)
+        elif Path(address).exists():
+            yield Finding(what, "warning", "exists, but is not listed as a serial port", "Check the address")
+        else:
+            seen = ", ".join(port.device for port in present.values()) or "none"
+            yield Finding(
+                what,
+                "missing",
+                f"no such port; present: {seen}",
+                "Plug it in, switch it on, or correct the address",
+            )
+
+
+def _detector() -> Finding:
+    import usb.core
+
+    from drivers.id120 import ID120
+
+    what = f"detector on USB ({ID120[0]:04x}:{ID120[1]:04x})"
+    try:
+        device = usb.core.find(idVendor=ID120[0], idProduct=ID120[1])
+    except usb.core.NoBackendError:
+        return Finding(what, "missing", "libusb is not installed", "Install it: pip install 'nlos-rig[usb]'")
+    if device is None:
+        return Finding(what, "missing", "not connected", "Plug it in and switch it on")
+    return Finding(what, "ok", f"bus {device.bus}, address {device.address}")
+
+
+def _timing_library(config: RigConfig) -> Finding:
+    from drivers.errors import DeviceError
+    from drivers.hydraharp import load_library
+
+    try:
+        library = load_library(config.hydraharp.library)
+    except DeviceError as error:
+        return Finding("HydraHarp library", "missing", error.answered, error.remedy)
+    return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")

@@ -1,0 +1,185 @@
+"""The simulated bench that a configuration describes, and the truth of its scenes."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import ConfigError, UsageError
+from rig.model.config import FaultsConfig, RigConfig, SimulationConfig
+
+if TYPE_CHECKING:
+    from simulators.bench import Bench, BenchGeometry, LightState, Photons
+    from simulators.detector import Detector
+    from simulators.detector.first_bounce import FirstBounce
+    from simulators.scenes import Scene
+    from simulators.wire.rack import Rack
+
+#: The mean rate is taken over so many laser spots along x and y.
+RATE_SPOTS = (9, 6)
+
+
+def rack(config: RigConfig) -> "tuple[Bench, Rack]":
+    """Build the bench and the rack of its devices, which is yet to be entered.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene, or it cannot be made as bright as wanted.
+    """
+    from simulators.bench import Bench
+    from simulators.clock import BenchClock
+    from simulators.wire.hydraharp import Nonlinearity, Timing
+    from simulators.wire.rack import Rack
+
+    simulation = config.simulation or SimulationConfig()
+    faults = simulation.faults
+    geometry = true_geometry(config)
+    clock = BenchClock(real_time=simulation.real_time)
+    bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
+    timing = Timing(
+        dead_time_s=faults.dead_time_s,
+        nonlinearity=Nonlinearity(rms=faults.nonlinearity, seed=simulation.seed),
+        drift_s_per_s=faults.drift_per_minute_s / 60,
+    )
+    return bench, Rack(bench, timing=timing, count_depth=faults.largest_count)
+
+
+def true_geometry(config: RigConfig) -> "BenchGeometry":
+    """Return where things really stand in the wall's frame: as configured, and then misaligned.
+
+    A tilted wall is a rig that is turned the other way about the wall's centre. The detector still looks at
+    its mark on the wall, since it was pointed there by eye.
+    """
+    from simulators.bench import BenchGeometry
+    from simulators.motion.mount import MirrorMount, turned
+
+    wrong = (config.simulation or SimulationConfig()).misalignment
+    about_vertical, about_horizontal = wrong.wall_tilt_rad
+    turn = turned(-about_horizontal, -about_vertical, 0.0)
+    galvo_m = turn @ np.add(config.galvo.position_m, wrong.galvo_shift_m)
+    head_m = turn @ np.add(config.spad.position_m, wrong.spad_shift_m)
+    rotation = turn @ turned(*wrong.mirror_turn_rad)
+    return BenchGeometry(
+        galvo_m=tuple(galvo_m.tolist()),
+        detector_head_m=tuple(head_m.tolist()),
+        detector_spot_m=config.spad.spot_m,
+        electronics_delay_s=config.timing.electronics_delay_s + wrong.cable_delay_s,
+        mount=MirrorMount(
+            rotation=tuple(map(tuple, rotation.tolist())),
+            offset_rad=wrong.mirror_offset_rad,
+            gain=wrong.mirror_gain,
+            mirrors=config.galvo.mirrors,
+            separation_m=config.galvo.separation_m,
+        ),
+    )
+
+
+def hidden_scene(config: RigConfig) -> "Scene":
+    """Build the hidden scene, as rough as it is wanted.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    simulation = config.simulation or SimulationConfig()
+    try:
+        hidden = scene(simulation.scene)
+    except (ValueError, ModuleNotFoundError) as error:
+        raise ConfigError(f"simulation.scene: {error}") from None
+    return hidden if simulation.roughness is None else hidden.with_roughness(simulation.roughness)
+
+
+def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
+
+    Raises
+    ------
+    UsageError
+        If there is no such scene.
+    """
+    from simulators.scenes import scene
+
+    try:
+        return scene(name).depth_map(x_m, y_m)
+    except ValueError as error:
+        raise UsageError(f"scene:{name}: {error}") from None
+
+
+def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
+    from simulators.optics.brightness import tuned
+    from simulators.optics.light import Optics
+    from simulators.photons import HiddenScenePhotons
+
+    simulation = config.simulation or SimulationConfig()
+    faults = simulation.faults
+    photons = HiddenScenePhotons(
+        hidden_scene(config),
+        geometry,
+        Optics(),
+        _detector(faults),
+        _first_bounce(faults, simulation.seed),
+        bounces=simulation.bounces,
+    )
+    if simulation.count_rate_hz is None:
+        return photons
+    # at a failed gate the first bounce is counted, by the million, and hides the light that is tuned
+    good_m = [spot for spot in _spots(config) if not photons.first_bounce.fails(spot, geometry)]
+    try:
+        return tuned(photons, good_m or _spots(config), _light(config), simulation.count_rate_hz)
+    except ValueError as error:
+        raise ConfigError(f"simulation.count_rate: {error}; choose another rate or scene") from None
+
+
+def _detector(faults: FaultsConfig) -> "Detector":
+    from simulators.detector import Afterpulsing, Detector, Ringing
+
+    return Detector(
+        dark_hz=faults.dark_counts_hz,
+        ambient_hz=faults.ambient_light_hz,
+        ringing=Ringing(faults.gate_ringing, faults.gate_ringing_decay_s),
+        holds_off=faults.hold_off,
+        afterpulsing=Afterpulsing(faults.afterpulse_probability, faults.afterpulse_decay_s),
+    )
+
+
+def _first_bounce(faults: FaultsConfig, seed: int) -> "FirstBounce":
+    from simulators.detector.first_bounce import FirstBounce
+
+    return FirstBounce(
+        memory=faults.memory,
+        memory_decay_s=faults.memory_decay_s,
+        reflection_per_pulse=faults.reflections_per_pulse,
+        failed_fraction=faults.failed_gates,
+        failed_radius_m=faults.failed_gate_radius_m,
+        seed=seed,
+    )
+
+
+def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
+    """Return spots in the middles of equal parts of the scanned wall, those at the detector's left out."""
+    scan, (columns, rows) = config.scan, RATE_SPOTS
+    x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
+    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
+    x_c, y_c, _ = config.spad.spot_m
+    away_m = scan.skip_m / 2
+    return [(float(x), float(y), 0.0) for x in x_m for y in y_m if np.hypot(x - x_c, y - y_c) > away_m]
+
+
+def _light(config: RigConfig) -> "LightState":
+    from simulators.bench import LightState
+
+    spad, laser = config.spad, config.laser
+    return LightState(
+        emitting=True,
+        power=laser.power_setpoint / 10,
+        repetition_hz=laser.repetition_hz,
+        biased=True,
+        gated=spad.gated,
+        gate_delay_s=spad.gate_delay_s,
+        gate_width_s=spad.gate_width_s,
+        hold_off_s=spad.hold_off_s,
+    )

@@ -1,0 +1,99 @@
+"""What the counting calibrations ask of raw data before they use it."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import CalibrationError, ConfigError
+from rig.files.scan import ScanFile
+from rig.model.config import RigConfig, recorded
+from rig.model.quantities import show
+
+#: What the timing instrument says where counts are missing; all else that it says is a matter of degree.
+SPOILT = ("sync was lost", "No sync pulses", "is full")
+
+
+@contextmanager
+def sound_scans(files: Sequence[Path]) -> Iterator[list[ScanFile]]:
+    """Open raw data, and refuse what lacks counts.
+
+    Raises
+    ------
+    CalibrationError
+        If a scan is not complete, or the timing instrument lost counts.
+    """
+    with ExitStack() as stack:
+        scans = [stack.enter_context(ScanFile(path)) for path in files]
+        for scan in scans:
+            _refuse_unsound(scan)
+        yield scans
+
+
+def _refuse_unsound(scan: ScanFile) -> None:
+    if scan.status != "complete":
+        raise CalibrationError(f"{scan.path} is not complete ({scan.reason}): measure it again")
+    for warning in scan.warnings:
+        if any(sign in warning for sign in SPOILT):
+            raise CalibrationError(f"{scan.path}: {warning} Mend that and measure it again")
+    lost = scan.live_time_s < 0.999 * float(scan.plan.get("exposure_s", 0.0))
+    if lost.any():
+        raise CalibrationError(
+            f"{scan.path}: {lost.sum()} of {len(lost)} exposures ended early, perhaps at a full bin: "
+            "attenuate, or expose shorter"
+        )
+
+
+def settings_of(scan: ScanFile) -> RigConfig:
+    """Return the configuration with which a scan was measured.
+
+    Raises
+    ------
+    CalibrationError
+        If it does not say.
+    """
+    try:
+        return recorded(json.dumps(scan.configuration))
+    except ConfigError as error:
+        raise CalibrationError(
+            f"{scan.path} does not say how it was measured ({error}): give files of this program"
+        ) from None
+
+
+def counts_of(scan: ScanFile) -> NDArray[np.float64]:
+    """Return (positions, bins) counts; calibrations have few positions."""
+    return np.concatenate([counts for _, counts in scan.capture().histograms.blocks()]).astype(np.float64)
+
+
+def live_s(scan: ScanFile) -> float:
+    """Return the measurement time of all positions together [s]."""
+    return float(scan.live_time_s.astype(np.float64).sum())
+
+
+def period_s(config: RigConfig) -> float:
+    """Return the time between the sync pulses that the timing instrument sees [s]."""
+    return config.hydraharp.sync_divider / config.laser.repetition_hz
+
+
+def hold_off_s(scan: ScanFile) -> float:
+    """Return the detector's hold-off, as it said itself [s]."""
+    return float(scan.devices.get("spad", {}).get("hold_off_s", settings_of(scan).spad.hold_off_s))
+
+
+def refuse_saturated(scan: ScanFile, rate_hz: float) -> None:
+    """Refuse light that keeps the detector off for half of the time: the corrections for it grow too large.
+
+    Raises
+    ------
+    CalibrationError
+        If ``rate_hz`` detections a second do.
+    """
+    off = rate_hz * hold_off_s(scan)
+    if off > 0.5:
+        raise CalibrationError(
+            f"{scan.path}: {show(rate_hz, 'Hz')} keep the detector off for {100 * off:.0f} % of the time: it "
+            "is saturated. Attenuate the light and measure again"
+        )

@@ -1,0 +1,160 @@
+"""Bin widths: light that knows nothing of the laser fills all bins alike, but for their widths.
+
+With N counts a bin a width is known to 1/sqrt(N), and an instrument's non-linearity is often less than that:
+a correction by counted widths would add more noise than it takes away. So the non-linearity's variance S is
+estimated over all bins, and each deviation is shrunk by S / (S + 1/N), the mean of what it can be given the
+count (Wiener's filter; James and Stein's empirical Bayes, see Efron and Morris, J. Am. Stat. Assoc. 68, 117
+(1973)).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.acquire.acquisition import Watch, record
+from rig.acquire.connect import Station
+from rig.calibrate.counts import counts_of, live_s, period_s, refuse_saturated, settings_of, sound_scans
+from rig.calibrate.routine import changed, origin
+from rig.errors import CalibrationError
+from rig.files.scan import ScanFile
+from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.kinds import BinWidths
+from rig.model.config import RigConfig
+from rig.model.devices import Preparation
+from rig.model.plan import ScanPlan
+from rig.model.state import Calibrations
+
+#: Fewer counts a bin say nothing: their noise of 10 % is far above any instrument's non-linearity.
+LEAST_COUNTS = 100
+#: Bins taken together to see whether the light follows the laser, and what no instrument's bins do together.
+TOGETHER, TOGETHER_OFF = 64, 0.01
+
+
+@dataclass(frozen=True)
+class DnlRoutine:
+    """Measures the widths of the bins that scans use.
+
+    Attributes
+    ----------
+    exposure_s
+        Of the whole measurement.
+    exposures
+        In how many parts it is taken.
+    """
+
+    exposure_s: float = 20.0
+    exposures: int = 4
+    kind: str = BinWidths.kind
+
+    def setup(self, config: RigConfig) -> RigConfig:
+        """Return the scan's own bins, the detector free running: a gate follows the sync pulses."""
+        return changed(config, spad={"gated": False})
+
+    def measure(
+        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
+    ) -> list[Path]:
+        """Count a steady lamp."""
+        station.operator.prepare(Preparation.LAMP)
+        each_s = max(round(self.exposure_s / self.exposures, 3), 1e-3)
+        plan = ScanPlan.from_config(config, columns=self.exposures, rows=1, exposure_s=each_s, skip_m=0.0)
+        path = folder / "dnl-lamp.h5"
+        record(plan, config, station.devices, path, watch)
+        return [path]
+
+    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+        """Return the widths of the bins, counts of several files taken together."""
+        with sound_scans(files) as scans:
+            first = scans[0]
+            covered = _covered(first)
+            counts = np.sum([_counts(scan, first) for scan in scans], axis=0)[covered]
+            counted, mean = _widths(files[0], counts, np.flatnonzero(covered))
+            off = counted - 1
+            variance = off.var()
+            error = np.sqrt(((off**2).var()) / len(off))  # of a variance, whatever the distribution
+            real = max(variance - 1 / mean, 0.0)
+            widths = np.full(first.bins, np.nan)
+            widths[covered] = counted
+            return BinWidths(
+                **origin(BinWidths, scans),
+                valid_days=365,
+                bin_width_s=first.bin_width_s,
+                first_bin_s=first.first_bin_s,
+                measured=[None if np.isnan(width) else round(float(width), 6) for width in widths],
+                counts_per_bin=mean,
+                nonlinearity=float(np.sqrt(real)),
+                nonlinearity_at_most=float(np.sqrt(real + 2 * error)),
+                kept=float(real / (real + 1 / mean)),
+            )
+
+    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+        """Draw widths over bins, their distribution, and what is left when neighbours are taken together."""
+        from rig.calibrate.pictures_dnl import dnl_figure
+
+        assert isinstance(calibration, BinWidths)
+        return dnl_figure(calibration)
+
+
+def blocks_off(off: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (blocks,) mean deviations of `TOGETHER` neighbouring bins."""
+    size = min(TOGETHER, max(len(off) // 16, 1))
+    whole = len(off) // size * size
+    return off[:whole].reshape(-1, size).mean(axis=1)
+
+
+def _covered(scan: ScanFile) -> NDArray[np.bool_]:
+    """Return (bins,) which bins lie inside the sync period; to those after it nothing is ever counted.
+
+    Where a bin really ends differs from where it should by what all bins before it have too much or too
+    little, so the last few are left out: four standard deviations of a non-linearity of 1 %, and two bins.
+    """
+    edges_s = scan.first_bin_s + np.arange(scan.bins + 1) * scan.bin_width_s
+    margin_s = (2 + np.ceil(0.04 * np.sqrt(scan.bins))) * scan.bin_width_s
+    period = period_s(settings_of(scan))
+    return np.asarray(edges_s[1:] <= max(period - margin_s, 0.0))
+
+
+def _counts(scan: ScanFile, first: ScanFile) -> NDArray[np.float64]:
+    if settings_of(scan).spad.gated:
+        raise CalibrationError(
+            f"{scan.path} was measured through the gate, which shapes the counts: let the detector run freely"
+        )
+    mine, others = ((s.bins, s.bin_width_s, s.first_bin_s) for s in (scan, first))
+    if mine != others:
+        raise CalibrationError(f"{scan.path} has other bins than {first.path}: give files with the same bins")
+    counts = counts_of(scan).sum(axis=0)
+    part = _covered(scan).sum() * scan.bin_width_s / period_s(settings_of(scan))
+    refuse_saturated(scan, float(counts.sum()) / live_s(scan) / part)
+    return counts
+
+
+def _widths(path: Path, counts: NDArray[np.float64], bins: NDArray) -> tuple[NDArray[np.float64], float]:
+    """Return counted widths about 1, and the mean count, after refusing what is not steady light."""
+    mean = float(counts.mean()) if len(counts) else 0.0
+    if mean < LEAST_COUNTS:
+        raise CalibrationError(
+            f"{path}: {mean:.1f} counts a bin are too few, {LEAST_COUNTS} are the least and 1/(rms width "
+            "deviation)^2 are wanted: measure longer with --exposure, or more light"
+        )
+    empty = bins[counts == 0]
+    if len(empty):
+        raise CalibrationError(
+            f"{path}: {len(empty)} bins between {empty[0]} and {empty[-1]} are empty while the others have "
+            f"{mean:.0f} counts: only part of them was lit. The light has to be steady and the detector free "
+            "running; check lamp and gate"
+        )
+    counted = counts / mean
+    together = blocks_off(counted - 1)
+    size = len(counted) // len(together)
+    far = np.abs(together).max()
+    if far > max(TOGETHER_OFF, 6 * counted.std() / np.sqrt(size)):
+        at = bins[int(np.abs(together).argmax()) * size]
+        raise CalibrationError(
+            f"{path}: bins {at} to {at + size - 1} have {100 * far:.1f} % more or less than the mean, all "
+            "together: the light follows the laser. Block the beam, light the wall with a steady lamp that "
+            "does not pulse, and measure again"
+        )
+    return counted, mean

@@ -1,0 +1,175 @@
+"""Where the laser spot is in a picture, to a small part of a pixel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.optimize import least_squares
+
+from rig.calibrate.galvo.lens import Floats
+from rig.errors import CalibrationError
+
+#: A spot is looked for in squares of so many pixels a side, which makes it quick and sees faint ones,
+BINNED = 4
+#: and stands out of their noise by so many standard deviations: noise alone does in one of a million
+#: pictures.
+STANDS_OUT = 7.0
+#: A second spot with at least this part of the first one's light is told; less is a faint reflection.
+SECOND = 0.1
+#: The spot is fitted in a window of so many pixels to either side.
+WINDOW_PX = 9
+
+
+@dataclass(frozen=True)
+class Background:
+    """What a camera sees while the laser is dark.
+
+    Attributes
+    ----------
+    mean
+        (height, width) counts.
+    variance
+        (height, width) of one picture's counts, as a smooth function of the mean.
+    counts_per_count
+        By how much the variance grows with each count of light.
+    full
+        Count at which a pixel is full.
+    """
+
+    mean: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    counts_per_count: float
+    full: int
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A spot's centre (column, row) [pixels], and the covariance of both."""
+
+    centre: Floats
+    covariance: Floats
+
+
+def background(dark: NDArray[np.uint16], full: int) -> Background:
+    """Average (n, height, width) dark pictures, and learn their noise: a straight line over the mean.
+
+    Read noise does not depend on the light, and the variance of photons is in proportion to it.
+    """
+    mean = dark.mean(axis=0, dtype=np.float32)
+    variance = dark.var(axis=0, ddof=1, dtype=np.float32)
+    shares = np.quantile(mean[::4, ::4], [0.02, 0.25, 0.5, 0.75, 0.98])
+    slope = 0.0
+    if shares[-1] - shares[0] > 10:  # else all pixels are alike, and there is no line to draw
+        centred = mean - mean.mean(dtype=np.float64)
+        slope = max(float((centred * variance).sum() / (centred**2).sum()), 0.0)
+    level = float(variance.mean(dtype=np.float64)) - slope * float(mean.mean(dtype=np.float64))
+    smooth = np.maximum(level + slope * mean, 1 / 12)  # whole counts alone have this variance
+    return Background(mean, (smooth * (1 + 1 / len(dark))).astype(np.float32), slope, full)
+
+
+def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
+    """Return the one spot of a picture.
+
+    Parameters
+    ----------
+    lit
+        (height, width) counts.
+    dark
+        The same camera's background.
+    where
+        Which picture it is, for messages.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no spot, or a second one, or it fills pixels, or is at the edge.
+    """
+    light = lit - dark.mean
+    shares, places = _bright_places(light, dark)
+    if not shares:
+        raise CalibrationError(
+            f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the "
+            "camera see that part of it? Expose longer, or measure a smaller area"
+        )
+    if len(shares) > 1 and shares[1] > SECOND * shares[0]:
+        (row, column), (other_row, other_column) = places[:2]
+        raise CalibrationError(
+            f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), "
+            f"the second with {shares[1] / shares[0]:.0%} of the light. Cover what reflects the beam, and "
+            "keep other lights still"
+        )
+    row, column = places[0]
+    height, width = lit.shape
+    if not (WINDOW_PX <= row < height - WINDOW_PX and WINDOW_PX <= column < width - WINDOW_PX):
+        raise CalibrationError(
+            f"{where}: the spot is at the image's edge, at pixel ({column}, {row}) of {width} x {height}. "
+            "Turn the camera so that it sees the whole scanned wall, or measure a smaller area"
+        )
+    window = np.s_[row - WINDOW_PX : row + WINDOW_PX + 1, column - WINDOW_PX : column + WINDOW_PX + 1]
+    if lit[window].max() >= dark.full:
+        raise CalibrationError(
+            f"{where}: the spot is saturated, {int((lit[window] >= dark.full).sum())} pixels are full at "
+            f"{dark.full} counts. Expose less, close the iris, or attenuate the laser"
+        )
+    spot = _fit(light[window], dark.variance[window], dark.counts_per_count)
+    return Spot(spot.centre + np.array([column - WINDOW_PX, row - WINDOW_PX], dtype=float), spot.covariance)
+
+
+def _bright_places(light: NDArray[np.float32], dark: Background) -> tuple[list[float], list[tuple[int, int]]]:
+    """Return light and brightest pixel (row, column) of each place that stands out, the brightest first."""
+    sums, variances = _binned(light), _binned(dark.variance)
+    labels, _ = ndimage.label(sums > STANDS_OUT * np.sqrt(variances), structure=np.ones((3, 3)))
+    found = []
+    for rows, columns in ndimage.find_objects(labels):
+        part = light[BINNED * rows.start : BINNED * rows.stop, BINNED * columns.start : BINNED * columns.stop]
+        row, column = np.unravel_index(int(part.argmax()), part.shape)
+        place = (int(row) + BINNED * rows.start, int(column) + BINNED * columns.start)
+        found.append((float(part.sum()), place))
+    found.sort(reverse=True)
+    return [share for share, _ in found], [place for _, place in found]
+
+
+def _binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum squares of pixels; what is left over at the right and lower rim is cut off."""
+    rows, columns = image.shape[0] // BINNED, image.shape[1] // BINNED
+    whole = image[: rows * BINNED, : columns * BINNED].reshape(rows, BINNED, columns, BINNED)
+    return np.asarray(whole.sum(axis=(1, 3)))
+
+
+def _fit(light: NDArray[np.float32], variance: NDArray[np.float32], per_count: float) -> Spot:
+    """Fit an elliptical Gaussian on an even ground, weighted by the noise of ground and spot.
+
+    Its numbers: light, centre, three of the inverse covariance, ground.
+    """
+    y, x = np.mgrid[: light.shape[0], : light.shape[1]].astype(float)
+    peak = float(light.max())
+    row, column = np.unravel_index(int(light.argmax()), light.shape)
+    spread = np.sqrt(max(float(light.sum()) / (2 * np.pi * peak), 0.3))
+    start = np.array([peak, column, row, spread**-2, 0.0, spread**-2, 0.0])
+
+    def shape(n: Floats) -> tuple[Floats, Floats, Floats]:
+        u, v = x - n[1], y - n[2]
+        return u, v, np.exp(-(n[3] * u * u + 2 * n[4] * u * v + n[5] * v * v) / 2)
+
+    def solve(start: Floats, noise: Floats) -> tuple[Floats, Floats, float]:
+        def residuals(n: Floats) -> Floats:
+            return ((n[0] * shape(n)[2] + n[6] - light) / noise).ravel()
+
+        def slopes(n: Floats) -> Floats:
+            u, v, g = shape(n)
+            a = n[0] * g
+            columns = (
+                g, a * (n[3] * u + n[4] * v), a * (n[4] * u + n[5] * v),
+                -a * u * u / 2, -a * u * v, -a * v * v / 2, np.ones_like(g),
+            )  # fmt: skip
+            return np.stack([(column / noise).ravel() for column in columns], axis=1)
+
+        fit = least_squares(residuals, start, jac=slopes, x_scale="jac")
+        return fit.x, fit.jac, 2 * fit.cost / (light.size - len(start))
+
+    numbers, _, _ = solve(start, np.sqrt(variance + per_count * np.maximum(light, 0)))
+    modelled = np.maximum(numbers[0] * shape(numbers)[2], 0)  # a noise that does not follow the noise itself
+    numbers, slopes, excess = solve(numbers, np.sqrt(variance + per_count * modelled))
+    covariance = np.asarray(np.linalg.inv(slopes.T @ slopes) * max(1.0, excess), dtype=float)
+    return Spot(numbers[1:3], covariance[1:3, 1:3])

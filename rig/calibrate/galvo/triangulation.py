@@ -1,0 +1,218 @@
+"""From the pixels of both cameras to places on the wall: triangulated, a plane laid through, its frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.calibrate.galvo.boards import CalibratedCameras
+from rig.calibrate.galvo.lens import NUMBERS, CameraModel, Floats
+from rig.errors import CalibrationError
+
+#: Fewest spots from which a wall is told, and the part of them that has to be on it.
+LEAST_SPOTS, LEAST_ON_WALL = 12, 0.8
+#: A spot is on the wall up to so many standard deviations, and at any rate up to this distance.
+OFF_WALL, OFF_WALL_M = 5.0, 3e-3
+#: Planes through three spots that are tried.
+TRIED = 200
+#: Least angle between a camera's view of the spots and the wall.
+LEAST_VIEW_RAD = np.radians(12.0)
+#: Largest root mean square distance at which the cameras' rays may pass each other [pixels].
+WORST_MISS_PX = 1.0
+
+Cameras = tuple[CameraModel, CameraModel]
+
+
+@dataclass(frozen=True)
+class WallPlane:
+    """The wall as the spots show it, in the frame of the board.
+
+    Attributes
+    ----------
+    origin_m
+        (3,) the wall's origin.
+    axes
+        (3, 3) rows are the wall's x, y and z.
+    """
+
+    origin_m: Floats
+    axes: Floats
+
+
+@dataclass(frozen=True)
+class LocatedSpots:
+    """Spots on the wall.
+
+    Attributes
+    ----------
+    spots_m
+        (K, 2) x and y [m].
+    covariance
+        (2K, 2K) of all of them together: what cameras get wrong they get wrong for all.
+    kept
+        (N,) which of the spots given were on the wall, K of them.
+    off_wall_m
+        Root mean square distance of those from the plane [m].
+    tilt_rad
+        Angle between this plane and the board that was held on the wall.
+    """
+
+    spots_m: Floats
+    covariance: Floats
+    kept: NDArray[np.bool_]
+    off_wall_m: float
+    tilt_rad: float
+
+
+def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, seed: int = 0) -> LocatedSpots:
+    """Return where spots are on the wall, with errors of spots and of cameras.
+
+    Parameters
+    ----------
+    calibrated
+        Both cameras.
+    pixels, covariances
+        (N, 2, 2) spot, camera, (column, row); and (N, 2, 2, 2) their covariances [pixels^2].
+    seed
+        Of the choice of spots through which planes are tried.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few spots, the cameras contradict each other, too many spots are off any plane, or a
+        camera sees the wall nearly edge-on.
+    """
+    if len(pixels) < LEAST_SPOTS:
+        raise CalibrationError(
+            f"{len(pixels)} spots are too few for a calibration, {LEAST_SPOTS} are needed: measure more "
+            "angles"
+        )
+    cameras = calibrated.cameras
+    points_m, spread_m2, missed_px = triangulate(cameras, pixels, covariances)
+    if missed_px > WORST_MISS_PX:
+        raise CalibrationError(
+            f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
+            f"square), more than {WORST_MISS_PX:g}: was one moved after the boards were shown? Show them "
+            "again"
+        )
+    kept = on_one_plane(points_m, spread_m2, seed)
+    if kept.sum() < max(LEAST_SPOTS, LEAST_ON_WALL * len(kept)):
+        raise CalibrationError(
+            f"only {kept.sum()} of {len(kept)} spots lie on one plane: does the beam meet something before "
+            "the wall, or is the wall not flat? Clear the way, or measure a smaller area"
+        )
+    wall = plane_of(points_m[kept], spread_m2[kept])
+    _refuse_edge_on(cameras, points_m[kept], wall)
+    pixels, covariances = pixels[kept], covariances[kept]
+    spots_m, own_m2 = _on_wall(cameras, pixels, covariances, wall)
+    off_m = (points_m[kept] - wall.origin_m) @ wall.axes[2]
+
+    def with_numbers(numbers: Floats) -> Floats:
+        moved = (CameraModel(numbers[:NUMBERS]), CameraModel(numbers[NUMBERS:]))
+        there_m, spread, _ = triangulate(moved, pixels, covariances)
+        return _on_wall(moved, pixels, covariances, plane_of(there_m, spread))[0].ravel()
+
+    numbers = np.concatenate([camera.numbers for camera in cameras])
+    steps = 0.1 * np.sqrt(calibrated.covariance.diagonal())
+    slopes = np.stack(
+        [(with_numbers(numbers + by) - with_numbers(numbers - by)) / (2 * by.sum()) for by in np.diag(steps)],
+        axis=1,
+    )
+    covariance = slopes @ calibrated.covariance @ slopes.T
+    for index, block in enumerate(own_m2):
+        covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2] += block
+    return LocatedSpots(
+        spots_m,
+        covariance,
+        kept,
+        float(np.sqrt((off_m**2).mean())),
+        float(np.arccos(min(wall.axes[2, 2], 1.0))),
+    )
+
+
+def triangulate(cameras: Cameras, pixels: Floats, covariances: Floats) -> tuple[Floats, Floats, float]:
+    """Return (N, 3) points [m], their (N, 3, 3) covariances, and by how much rays miss each other [pixels].
+
+    Points are those whose images are nearest to the pixels, in units of their errors.
+    """
+    starts = np.stack([camera.position_m for camera in cameras])
+    rays = np.stack([camera.rays(pixels[:, number]) for number, camera in enumerate(cameras)], axis=1)
+    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    points_m = np.linalg.solve(across.sum(axis=1), (across @ starts[..., None]).sum(axis=1))[..., 0]
+    return _nearest(cameras, pixels, covariances, points_m, np.eye(3))
+
+
+def _on_wall(cameras: Cameras, pixels: Floats, covariances: Floats, wall: WallPlane) -> tuple[Floats, Floats]:
+    """Return (N, 2) places on the wall [m] and their (N, 2, 2) covariances from the pixels' errors."""
+    camera = cameras[0]
+    rays = camera.rays(pixels[:, 0])
+    along_m = ((wall.origin_m - camera.position_m) @ wall.axes[2]) / (rays @ wall.axes[2])
+    points_m = camera.position_m + along_m[:, None] * rays
+    points_m, spread_m2, _ = _nearest(cameras, pixels, covariances, points_m, wall.axes[:2])
+    return (points_m - wall.origin_m) @ wall.axes[:2].T, spread_m2
+
+
+def _nearest(
+    cameras: Cameras, pixels: Floats, covariances: Floats, points_m: Floats, ways: Floats
+) -> tuple[Floats, Floats, float]:
+    """Move points along (k, 3) ``ways`` until their images are nearest to the pixels, by Gauss and Newton."""
+    roots = np.linalg.inv(np.linalg.cholesky(covariances))  # (N, camera, 2, 2) make pixels' errors 1
+    tiny = 1e-5
+
+    def images(at_m: Floats) -> Floats:
+        return np.stack([camera.project(at_m) for camera in cameras], axis=-2)
+
+    for _ in range(3):  # the start is nearly there: each step squares what is left
+        slopes = np.stack([(images(points_m + tiny * way) - images(points_m - tiny * way)) / (2 * tiny)
+                           for way in ways], axis=-1)  # fmt: skip
+        weighted = (roots @ slopes).reshape(len(points_m), 4, len(ways))
+        missing = (roots @ (pixels - images(points_m))[..., None]).reshape(len(points_m), 4, 1)
+        spread_m2 = np.linalg.inv(weighted.swapaxes(1, 2) @ weighted)
+        points_m = points_m + (spread_m2 @ weighted.swapaxes(1, 2) @ missing)[..., 0] @ ways
+    missed_px = np.sqrt(((pixels - images(points_m)) ** 2).sum(axis=-1).mean())
+    return points_m, np.asarray(spread_m2, dtype=float), float(missed_px)
+
+
+def on_one_plane(points_m: Floats, spread_m2: Floats, seed: int = 0) -> NDArray[np.bool_]:
+    """Return which of (N, 3) points are on the plane that has most of them, of those tried through three."""
+    rng = np.random.default_rng(seed)
+    best = np.zeros(len(points_m), bool)
+    for _ in range(TRIED):
+        a, b, c = points_m[rng.choice(len(points_m), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        area = np.linalg.norm(normal)
+        if area < 1e-6:
+            continue
+        normal = normal / area
+        sigma_m = np.sqrt(np.einsum("i,nij,j->n", normal, spread_m2, normal))
+        near = np.abs((points_m - a) @ normal) < np.maximum(OFF_WALL * sigma_m, OFF_WALL_M)
+        if near.sum() > best.sum():
+            best = near
+    return best
+
+
+def plane_of(points_m: Floats, spread_m2: Floats) -> WallPlane:
+    """Lay the plane z = a + b x + c y through (N, 3) points by weighted least squares, and take its frame.
+
+    The origin goes onto the plane along its normal, and x as far as needed to be in it.
+    """
+    design = np.column_stack([np.ones(len(points_m)), points_m[:, :2]])
+    weight = 1 / np.sqrt(spread_m2[:, 2, 2])
+    (height_m, *slope), *_ = np.linalg.lstsq(design * weight[:, None], points_m[:, 2] * weight, rcond=None)
+    z = np.array([-slope[0], -slope[1], 1.0])
+    z = z / np.linalg.norm(z)
+    x = np.array([1.0, 0.0, 0.0]) - z[0] * z
+    x = x / np.linalg.norm(x)
+    return WallPlane(z * (height_m * z[2]), np.array([x, np.cross(z, x), z]))
+
+
+def _refuse_edge_on(cameras: Cameras, points_m: Floats, wall: WallPlane) -> None:
+    for number, camera in enumerate(cameras, 1):
+        view = camera.position_m - points_m.mean(axis=0)
+        angle = np.arcsin(abs(view @ wall.axes[2]) / np.linalg.norm(view))
+        if angle < LEAST_VIEW_RAD:
+            raise CalibrationError(
+                f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots "
+                f"tell little across it. Put it where it sees the wall at {np.degrees(LEAST_VIEW_RAD):.0f} "
+                "deg or more"
+            )

@@ -1,0 +1,199 @@
+"""When to open the gate: late enough to block the first bounce, early enough to see the nearest object.
+
+The attenuated beam goes over a coarse grid, once with the gate wide open, and then once for each of a row of
+delays. How many first-bounce counts a delay leaves depends only on how much later than the light the gate
+opens: so all positions together show one edge, each at other points of it, and the arrival times say when it
+meets the light of each position. Arrivals between the measured positions, and up to the scan's corners,
+follow from the geometry, with a smooth correction fitted to what was measured.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rig.acquire.acquisition import Watch, record
+from rig.acquire.connect import Station
+from rig.calibrate.counts import sound_scans
+from rig.calibrate.gate_edge import MIDDLE, Edge
+from rig.calibrate.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
+from rig.calibrate.peaks import FWHM_PER_SIGMA
+from rig.calibrate.routine import changed, origin
+from rig.errors import CalibrationError
+from rig.files.scan import ScanFile
+from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.kinds import GateOpening
+from rig.model.config import RigConfig
+from rig.model.devices import Preparation
+from rig.model.plan import ScanPlan
+from rig.model.quantities import show, show_length
+from rig.model.state import Calibrations
+
+#: Part of the first bounce that may pass where it comes latest. It is 1e4 to 1e5 times the hidden scene's
+#: light, so that this position keeps about as much of it as there is hidden light, and those where it comes
+#: earlier none.
+MAY_PASS = 1e-4
+#: Openings are given in whole steps, the later one [s].
+STEP_S = 10e-12
+#: Between the wide open gate's end and its beginning at the next pulse [s].
+CLOSED_S = 10e-9
+
+
+@dataclass(frozen=True)
+class GateRoutine:
+    """Finds the gate's opening over the scanned part of the wall.
+
+    Attributes
+    ----------
+    nearest_m
+        Distance from the wall of the nearest object that shall be seen.
+    columns
+        Of the coarse grid; as many rows as fit.
+    exposure_s
+        At each position and delay.
+    step_s
+        Between delays.
+    before_s, after_s
+        From the first light's arrival less this to the last one's and this: what delays are tried.
+    pulse_fwhm_s
+        Full width at half maximum of the laser's pulse.
+    """
+
+    nearest_m: float = 0.5
+    columns: int = 9
+    exposure_s: float = 0.03
+    step_s: float = 200e-12
+    before_s: float = 0.8e-9
+    after_s: float = 1.0e-9
+    pulse_fwhm_s: float = 35e-12
+    kind: str = GateOpening.kind
+
+    @property
+    def sigma_s(self) -> float:
+        """Standard deviation of the pulse."""
+        return self.pulse_fwhm_s / FWHM_PER_SIGMA
+
+    def setup(self, config: RigConfig) -> RigConfig:
+        """Return a gated detector, and bins over the whole time between pulses."""
+        period = config.hydraharp.sync_divider / config.laser.repetition_hz
+        width_s = 8e-12
+        while period / width_s > 65_536:
+            width_s *= 2
+        return changed(
+            config,
+            spad={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},
+            hydraharp={"offset_s": 0.0, "bin_width_s": width_s, "bins": int(period / width_s + 1e-6)},
+        )
+
+    def measure(
+        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
+    ) -> list[Path]:
+        """Measure with the gate wide open, then at each delay."""
+        station.operator.prepare(Preparation.ATTENUATE)
+        # an earlier opening must not be set again
+        pointing = Calibrations(
+            {kind: one for kind, one in known.records.items() if kind != GateOpening.kind}
+        )
+        plan = self._plan(config)
+
+        def scan(name: str, delay_s: float, width_s: float) -> Path:
+            station.devices.spad.set_gate(delay_s, width_s)
+            path = folder / name
+            gate = {"gate_delay_s": delay_s, "gate_width_s": width_s}
+            record(plan, changed(config, spad=gate), station.devices, path, watch, pointing)
+            return path
+
+        files = [scan("gate-open.h5", config.spad.gate_delay_s, config.spad.gate_width_s)]
+        if watch.should_stop():
+            return files
+        with ScanFile(files[0]) as wide:
+            arrival_s = arrivals(wide)[0]
+        for number, delay_s in enumerate(self._delays_s(arrival_s)):
+            files.append(scan(f"gate-{number:02d}-{delay_s * 1e12:.0f}ps.h5", delay_s, CLOSED_S))
+            if watch.should_stop():
+                break
+        return files
+
+    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+        """Return the opening; the file with the widest gate says what passes it when it is open."""
+        with sound_scans(files) as scans:
+            sweep = read_sweep(scans, self.sigma_s)
+            about = origin(GateOpening, scans)
+        edge, legs = sweep.edge, known.legs(config)
+        blocked_s, open_s = edge.blocks_from_s(MAY_PASS), edge.open_until_s(MAY_PASS)
+        wanted_m = ScanPlan.from_config(config).spots_m
+        spots_m = np.concatenate([sweep.spots_m, wanted_m])
+        arrival_s, error_s = smooth_arrivals(sweep, spots_m, legs)
+        measured = len(sweep.spots_m)
+        earliest_s = arrival_s + blocked_s
+        latest_s = arrival_s + open_s + nearest_after_s(spots_m, legs, config.spad.spot_m, self.nearest_m)
+        failed = np.append(sweep.failed, np.zeros(len(wanted_m), bool))
+        limit_s = latest_s[~failed].min()
+        can = ~failed & (earliest_s <= limit_s)
+        if not can.any():
+            raise CalibrationError(
+                f"{files[0]}: no opening blocks the first bounce anywhere and still shows an object at "
+                f"{show_length(self.nearest_m)}: the earliest that blocks is "
+                f"{show(earliest_s.min(), 's', 5)}, the "
+                f"latest that shows it {show(limit_s, 's', 5)}. Give a larger --nearest, or scan less of the "
+                "wall"
+            )
+        last = int(np.where(can, earliest_s, -np.inf).argmax())
+        delay_s = float(np.ceil(earliest_s[last] / STEP_S - 1e-6) * STEP_S)
+        return GateOpening(
+            **about,
+            valid_days=30,
+            gate_delay_s=delay_s,
+            gate_delay_error_s=float(np.hypot(edge.blocks_error_s(), error_s[last])),
+            gate_width_s=_width_s(config, edge, delay_s, float(arrival_s.min())),
+            nearest_m=self.nearest_m,
+            passed=float(edge.passed(delay_s - arrival_s[last])),
+            edge_s=MIDDLE * edge.rise_s,
+            edge_error_s=MIDDLE * float(np.sqrt(edge.covariance[1, 1])),
+            offset_s=edge.offset_s,
+            residual=edge.residual,
+            spots_m=[(float(x), float(y)) for x, y, _ in sweep.spots_m],
+            earliest_s=[float(e) if c else None for e, c in zip(earliest_s, can[:measured], strict=False)],
+            latest_s=latest_s[:measured].tolist(),
+            failed=sweep.failed.tolist(),
+        )
+
+    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+        """Draw the edge with residuals, and the earliest opening over the wall."""
+        from rig.calibrate.pictures_gate import gate_figure
+
+        assert isinstance(calibration, GateOpening)
+        with sound_scans(files) as scans:
+            return gate_figure(read_sweep(scans, self.sigma_s), calibration)
+
+    def _plan(self, config: RigConfig) -> ScanPlan:
+        """Return as coarse a grid as was asked for over the scan's, no larger than it."""
+        scan = config.scan
+        wide_m, high_m = (scan.columns - 1) * scan.spacing_m, (scan.rows - 1) * scan.spacing_m
+        spacing_m = wide_m / max(self.columns - 1, 1)
+        rows = int(high_m / spacing_m + 1e-9) + 1
+        return ScanPlan.from_config(
+            config, columns=self.columns, rows=rows, spacing_m=spacing_m, exposure_s=self.exposure_s
+        )
+
+    def _delays_s(self, arrival_s: np.ndarray) -> list[float]:
+        """Return the delays to try, in whole picoseconds."""
+        first_s, last_s = max(arrival_s.min() - self.before_s, 0.0), arrival_s.max() + self.after_s
+        return [
+            round(delay_s, 12) for delay_s in np.arange(first_s, last_s + self.step_s, self.step_s).tolist()
+        ]
+
+
+def _width_s(config: RigConfig, edge: Edge, delay_s: float, first_arrival_s: float) -> float:
+    """Return a width that ends with the histogram, but before the next pulse's first bounce."""
+    harp = config.hydraharp
+    end_s = harp.offset_s + harp.bins * harp.bin_width_s
+    next_s = first_arrival_s + edge.open_until_s(MAY_PASS) + 1 / config.laser.repetition_hz
+    if end_s <= delay_s:
+        raise CalibrationError(
+            f"the histogram ends {show(end_s, 's', 4)} after the sync pulse, before the gate may open at "
+            f"{show(delay_s, 's', 4)}: choose more bins or a later hydraharp.offset"
+        )
+    return round(min(end_s, next_s) - delay_s, 11)

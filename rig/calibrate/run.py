@@ -1,0 +1,56 @@
+"""One calibration from beginning to end: measured or read, fitted, stored with its picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.acquire.acquisition import Watch
+from rig.acquire.connect import open_station
+from rig.calibrate.routine import Routine
+from rig.model import state as use
+from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.store import CalibrationStore
+from rig.model.config import RigConfig
+from rig.model.devices import Operator, Preparation
+from rig.show.volume import save
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A new calibration, and where it and its picture are."""
+
+    calibration: Calibration
+    path: Path
+    picture: Path
+
+
+def measured(
+    routine: Routine, config: RigConfig, operator: Operator, folder: Path, watch: Watch
+) -> list[Path]:
+    """Measure the raw data of a calibration into ``folder``, and return its files.
+
+    The rig is left prepared as for a scan.
+    """
+    setup = routine.setup(config)
+    with open_station(setup, operator) as station:
+        known = use.choose(config, station.devices.identities())
+        files = routine.measure(station, setup, known, folder, watch)
+        station.operator.prepare(Preparation.MEASURE)  # the laser is dark by now
+        return files
+
+
+def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibrated:
+    """Fit raw data, and store calibration and picture.
+
+    Raises
+    ------
+    CalibrationError
+        If the data does not allow it; nothing is stored then.
+    """
+    calibration = routine.fit(files, config, use.choose(config))
+    store = CalibrationStore(config.calibration.folder)
+    figure = routine.figure(files, calibration)
+    path = store.add(calibration)
+    picture = store.path_for(calibration, ".png")
+    save(figure, picture)
+    return Calibrated(calibration, path, picture)

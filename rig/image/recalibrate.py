@@ -1,0 +1,130 @@
+"""Seeing a recorded scan with calibrations: those it was taken with, or others."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from recon.capture import Capture
+from rig.errors import DataFileError, UsageError
+from rig.files.scan import ScanFile
+from rig.image.even_bins import corrected
+from rig.model import state as use
+from rig.model.calibrations.store import CalibrationStore
+from rig.model.pointing import outside
+from rig.model.quantities import show, show_length
+from rig.model.state import Calibrations
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A scan as calibrations show it.
+
+    Attributes
+    ----------
+    capture
+        Its measured positions in rectified time.
+    fade_from_s
+        Rectified time before which the record holds the wall's own light; None where unknown.
+    instrument_response_s
+        Full width at half maximum; None where unknown.
+    notes
+        What was changed, and what speaks against it, as sentences.
+    """
+
+    capture: Capture
+    fade_from_s: float | None
+    instrument_response_s: float | None
+    notes: tuple[str, ...] = ()
+
+
+def as_recorded(scan: ScanFile) -> Seen:
+    """Return a scan with the calibrations that it was taken with."""
+    return Seen(scan.capture(), scan.fade_from_s, scan.instrument_response_s)
+
+
+def from_store(scan: ScanFile, store: CalibrationStore) -> Calibrations:
+    """Return the newest calibrations of a store that belong to the devices of a scan.
+
+    Raises
+    ------
+    UsageError
+        If there are none.
+    """
+    identities = {name: str(settings.get("identity", "")) for name, settings in scan.devices.items()}
+    found = [store.newest(kind, identities) for kind in use.KINDS]
+    records = {one.calibration.kind: one.calibration for one in found if one}
+    if not records:
+        raise UsageError(f"{store.folder} holds no calibration of the devices of {scan.path}")
+    return Calibrations(records)
+
+
+def recalibrated(scan: ScanFile, calibrations: Calibrations) -> Seen:
+    """Return a scan as if it had been taken with these calibrations.
+
+    The spots follow from the commanded mirror angles, the rectified time from the legs to these spots.
+
+    Raises
+    ------
+    DataFileError
+        If the file does not hold what is needed for it.
+    """
+    seen = as_recorded(scan)
+    notes = []
+    laser_m, first_bin_s, fade_from_s = scan.laser_m, None, seen.fade_from_s
+    if calibrations.galvo:
+        if scan.mirror_rad is None:
+            raise DataFileError(
+                f"{scan.path} does not hold the commanded mirror angles (/geometry/mirror_rad), so that no "
+                "later calibration of the galvo can be applied to it; scan again"
+            )
+        pointing = calibrations.galvo.pointing()
+        laser_m = pointing.spots_m(scan.mirror_rad)
+        moved_m = np.linalg.norm(laser_m - scan.laser_m, axis=1)
+        notes.append(f"galvo: spots moved by {show_length(float(np.median(moved_m)))} in the median")
+        beyond = int((outside(np.array(pointing.area_m), laser_m[:, :2]) > 0).sum())
+        if beyond:
+            notes.append(f"galvo: {beyond} of {len(laser_m)} spots are outside the calibrated area")
+    if calibrations.galvo or calibrations.time_zero:
+        legs = calibrations.time_zero.legs if calibrations.time_zero else scan.legs
+        if legs is None or scan.legs is None:
+            raise DataFileError(
+                f"{scan.path} holds rectified time, or a measured delay of each position: its legs cannot be "
+                "calibrated again"
+            )
+        before_s = scan.legs.delay_s(scan.laser_m, scan.detector_m)
+        delay_s = legs.delay_s(laser_m, scan.detector_m)
+        first_bin_s = scan.first_bin_s - delay_s
+        notes.append(f"time zero: later by {show(float(np.median(delay_s - before_s)), 's')} in the median")
+        if scan.gate_start_s is not None:
+            fade_from_s = scan.gate_start_s - float(delay_s.min())
+    capture = seen.capture
+    if first_bin_s is not None:
+        capture = dataclasses.replace(capture, laser_m=laser_m[scan.done], first_bin_s=first_bin_s[scan.done])
+    response_s = calibrations.response.fwhm_s if calibrations.response else seen.instrument_response_s
+    return Seen(capture, fade_from_s, response_s, tuple(notes))
+
+
+def with_even_bins(seen: Seen, scan: ScanFile, calibrations: Calibrations) -> Seen:
+    """Return a scan whose counts are divided by the real widths of the bins.
+
+    Raises
+    ------
+    UsageError
+        If the bin widths were never measured, or are those of other bins.
+    """
+    widths = calibrations.bin_widths
+    if widths is None:
+        raise UsageError(
+            f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, and "
+            "name the folder with --calibrations"
+        )
+    histograms = corrected(
+        seen.capture.histograms, widths, bin_width_s=scan.bin_width_s, first_bin_s=scan.first_bin_s
+    )
+    note = f"bin widths: counts divided by widths that differ by {widths.nonlinearity:.2%} rms"
+    return dataclasses.replace(
+        seen,
+        capture=dataclasses.replace(seen.capture, histograms=histograms),
+        notes=(*seen.notes, note),
+    )

@@ -1,0 +1,135 @@
+"""What is really there: the first surface along +z, from a file or a scene of the simulator."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
+from rig.errors import DataFileError, UsageError
+from rig.files import read_volume
+from rig.files.check import open_hdf5, plain, reading
+
+#: Endings of triangle meshes, in metres and in the program's frame.
+MESHES = (".obj", ".ply", ".stl")
+
+
+def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Read a truth and return its depth at the points of two axes.
+
+    Parameters
+    ----------
+    source
+        ``scene:NAME``, a scene of the simulator; or a file: HDF5 with the group ``truth`` (``depth_m`` (y, x)
+        with ``x_m`` and ``y_m``, or ``geometry/NAME`` with ``vertices_m`` and ``faces``); a volume file;
+        ``.npz`` with ``depth_m`` (y, x), or ``occupied`` (z, y, x) and ``z_m``, with ``x_m`` and ``y_m``; a
+        triangle mesh as OBJ, PLY or STL.
+    x_m, y_m
+        Pixel centres, ascending.
+
+    Returns
+    -------
+    ndarray
+        (y, x) [m], NaN where nothing is.
+
+    Raises
+    ------
+    UsageError
+        If the scene or the kind of file is not known, or the library that reads meshes is not installed.
+    DataFileError
+        If the file is damaged or lacks what is needed.
+    """
+    if source.startswith("scene:"):
+        from rig.bench.simulated import scene_depth
+
+        return scene_depth(source.removeprefix("scene:"), x_m, y_m)
+    path = Path(source)
+    if not path.is_file():
+        raise DataFileError(
+            f"{path} does not exist, or is no file; a truth is a file, or scene:NAME for a simulated scene"
+        )
+    if path.suffix.lower() in MESHES:
+        return surface_of_mesh(_mesh(path), x_m, y_m)
+    if path.suffix.lower() == ".npz":
+        return _from_npz(path, x_m, y_m)
+    if h5py.is_hdf5(path):
+        return _from_hdf5(path, x_m, y_m)
+    raise UsageError(
+        f"{path} is no truth that can be read: give HDF5, .npz, {', '.join(MESHES)}, or scene:NAME"
+    )
+
+
+def _mesh(path: Path) -> NDArray[np.float64]:
+    try:
+        import trimesh
+    except ImportError:
+        raise UsageError(
+            f"{path}: reading a mesh needs trimesh; install it with: pip install 'nlos-rig[mesh]'"
+        ) from None
+    try:
+        mesh: Any = trimesh.load(path, force="mesh")
+        triangles_m: NDArray[np.float64] = np.asarray(mesh.triangles, dtype=np.float64)
+    except Exception as error:  # a damaged mesh may fail in any way
+        raise DataFileError(f"{path} cannot be read as a mesh: {error}") from error
+    if not len(triangles_m):
+        raise DataFileError(f"{path} holds no triangles")
+    return triangles_m
+
+
+def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
+    try:
+        with np.load(path) as held:
+            arrays = {name: held[name] for name in held.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise DataFileError(f"{path} cannot be read: {error}") from error
+    _needed(path, arrays, "x_m", "y_m")
+    if "depth_m" in arrays:
+        depth_m = arrays["depth_m"]
+    else:
+        _needed(path, arrays, "occupied", "z_m")
+        occupied, z_m = arrays["occupied"].astype(bool), arrays["z_m"]
+        if occupied.ndim != 3 or len(occupied) != len(z_m):
+            raise DataFileError(f"{path}: occupied {occupied.shape} and z_m {z_m.shape} do not fit together")
+        depth_m = surface_of_voxels(occupied, z_m)
+    return _sampled(path, depth_m, arrays["x_m"], arrays["y_m"], x_m, y_m)
+
+
+def _from_hdf5(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
+    with open_hdf5(path) as file, reading(path):
+        if plain(file.attrs.get("format")) == "rig-volume":
+            volume = read_volume(path)
+            if volume.depth_m is None:
+                raise DataFileError(f"{path} is a volume without a depth map; it cannot serve as a truth")
+            return _sampled(path, volume.depth_m, volume.x_m, volume.y_m, x_m, y_m)
+        truth = file.get("truth", {})
+        if {"depth_m", "x_m", "y_m"} <= set(truth):
+            depth_m, of_x_m, of_y_m = (truth[name][()] for name in ("depth_m", "x_m", "y_m"))
+            return _sampled(path, depth_m, of_x_m, of_y_m, x_m, y_m)
+        triangles_m = [
+            mesh["vertices_m"][()].astype(float)[mesh["faces"][()]]
+            for mesh in truth.get("geometry", {}).values()
+        ]
+    if not triangles_m:
+        raise DataFileError(f"{path} has no group 'truth' with depth_m, x_m and y_m, or with geometry")
+    return surface_of_mesh(np.concatenate(triangles_m), x_m, y_m)
+
+
+def _needed(path: Path, arrays: dict[str, NDArray], *names: str) -> None:
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise DataFileError(
+            f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}. A truth has "
+            "depth_m (y, x), or occupied (z, y, x) and z_m, with x_m and y_m"
+        )
+
+
+def _sampled(
+    path: Path, depth_m: NDArray, of_x_m: NDArray, of_y_m: NDArray, x_m: NDArray, y_m: NDArray
+) -> NDArray[np.float64]:
+    if depth_m.shape != (np.size(of_y_m), np.size(of_x_m)):
+        raise DataFileError(
+            f"{path}: depth_m has shape {depth_m.shape}, its axes say {(np.size(of_y_m), np.size(of_x_m))}"
+        )
+    return sampled_depth(depth_m, of_x_m.astype(float), of_y_m.astype(float), x_m, y_m)

@@ -1,0 +1,66 @@
+"""What every calibration says of itself, whatever it found."""
+
+import hashlib
+import json
+from datetime import UTC, datetime, timedelta
+from typing import ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+import rig
+
+
+def utc_now() -> datetime:
+    """Return the present time, UTC, to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+class Calibration(BaseModel):
+    """A dated result that belongs to certain devices.
+
+    The subclasses in `rig.model.calibrations.kinds` add what was found; SI units throughout, the unit in the
+    name.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    #: How the commands and files call this kind.
+    kind: ClassVar[str]
+    #: The devices, by their names in a scan file, whose exchange makes a calibration of this kind void.
+    belongs_to: ClassVar[tuple[str, ...]]
+
+    created: datetime = Field(default_factory=utc_now)
+    valid_days: float = Field(gt=0)
+    software: str = f"nlos-rig {rig.__version__}"
+    rig_name: str
+    """Name of the rig."""
+    devices: dict[str, str]
+    """Identity of each device that it belongs to, by name."""
+    measured_from: dict[str, str]
+    """SHA-256 of each file that it was computed from, by name."""
+    simulated: bool = False
+    warnings: list[str] = Field(default_factory=list)
+    """What speaks against it already, as sentences."""
+
+    @property
+    def expires(self) -> datetime:
+        """When it is to be measured again."""
+        return self.created + timedelta(days=self.valid_days)
+
+    def is_old(self, now: datetime) -> bool:
+        """Return whether it is to be measured again."""
+        return now > self.expires
+
+    def strangers(self, identities: dict[str, str]) -> list[str]:
+        """Return which of its devices are others among ``identities``; what is not named is not compared."""
+        return [name for name, mine in self.devices.items() if identities.get(name, mine) != mine]
+
+    def document(self) -> str:
+        """Return the JSON text that is stored; its digest covers all the rest."""
+        content = {"kind": self.kind, **self.model_dump(mode="json")}
+        return json.dumps({**content, "digest": digest(content)}, indent=1)
+
+
+def digest(content: dict) -> str:
+    """Return the SHA-256 of a calibration's content, written in one fixed way; hexadecimal."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,0 +1,214 @@
+"""The kinds of calibrations, and what each found. Standard errors are named after what they belong to."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.calibrations.base import Calibration
+from rig.model.delays import PathDelays
+from rig.model.pointing import Pointing
+
+Point = tuple[float, float, float]
+
+
+class TimeZero(Calibration):
+    """When the pulse is on the wall.
+
+    A first bounce arrives at delay + |x_p - laser head| / c + |x_p - detector head| / c.
+    """
+
+    kind: ClassVar[str] = "time-zero"
+    belongs_to: ClassVar[tuple[str, ...]] = ("galvo", "laser", "spad", "tcspc")
+
+    electronics_delay_s: float
+    electronics_delay_error_s: float
+    laser_head_m: Point
+    detector_head_m: Point
+    detector_spot_m: Point
+    rectified_error_s: float
+    """Standard error of the rectified time of a position, the median over those measured."""
+    rectified_error_worst_s: float
+    """The largest of them."""
+    residual_s: float | None
+    """Root mean square of what the fit leaves; None where one target was used, all positions together."""
+    chi2: float
+    """Mean square of what the fit leaves in its standard errors: about 1 where the model is right."""
+    positions: int
+    drift_per_minute_s: float | None
+    """By how much arrivals come later with each minute; None where it was not measured."""
+    drift_per_minute_error_s: float | None
+    spots_m: list[tuple[float, float]]
+    residuals_s: list[float]
+    """Where the spots are taken to be, visit after visit, and what the fit leaves of each arrival there."""
+
+    @property
+    def legs(self) -> PathDelays:
+        """The ways and delays to subtract from recorded times."""
+        return PathDelays(
+            np.array(self.laser_head_m), np.array(self.detector_head_m), self.electronics_delay_s
+        )
+
+
+class GalvoModel(Calibration):
+    """Where the beam meets the wall for each command, see `rig.model.pointing.Pointing`."""
+
+    kind: ClassVar[str] = "galvo"
+    belongs_to: ClassVar[tuple[str, ...]] = ("galvo",)
+
+    method: Literal["cameras", "flight"]
+    mirror_m: Point
+    rotation_rad: Point
+    offset_rad: tuple[float, float]
+    gain: tuple[float, float]
+    mirrors: Literal[1, 2]
+    separation_m: float
+    area_m: list[tuple[float, float]]
+    covariance: tuple[tuple[float, ...], ...] = ()
+    """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order, empty where not known; see
+    `rig.calibrate.galvo.model_fit.spot_covariances_m2`."""
+    spot_error_m: float
+    """Standard error of a spot that the model predicts, root mean square over those measured."""
+    residual_m: float
+    """Root mean square distance between measured and modelled spots (by flight, of the marks)."""
+    positions: int
+    mirror_rad: tuple[tuple[float, float], ...] = ()
+    """Commanded angles at which spots were measured,"""
+    spots_m: tuple[tuple[float, float], ...] = ()
+    """and these spots (x, y); by flight, the marks."""
+    detector_head_m: Point | None = None
+    """By flight, the detector that fits along with the mirror,"""
+    electronics_delay_s: float | None = None
+    """and the delay; scans do not use them, see `TimeZero`."""
+
+    def pointing(self) -> Pointing:
+        """Return the model; it refuses spots outside the calibrated area."""
+        return Pointing(
+            mirror_m=self.mirror_m,
+            rotation_rad=self.rotation_rad,
+            offset_rad=self.offset_rad,
+            gain=self.gain,
+            mirrors=self.mirrors,
+            separation_m=self.separation_m,
+            area_m=tuple(self.area_m),
+        )
+
+
+class Response(Calibration):
+    """The response of the whole system to a pulse."""
+
+    kind: ClassVar[str] = "irf"
+    belongs_to: ClassVar[tuple[str, ...]] = ("laser", "spad", "tcspc")
+
+    fwhm_s: float
+    fwhm_error_s: float
+    core_fwhm_s: float
+    """Of the Gaussian core alone."""
+    centroid_s: float
+    """Mean of the response after its peak."""
+    tail_s: float
+    """Time constant of its exponential tail."""
+    tail_error_s: float
+    tail_fraction: float
+    """Part of the detections in that tail."""
+    tail_fraction_error: float
+    counts: int
+    chi2: float
+    """Mean square of what the fit leaves in its standard errors: about 1 where the shape is right."""
+    time_s: list[float]
+    response: list[float]
+    """The measured response at ``time_s`` about its peak, area 1 [1/s]."""
+
+
+class DarkRates(Calibration):
+    """What the detector counts without laser light, and what each avalanche leaves behind."""
+
+    kind: ClassVar[str] = "dark"
+    belongs_to: ClassVar[tuple[str, ...]] = ("spad",)
+
+    dark_hz: float
+    """Counts a second of the covered detector while it is ready, afterpulses taken off."""
+    dark_error_hz: float
+    ambient_hz: float
+    """What uncovering adds to it."""
+    ambient_error_hz: float
+    afterpulse_probability: float
+    """That an avalanche leaves a carrier behind; 0 where no afterpulses were seen."""
+    afterpulse_probability_error: float
+    afterpulse_decay_s: float | None
+    """Mean time until it is released; None where no afterpulses were seen."""
+    afterpulse_decay_error_s: float | None
+    chi2_per_bin: float
+    """Of the fit to the afterpulses; 1 where the model leaves only counting noise."""
+    hold_off_s: list[float]
+    after_hold_off: list[float]
+    """Measured probability that a carrier outlasts each of these hold-offs."""
+    after_hold_off_error: list[float]
+
+
+class GateOpening(Calibration):
+    """When to open the gate."""
+
+    kind: ClassVar[str] = "gate"
+    belongs_to: ClassVar[tuple[str, ...]] = ("laser", "spad")
+
+    gate_delay_s: float
+    """Earliest opening that blocks the first bounce wherever it can be blocked."""
+    gate_delay_error_s: float
+    gate_width_s: float
+    nearest_m: float
+    """Distance from the wall of the nearest object that was to be kept."""
+    passed: float
+    """Part of the first bounce that still passes where it is blocked latest."""
+    edge_s: float
+    """Time that the gate takes from 20 to 80 %."""
+    edge_error_s: float
+    offset_s: float
+    """Delay of the half open gate less the recorded arrival of the light that it halves."""
+    residual: float
+    """Root mean square of what the fitted edge leaves, in standard errors."""
+    spots_m: list[tuple[float, float]]
+    earliest_s: list[float | None]
+    """Earliest opening at each of these spots; None where there is none that keeps the nearest object."""
+    latest_s: list[float]
+    """Latest opening at each of these spots that keeps the nearest object."""
+    failed: list[bool]
+    """Where the first bounce passes the closed gate."""
+
+
+class BinWidths(Calibration):
+    """Real widths of the timing instrument's bins."""
+
+    kind: ClassVar[str] = "dnl"
+    belongs_to: ClassVar[tuple[str, ...]] = ("tcspc",)
+
+    bin_width_s: float
+    first_bin_s: float
+    measured: list[float | None]
+    """(bins,) width of each bin as counted, in mean ones; None where the sync period ends before the bin."""
+    counts_per_bin: float
+    """How many counts each was measured with."""
+    nonlinearity: float
+    """Root mean square of the real widths' deviations from 1: as counted, counting noise taken off."""
+    nonlinearity_at_most: float
+    """Its upper limit at two standard errors."""
+    kept: float
+    """Part of a counted deviation that is to be believed, S / (S + N): S is the variance of the real widths,
+    N that of counting them."""
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a counted width by counting alone."""
+        return self.counts_per_bin**-0.5
+
+    @property
+    def widths(self) -> NDArray[np.float64]:
+        """(bins,) best estimate of each width: as counted but shrunk towards 1; 1 where not measured."""
+        counted = np.array([1.0 if width is None else width for width in self.measured])
+        return 1 + self.kept * (counted - 1)
+
+
+KINDS: dict[str, type[Calibration]] = {
+    each.kind: each for each in (GalvoModel, TimeZero, Response, DarkRates, GateOpening, BinWidths)
+}
+"""By name, in the order in which they are measured: each may build on those before it."""

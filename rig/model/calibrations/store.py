@@ -1,0 +1,145 @@
+"""The folder in which calibrations are kept, one dated JSON file for each."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from rig.atomic import appearing
+from rig.errors import DataFileError, UsageError
+from rig.model.calibrations.base import Calibration, digest, utc_now
+from rig.model.calibrations.kinds import KINDS
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A calibration and the file that holds it."""
+
+    path: Path
+    calibration: Calibration
+
+
+class CalibrationStore:
+    """All calibrations of one folder; the newest of a kind counts.
+
+    Parameters
+    ----------
+    folder
+        It need not exist before the first `add`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def add(self, calibration: Calibration) -> Path:
+        """Store a calibration in a new file, whole or not at all, and return its path.
+
+        Raises
+        ------
+        UsageError
+            If the folder cannot be written.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path = self.path_for(calibration, ".json")
+            with appearing(path) as temporary:
+                temporary.write_text(calibration.document() + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(
+                f"{self.folder}: the calibration cannot be stored ({error.strerror}). Free space there, or "
+                "name another folder as calibration.folder"
+            ) from None
+        return path
+
+    def path_for(self, calibration: Calibration, ending: str) -> Path:
+        """Return where something that belongs to a calibration is kept."""
+        return self.folder / f"{calibration.kind}-{calibration.created:%Y%m%dT%H%M%SZ}{ending}"
+
+    def newest(
+        self, kind: str, identities: dict[str, str] | None = None, rig_name: str | None = None
+    ) -> Stored | None:
+        """Return the newest calibration of a kind; of these devices, and of a rig of this name, where given.
+
+        Raises
+        ------
+        DataFileError
+            If a file of this kind is damaged.
+        """
+        mine = [
+            one
+            for one in self._all(kind)
+            if rig_name in {None, one.calibration.rig_name}
+            and not one.calibration.strangers(identities or {})
+        ]
+        return max(mine, key=lambda one: one.calibration.created, default=None)
+
+    def everything(self) -> Iterator[Stored]:
+        """Return all calibrations, kind by kind, the oldest first.
+
+        Raises
+        ------
+        DataFileError
+            If a file is damaged.
+        """
+        for kind in KINDS:
+            yield from sorted(self._all(kind), key=lambda one: one.calibration.created)
+
+    def _all(self, kind: str) -> Iterator[Stored]:
+        for path in self.folder.glob(f"{kind}-*.json"):
+            yield Stored(path, read(path))
+
+
+def read(path: Path) -> Calibration:
+    """Read a stored calibration.
+
+    Raises
+    ------
+    DataFileError
+        If it cannot be read, is of an unknown kind, or was changed after it was stored.
+    """
+    try:
+        return parse(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataFileError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise DataFileError(f"{path}: {error}. Move it away, or measure it again: rig calibrate") from None
+
+
+def parse(text: str) -> Calibration:
+    """Read a calibration's JSON text.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or was changed after it was stored.
+    """
+    try:
+        content = json.loads(text)
+        kind, stored = content["kind"], content.pop("digest")
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise ValueError("it is no calibration") from None
+    if digest(content) != stored:
+        raise ValueError("it was changed after it was stored: its digest does not fit")
+    if kind not in KINDS:
+        raise ValueError(f"it is of the unknown kind '{kind}', perhaps of a newer version of this program")
+    del content["kind"]
+    try:
+        return KINDS[kind].model_validate(content)
+    except ValidationError as error:
+        where = ", ".join(".".join(map(str, problem["loc"])) for problem in error.errors())
+        raise ValueError(f"it does not fit this version of the program ({where})") from None
+
+
+def doubts(calibration: Calibration, now: datetime | None = None) -> str:
+    """Return what speaks against using a calibration, as a sentence; empty where nothing does."""
+    now = now or utc_now()
+    if not calibration.is_old(now):
+        return ""
+    days = (now - calibration.created).total_seconds() / 86400
+    return (
+        f"the {calibration.kind} calibration is {days:.0f} days old, it was good for "
+        f"{calibration.valid_days:g}: measure it again with rig calibrate {calibration.kind}"
+    )

@@ -1,0 +1,356 @@
+"""The rig's configuration: what is connected, where it stands, and how it is set.
+
+Files are TOML with quantities as text. Without a file the built-in simulated rig is used; it is written out
+and commented in ``configs/simulated.toml``.
+"""
+
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from rig.errors import ConfigError
+from rig.model.presets import Table, merged
+from rig.model.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts
+
+_UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
+
+Point = tuple[Metres, Metres, Metres]
+
+
+def _key(name: str) -> str:
+    """Name a field in a file: without its unit, because there the value carries it."""
+    return next((name.removesuffix(s) for s in _UNIT_SUFFIXES if name.endswith(s)), name)
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", alias_generator=_key, populate_by_name=False)
+
+
+class GalvoConfig(_Section):
+    """The steering mirror: where it is connected and where it stands."""
+
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    position_m: Point = (-0.15, 0.0, 2.5)
+    """The mirror, from which the beam leaves; it faces the wall squarely."""
+    mirrors: Literal[1, 2] = 1
+    """1: one mirror that turns about both axes. 2: a galvanometer pair."""
+    separation_m: Metres = Field(0.0, ge=0)
+    """Distance between the mirrors of a pair."""
+    max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
+    """Largest optical angle to either side."""
+    max_angle_y_rad: Radians = Field(0.349065850398866, gt=0)  # 20 degrees
+    """Largest optical angle up or down."""
+    settle_timeout_s: Seconds = Field(0.1, gt=0)
+    """Longest wait for the mirror to be stable after a move."""
+    settle_time_s: Seconds = Field(0.006, ge=0)
+    """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+
+
+class LaserConfig(_Section):
+    """The pulsed laser."""
+
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    power_setpoint: float = Field(10.0, ge=0, le=10)
+    """Power setting of the laser's own scale, 0 to 10."""
+    repetition_hz: Hertz = Field(10e6, gt=0)
+    """Pulses a second."""
+
+
+class SpadConfig(_Section):
+    """The gated single-photon detector."""
+
+    serial: str | None = None
+    """Serial number, when several detectors are connected."""
+    position_m: Point = (0.15, 0.0, 2.5)
+    """The detector's lens."""
+    spot_m: Point = (0.0, 0.0, 0.0)
+    """The spot on the relay wall that the detector looks at."""
+    gated: bool = True
+    """False: free running, the first bounce is detected too."""
+    gate_delay_s: Seconds = Field(31.5e-9, ge=0)
+    """Opening edge of the gate after the sync pulse."""
+    gate_width_s: Seconds = Field(40e-9, gt=0)
+    """Time the gate stays open."""
+    hold_off_s: Seconds = Field(100e-9, ge=0)
+    """Time after a detection during which the detector stays off."""
+    excess_bias_v: Volts = Field(5.0, gt=0)
+    """Bias above breakdown."""
+
+
+class HydraHarpConfig(_Section):
+    """The timing instrument, in histogram mode."""
+
+    library: Path | None = None
+    """The vendor's library; by default it is searched for in the usual places."""
+    serial: str | None = None
+    """Serial number, when several instruments are connected."""
+    sync_divider: Literal[1, 2, 4, 8, 16] = 1
+    sync_level_v: Volts = Field(0.05, ge=0, le=1)
+    sync_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
+    input_channel: int = Field(0, ge=0, le=7)
+    input_level_v: Volts = Field(0.05, ge=0, le=1)
+    input_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
+    bin_width_s: Seconds = Field(4e-12, gt=0)
+    bins: int = Field(15_000, ge=1, le=65_536)
+    offset_s: Seconds = Field(28e-9, ge=0)
+    """Start of the histogram after the sync pulse, whole nanoseconds."""
+    readout_time_s: Seconds = Field(0.005, ge=0)
+    """Time to clear, read and restart; used only to estimate how long a scan takes."""
+
+
+class TimingConfig(_Section):
+    """The time origin."""
+
+    electronics_delay_s: Seconds = 12.3e-9
+    """Sync pulse to light leaving the mirror, plus detection to the timing input."""
+    instrument_response_s: Seconds = Field(65e-12, gt=0)
+    """Full width at half maximum of laser pulse and timing jitter together."""
+
+
+class ScanConfig(_Section):
+    """The scan when the command line does not say otherwise."""
+
+    columns: int = Field(180, ge=2)
+    rows: int = Field(130, ge=2)
+    spacing_m: Metres = Field(0.01, gt=0)
+    exposure_s: Seconds = Field(0.01, gt=0)
+    skip_m: Metres = Field(0.04, ge=0)
+    """Side of the square around the detector's spot that is not scanned."""
+
+
+class CalibrationConfig(_Section):
+    """What the rig has learned of itself."""
+
+    folder: Path = Path("calibrations")
+    """Where calibrations are kept; a relative path begins where the program is called."""
+    use: bool = True
+    """Whether scans use them."""
+
+
+class CamerasConfig(_Section):
+    """The cameras that see the relay wall, and the checkerboard by which they are calibrated."""
+
+    addresses: tuple[str, ...] = ()
+    """Numbers, device files or URLs of two cameras, as OpenCV opens them."""
+    board_columns: int = Field(9, ge=3)
+    """Inner corners along the board's columns and rows: one number odd, the other even."""
+    board_rows: int = Field(6, ge=3)
+    board_square_m: Metres = Field(0.08, gt=0)
+    """Side of a square."""
+    board_marks_m: tuple[tuple[Metres, Metres], ...] = ((-0.95, -0.2), (-0.32, -0.2), (0.31, -0.2))
+    """Marks on the wall for the board's first inner corner; it is held flat on the wall at each of them."""
+    board_placed_to_m: Metres = Field(0.2e-3, gt=0)
+    """How well either end of the board is held to its mark, standard deviation."""
+
+
+class MisalignmentConfig(_Section):
+    """By how much the simulated rig differs from what the rest of the configuration says of it."""
+
+    wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """The wall, turned about its vertical and its horizontal middle line."""
+    galvo_shift_m: Point = (0.0, 0.0, 0.0)
+    spad_shift_m: Point = (0.0, 0.0, 0.0)
+    mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
+    """The mirror's mount, turned about x, y and z."""
+    mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Optical angles at command zero."""
+    mirror_gain: tuple[float, float] = (1.0, 1.0)
+    """Real angle for each commanded one."""
+    cable_delay_s: Seconds = 0.0
+    """Delay of forgotten cable."""
+
+
+class FaultsConfig(_Section):
+    """What the simulated detector and timing do wrong; where a number is 0, that effect is off.
+
+    Sources, and what is unconfirmed: ``docs/faults.md``.
+    """
+
+    dark_counts_hz: Hertz = Field(10.0, ge=0)
+    ambient_light_hz: Hertz = Field(500.0, ge=0)
+    """Counts a second from room light while the detector is sensitive."""
+    hold_off: bool = True
+    """Whether a detection keeps the detector off for spad.hold_off, and the next gate closed."""
+    afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
+    afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
+    gate_ringing: float = Field(0.07, ge=0, le=1)
+    """Overshoot of the sensitivity when the gate opens."""
+    gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
+    memory: float = Field(0.0, ge=0, le=1)
+    """Fraction of the gated-off first bounce that comes back inside the gate."""
+    memory_decay_s: Seconds = Field(30e-9, gt=0)
+    reflections_per_pulse: float = Field(0.0, ge=0)
+    """Detections a pulse from each stray reflection of the first bounce."""
+    failed_gates: float = Field(0.0, ge=0, le=1)
+    """Fraction of positions where the gate does not block the first bounce."""
+    failed_gate_radius_m: Metres = Field(0.0, ge=0)
+    """Distance from the detector's spot up to which it does not either."""
+    dead_time_s: Seconds = Field(80e-9, ge=0)
+    """Of the timing instrument."""
+    nonlinearity: float = Field(0.0, ge=0, lt=0.02)
+    """Differential non-linearity of the timing instrument, root mean square."""
+    drift_per_minute_s: Seconds = 0.0
+    """How much later counts come with each minute."""
+    largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
+    """Where a bin of the timing instrument is full."""
+
+
+class SimulationConfig(_Section):
+    """The simulated bench, when there is no hardware."""
+
+    scene: str = "letters"
+    """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
+    bounces: Literal[3, 4, 5] = 3
+    """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
+    roughness: float | None = Field(None, ge=0.05, le=1)
+    """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
+    count_rate_hz: Hertz | None = Field(None, gt=0)
+    """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
+    seed: int = Field(0, ge=0)
+    real_time: bool = False
+    """False: the bench's clock runs as fast as the computer can."""
+    faults: FaultsConfig = FaultsConfig()
+    misalignment: MisalignmentConfig = MisalignmentConfig()
+
+
+class RigConfig(_Section):
+    """The whole rig. All defaults together are the built-in rig, except for the simulation itself."""
+
+    name: str = "simulated rig"
+    galvo: GalvoConfig = GalvoConfig()
+    laser: LaserConfig = LaserConfig()
+    spad: SpadConfig = SpadConfig()
+    hydraharp: HydraHarpConfig = HydraHarpConfig()
+    timing: TimingConfig = TimingConfig()
+    scan: ScanConfig = ScanConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
+    cameras: CamerasConfig = CamerasConfig()
+    simulation: SimulationConfig | None = None
+    """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
+
+    @model_validator(mode="after")
+    def _addresses_are_given(self) -> "RigConfig":
+        if self.simulation is None:
+            for name, device in (("galvo", self.galvo), ("laser", self.laser)):
+                if device.address is None:
+                    raise ValueError(
+                        f"{name}.address is missing: give the serial port, "
+                        f'e.g. address = "/dev/ttyACM0", or add a [simulation] section'
+                    )
+        if self.galvo.position_m[2] <= 0 or self.spad.position_m[2] <= 0:
+            raise ValueError(
+                "galvo.position and spad.position stand in front of the wall: their third number is above 0"
+            )
+        return self
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the devices are simulated."""
+        return self.simulation is not None
+
+    def differences(self, other: "RigConfig") -> list[str]:
+        """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
+
+        Left out is what does not change what is measured: where devices are connected, limits, times to wait,
+        cameras, the folder of calibrations, and the plan of a scan.
+        """
+        mine, theirs = _flat(self.model_dump()), _flat(other.model_dump())
+        return [
+            f"{key} is {mine.get(key)}, was {theirs.get(key)}"
+            for key in sorted(mine.keys() | theirs.keys())
+            if mine.get(key) != theirs.get(key) and not key.startswith(_NOT_MEASURED_WITH)
+        ]
+
+
+#: Keys, or beginnings of keys, that may change between two parts of a scan.
+_NOT_MEASURED_WITH = (
+    "galvo.address",
+    "galvo.max_angle",
+    "galvo.settle_",
+    "laser.address",
+    "spad.serial",
+    "hydraharp.library",
+    "hydraharp.serial",
+    "hydraharp.readout_time_s",
+    "scan.",
+    "calibration.",
+    "cameras.",
+    "simulation.real_time",
+)
+
+
+def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
+    """Return the values of nested tables by their dotted keys."""
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        values |= _flat(value, f"{within}{name}.") if isinstance(value, dict) else {within + name: value}
+    return values
+
+
+def built_in() -> RigConfig:
+    """Return the built-in simulated rig."""
+    return RigConfig(simulation=SimulationConfig())
+
+
+def recorded(text: str) -> RigConfig:
+    """Read the configuration that a scan file holds: JSON with SI numbers, from `RigConfig.model_dump_json`.
+
+    Raises
+    ------
+    ConfigError
+        If it does not fit this version of the program.
+    """
+    try:
+        return RigConfig.model_validate_json(text, context=FROM_RECORD, by_alias=False, by_name=True)
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+
+
+def built_in_with(changes: Table) -> RigConfig:
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are."""
+    return RigConfig.model_validate(merged({"simulation": {}}, changes))
+
+
+def load(path: Path, changes: Table | None = None) -> RigConfig:
+    """Read a configuration file, and make ``changes``, written as a file's tables are, to it.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+    try:
+        return RigConfig.model_validate(merged(table, changes or {}))
+    except ValidationError as error:
+        raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
+
+
+def _explain(problem: ErrorDetails) -> str:
+    where = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        near = get_close_matches(str(problem["loc"][-1]), _known_keys(problem["loc"][:-1]), n=1)
+        return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _known_keys(section: tuple) -> list[str]:
+    model: type[BaseModel] = RigConfig
+    for part in section:
+        annotation = model.model_fields[part].annotation
+        model = SimulationConfig if part == "simulation" else annotation  # type: ignore[assignment]
+    return [field.alias or name for name, field in model.model_fields.items()]

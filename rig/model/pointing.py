@@ -1,0 +1,129 @@
+"""From a spot on the relay wall to mirror angles and back: the physical model of the steering mirror.
+
+The model's parameters are the configuration's until a calibration finds better ones.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.errors import RefusedError
+from rig.model.quantities import show_length
+
+#: Newton steps from a spot to angles; each doubles the digits, so that the last but one changes nothing.
+INVERSION_STEPS = 8
+
+
+@dataclass(frozen=True)
+class Pointing:
+    """A steering mirror before the wall z = 0. By default it faces the wall squarely and obeys exactly.
+
+    A commanded optical angle c becomes a = gain c + offset. One mirror that turns about both axes
+    (``mirrors = 1``; its electronics make the tangents independent) sends the beam from its pivot along
+    (tan a_x, tan a_y, -1). A pair (``mirrors = 2``) deflects by a_x first and by a_y a separation e later:
+    the ray starts e tan a_x to the side and goes along (tan a_x / cos a_y, tan a_y, -1). The rotation turns
+    both into the wall's frame; the spot is where the ray meets the wall.
+
+    Attributes
+    ----------
+    mirror_m
+        The mirror's pivot in the wall's frame [m]; of a pair, the second one's.
+    rotation_rad
+        Rotation vector from the mount's frame into the wall's [rad].
+    offset_rad, gain
+        Of each axis.
+    mirrors, separation_m
+        1 or 2, and how far apart they are [m].
+    area_m
+        Corners (x, y) of the convex part of the wall in which the model was measured [m]; empty where it was
+        not measured, and then nothing is refused.
+    """
+
+    mirror_m: tuple[float, float, float]
+    rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_rad: tuple[float, float] = (0.0, 0.0)
+    gain: tuple[float, float] = (1.0, 1.0)
+    mirrors: Literal[1, 2] = 1
+    separation_m: float = 0.0
+    area_m: tuple[tuple[float, float], ...] = ()
+
+    def spots_m(self, angles_rad: ArrayLike) -> NDArray[np.float64]:
+        """Return (..., 3) spots on the wall for (..., 2) commanded optical angles, right and up.
+
+        NaN where the beam does not meet the wall.
+        """
+        angles = np.asarray(angles_rad, dtype=float) * self.gain + self.offset_rad
+        tan_x, tan_y = np.tan(angles[..., 0]), np.tan(angles[..., 1])
+        stretch, aside_m = np.ones_like(tan_x), np.zeros_like(tan_x)
+        if self.mirrors == 2:
+            stretch, aside_m = 1 / np.cos(angles[..., 1]), self.separation_m * tan_x
+        turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
+        direction = np.stack([tan_x * stretch, tan_y, -np.ones_like(tan_x)], axis=-1) @ turn.T
+        start_m = self.mirror_m + aside_m[..., None] * turn[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = np.where(direction[..., 2] < 0, -start_m[..., 2] / direction[..., 2], np.nan)
+        spots = start_m + along[..., None] * direction
+        spots[..., 2] = np.where(np.isnan(along), np.nan, 0.0)
+        return spots
+
+    def angles_rad(self, spots_m: ArrayLike) -> NDArray[np.float64]:
+        """Return (..., 2) commanded optical angles that put the beam on (..., 3) wall spots.
+
+        Raises
+        ------
+        RefusedError
+            If a spot is outside the area in which the model was measured, or no angles lead there.
+        """
+        wanted_m = np.asarray(spots_m, dtype=float)
+        self._refuse_outside(wanted_m)
+        offset_m = wanted_m - np.asarray(self.mirror_m)
+        turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
+        inside = offset_m @ turn  # the way to the spot in the mount's frame
+        angles = (np.arctan2(inside[..., :2], -inside[..., 2:]) - self.offset_rad) / self.gain
+        if self.mirrors == 1:
+            return angles
+        for _ in range(INVERSION_STEPS):
+            angles = angles + self._step(angles, wanted_m)
+        if not np.isfinite(angles).all():
+            raise RefusedError(
+                "the steering mirror cannot put the beam on some of these spots: move the grid"
+            )
+        return angles
+
+    def _step(self, angles: NDArray[np.float64], wanted_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Newton's correction of the angles."""
+        missing_m = (wanted_m - self.spots_m(angles))[..., :2]
+        tiny = 1e-6
+        slopes = np.stack(
+            [(self.spots_m(angles + by) - self.spots_m(angles - by))[..., :2] / (2 * tiny)
+             for by in tiny * np.eye(2)],
+            axis=-1,
+        )  # fmt: skip
+        step = np.linalg.solve(slopes, missing_m[..., None])[..., 0]
+        return step.astype(np.float64)
+
+    def _refuse_outside(self, spots_m: NDArray[np.float64]) -> None:
+        if not self.area_m:
+            return
+        outside_m = outside(np.array(self.area_m), spots_m[..., :2].reshape(-1, 2))
+        worst = int(outside_m.argmax())
+        if outside_m[worst] > 0:
+            x_m, y_m = spots_m.reshape(-1, 3)[worst, :2]
+            raise RefusedError(
+                f"the spot at x = {show_length(x_m)}, y = {show_length(y_m)} is "
+                f"{show_length(outside_m[worst])} outside the area in which the mirror was calibrated. "
+                "Use a smaller grid, or calibrate a larger area: rig calibrate galvo"
+            )
+
+
+def outside(corners_m: NDArray[np.float64], points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far (N, 2) points lie outside a convex polygon, negative inside it.
+
+    Its (K, 2) corners go round counter-clockwise.
+    """
+    along = np.roll(corners_m, -1, axis=0) - corners_m
+    outwards = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
+    return ((points_m[:, None, :] - corners_m) * outwards).sum(axis=-1).max(axis=1)

@@ -1,0 +1,1 @@
+"""What a person looks at: pictures of raw data and of volumes, and their numbers."""

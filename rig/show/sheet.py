@@ -1,0 +1,130 @@
+"""Front views side by side: the planes of a photo camera, the frames of a transient camera."""
+
+from collections.abc import Sequence
+from math import ceil
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from recon.capture import C_M_PER_S
+from rig.files.volume import Volume
+from rig.model.quantities import show_length
+from rig.show.volume import WIDTH_PX, draw_front, parameters_line
+
+#: Pictures in a row, and in a sheet.
+COLUMNS, MOST = 4, 12
+_DPI = 100
+#: Amplitude, by the maximum of the video, from which a frame counts as lit.
+LEAST_LIGHT = 0.05
+COLOURS = "inferno"
+
+
+def refocus_figure(volume: Volume) -> Figure:
+    """Draw planes of a photo camera's volume as a strip, each to its own maximum."""
+    chosen = _spread(len(volume.z_m))
+    amplitudes = np.sqrt(np.maximum(volume.intensity[chosen], 0))
+    largest = amplitudes.max(axis=(1, 2), keepdims=True)
+    return sheet(
+        amplitudes / np.where(largest > 0, largest, 1),
+        [f"focused at {show_length(z_m)}" for z_m in volume.z_m[chosen]],
+        volume,
+        "amplitude / maximum of the plane",
+    )
+
+
+def frames_figure(volume: Volume, compensation: str = "") -> Figure:
+    """Draw frames of a transient camera's video as a contact sheet, all to one scale.
+
+    Frames are taken evenly between the first and the last in which there is light.
+    `compensation` says what the intensity was multiplied with against its fall-off, for the label.
+    """
+    amplitude = video_amplitude(volume)
+    assert volume.t_s is not None
+    lit = np.flatnonzero(amplitude.max(axis=(1, 2)) >= LEAST_LIGHT)
+    first, last = (int(lit[0]), int(lit[-1])) if len(lit) else (0, len(amplitude) - 1)
+    chosen = first + _spread(last - first + 1)
+    return sheet(
+        amplitude[chosen], [stamp(t_s) for t_s in volume.t_s[chosen]], volume, video_label(compensation)
+    )
+
+
+def video_amplitude(volume: Volume) -> NDArray[np.float32]:
+    """Return the (t, y, x) amplitude of a video, its largest value 1."""
+    intensity = volume.intensity.max(axis=1) if volume.intensity.ndim == 4 else volume.intensity
+    amplitude = np.sqrt(np.maximum(intensity, 0))
+    largest = amplitude.max()
+    return amplitude / largest if largest > 0 else amplitude
+
+
+def video_label(compensation: str) -> str:
+    """Say what the colours of a video mean."""
+    return "amplitude / maximum of the video" + (f",\nintensity times {compensation}" if compensation else "")
+
+
+def stamp(time_s: float) -> str:
+    """Write a moment as a time, and as how far light has gone since the flash."""
+    return f"{time_s * 1e9:.2f} ns = {time_s * C_M_PER_S:.2f} m"
+
+
+def sheet(
+    images: NDArray, titles: Sequence[str], volume: Volume, label: str, columns: int = COLUMNS
+) -> Figure:
+    """Draw front views in rows, to one scale of colour from 0 to 1.
+
+    Parameters
+    ----------
+    images
+        (n, ny, nx) values from 0 to 1.
+    titles
+        One for each.
+    volume
+        Axes, and what the heading tells.
+    label
+        What the colours mean.
+    columns
+        Pictures in a row.
+    """
+    columns = min(columns, len(images))
+    rows = ceil(len(images) / columns)
+    # inches around the pictures, for labels, titles and the bar
+    left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 0.65, 1.05, 0.25, 0.45
+    width = WIDTH_PX / _DPI
+    wide = (width - left - right - (columns - 1) * gap_x) / columns
+    wide = min(wide, width / 3)
+    tall = wide * min(2.0, _side(volume.y_m) / _side(volume.x_m))
+    height = bottom + top + rows * tall + (rows - 1) * gap_y
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    scale = Normalize(0.0, 1.0)
+    for number, (image, title) in enumerate(zip(images, titles, strict=True)):
+        row, column = divmod(number, columns)
+        x = left + column * (wide + gap_x)
+        y = height - top - tall - row * (tall + gap_y)
+        axes = figure.add_axes((x / width, y / height, wide / width, tall / height))
+        drawn = draw_front(axes, image, volume.x_m, volume.y_m, COLOURS, scale)
+        axes.set_title(title, size=11)
+        if column > 0:
+            axes.set_ylabel("")
+            axes.set_yticklabels([])
+        if number + columns < len(images):
+            axes.set_xlabel("")
+            axes.set_xticklabels([])
+    bar_x = left + columns * wide + (columns - 1) * gap_x + 0.2
+    bar = figure.add_axes((bar_x / width, (height - top - tall) / height, 0.16 / width, tall / height))
+    figure.colorbar(drawn, cax=bar, label=label)
+    for line, inches, style in ((volume.scan, 0.32, "bold"), (parameters_line(volume), 0.58, "normal")):
+        figure.text(0.5, 1 - inches / height, line, size=13, weight=style, ha="center")
+    return figure
+
+
+def _spread(count: int) -> NDArray[np.intp]:
+    """Choose at most `MOST` of so many, evenly, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(np.intp))
+
+
+def _side(centres_m: NDArray) -> float:
+    pitch_m = centres_m[1] - centres_m[0] if len(centres_m) > 1 else 0.02
+    return float(centres_m[-1] - centres_m[0] + pitch_m)

@@ -1,0 +1,224 @@
+"""Pictures of a reconstructed volume, as the virtual camera on the wall sees the scene."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from rig.atomic import appearing
+from rig.errors import DataFileError
+from rig.files.volume import Volume
+from rig.model.quantities import show_length
+
+#: Width of a picture [pixels].
+WIDTH_PX = 1500
+_DPI = 100
+_AMPLITUDE_COLOURS = "inferno"
+_DEPTH_COLOURS = "viridis"
+_NO_SURFACE = "0.82"  # neutral grey: no colour of the depth scale
+#: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
+_LEAST_DEPTHS_M = 0.1
+_X_LABEL = "x (m), as seen from the wall"
+#: Largest height of a panel by its width, so that a tall scene does not become a tower.
+_TALLEST = 2.0
+
+
+def draw_front(
+    axes: Axes,
+    image: NDArray,
+    x_m: NDArray,
+    y_m: NDArray,
+    colours: str,
+    scale: Normalize | None = None,
+) -> ScalarMappable:
+    """Draw a (ny, nx) image as the virtual camera sees it: y up, and x growing to the left.
+
+    The camera looks out of the wall along +z, so what is at +x is on its left. All front views come from
+    here.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    image
+        (ny, nx) values at x_m and y_m, both ascending; NaN stays background.
+    x_m, y_m
+        Pixel centres.
+    colours, scale
+        Colour map and its range.
+    """
+    drawn = _draw(axes, image, x_m, y_m, colours, scale)
+    axes.invert_xaxis()
+    axes.set_xlabel(_X_LABEL)
+    axes.set_ylabel("y (m)")
+    return drawn
+
+
+def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Figure:
+    """Draw the maximum projections of a volume, and its depth map.
+
+    Parameters
+    ----------
+    volume
+        The volume; of a transient camera's volume, the brightest moment of each voxel is shown.
+    title
+        First line; a second line tells the parameters that the volume names.
+    compensation
+        What the intensity was multiplied with against its fall-off with depth, e.g. ``"z^2"``; for the label.
+
+    Returns
+    -------
+    Figure of front, top and side view and, where the volume has one, the depth map.
+    """
+    amplitude = _amplitude(volume)
+    scale = Normalize(0.0, 1.0)
+    figure, panels = _panels(volume)
+    front = draw_front(
+        panels["front"], amplitude.max(axis=0), volume.x_m, volume.y_m, _AMPLITUDE_COLOURS, scale
+    )
+    panels["front"].set_title("front: maximum over depth")
+    if "side" in panels:
+        side, top = amplitude.max(axis=2).T, amplitude.max(axis=1)
+        _draw(panels["side"], side, volume.z_m, volume.y_m, _AMPLITUDE_COLOURS, scale)
+        panels["side"].set(title="side: maximum over x", xlabel="depth z (m)", ylabel="y (m)")
+        _draw(panels["top"], top, volume.x_m, volume.z_m, _AMPLITUDE_COLOURS, scale)
+        panels["top"].invert_xaxis()
+        panels["top"].set(title="top: maximum over y", xlabel=_X_LABEL, ylabel="depth z (m)")
+    label = "amplitude / maximum" + (f", intensity times {compensation}" if compensation else "")
+    figure.colorbar(front, cax=panels["amplitude bar"], label=label)
+    if volume.depth_m is not None:
+        panels["depth"].set_facecolor(_NO_SURFACE)
+        depths = Normalize(*_depth_range(volume))
+        drawn = draw_front(panels["depth"], volume.depth_m, volume.x_m, volume.y_m, _DEPTH_COLOURS, depths)
+        panels["depth"].set_title("depth of the surface (grey: none)")
+        figure.colorbar(drawn, cax=panels["depth bar"], label="depth z (m)")
+    for line, inches, style in (
+        (title or volume.scan, 0.32, "bold"),
+        (parameters_line(volume), 0.58, "normal"),
+    ):
+        figure.text(0.5, 1 - inches / figure.get_figheight(), line, size=13, weight=style, ha="center")
+    return figure
+
+
+def parameters_line(volume: Volume) -> str:
+    """Return the parameters that a reader asks for first, as far as the volume names them."""
+    told = []
+    for key, value in volume.parameters.items():
+        if key in {"camera", "solver"}:
+            told.append(str(value))
+        elif key == "wavelength_m" and isinstance(value, int | float):
+            told.append(f"wavelength {show_length(value)}")
+        elif key == "cycles":
+            told.append(f"{value:g} cycles")
+    return ", ".join(told)
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as a picture; its format follows the ending. It appears whole or not at all.
+
+    Raises
+    ------
+    DataFileError
+        If the picture cannot be written, or its format is not known.
+    """
+    path = Path(path)
+    try:
+        with appearing(path) as partial:
+            figure.savefig(partial, dpi=_DPI)
+    except (OSError, ValueError) as error:
+        raise DataFileError(f"cannot write the picture {path}: {error}") from error
+
+
+def _amplitude(volume: Volume) -> NDArray[np.float32]:
+    """Return the (nz, ny, nx) amplitude sqrt(I), largest value 1."""
+    intensity = volume.intensity
+    if intensity.ndim == 4:
+        intensity = intensity.max(axis=0)
+    elif volume.t_s is not None:
+        intensity = intensity.max(axis=0)[None]
+    amplitude = np.sqrt(np.maximum(intensity, 0))
+    largest = amplitude.max()
+    return amplitude / largest if largest > 0 else amplitude
+
+
+def _depth_range(volume: Volume) -> tuple[float, float]:
+    """Return the range of colours: the depth map's, or the volume's where nothing was found."""
+    assert volume.depth_m is not None
+    depths_m: Sequence[float] | NDArray = volume.depth_m[np.isfinite(volume.depth_m)]
+    if len(depths_m) == 0:
+        depths_m = volume.z_m
+    low, high = float(np.min(depths_m)), float(np.max(depths_m))
+    middle = (low + high) / 2
+    half = max((high - low) / 2, _LEAST_DEPTHS_M / 2)
+    return middle - half, middle + half
+
+
+def _draw(
+    axes: Axes, image: NDArray, right_m: NDArray, up_m: NDArray, colours: str, scale: Normalize | None
+) -> ScalarMappable:
+    """Draw an (up, right) image with the axes' metres at the pixels' centres."""
+    extent = (*_edges(right_m), *_edges(up_m))
+    drawn = axes.imshow(
+        image,
+        origin="lower",
+        extent=extent,
+        cmap=colours,
+        norm=scale,
+        interpolation="nearest",
+        aspect="equal",
+    )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    return drawn
+
+
+def _edges(centres_m: NDArray) -> tuple[float, float]:
+    """Return the outer edges of evenly spaced pixels."""
+    half_m = (centres_m[-1] - centres_m[0]) / (2 * (len(centres_m) - 1)) if len(centres_m) > 1 else 0.01
+    return float(centres_m[0] - half_m), float(centres_m[-1] + half_m)
+
+
+def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
+    """Lay out the panels, all to one scale in metres: front and side share y, front and top share x."""
+    (left_m, right_m), (low_m, high_m), (near_m, far_m) = map(_edges, (volume.x_m, volume.y_m, volume.z_m))
+    flat = len(volume.z_m) == 1
+    wide_m, high_m, deep_m = right_m - left_m, high_m - low_m, 0.0 if flat else far_m - near_m
+    depth = volume.depth_m is not None
+    second_column_m = max(deep_m, wide_m if depth else 0.0)
+    second_row_m = 0.0 if flat else max(deep_m, high_m if depth else 0.0)
+    # inches around the panels, for labels, titles and bars
+    left, right, bottom, top, gap, between, bar = 0.8, 1.15, 0.65, 1.05, 0.85, 0.95, 0.16
+    if flat:
+        gap, between = gap + 1.0, 0.0  # the bar of the amplitude stands between the columns
+    width = WIDTH_PX / _DPI
+    scale = (width - left - gap - right) / (wide_m + second_column_m)
+    scale = min(scale, _TALLEST * width / 2 / (high_m + second_row_m))
+    height = bottom + second_row_m * scale + between + high_m * scale + top
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    x0 = left + (width - left - gap - right - (wide_m + second_column_m) * scale) / 2
+    x1 = x0 + wide_m * scale + gap
+    row_top = bottom + second_row_m * scale
+    y0 = row_top + between
+
+    def panel(x: float, y: float, panel_wide: float, panel_high: float) -> Axes:
+        return figure.add_axes((x / width, y / height, panel_wide / width, panel_high / height))
+
+    panels = {"front": panel(x0, y0, wide_m * scale, high_m * scale)}
+    if not flat:
+        panels["side"] = panel(x1, y0, deep_m * scale, high_m * scale)
+        panels["top"] = panel(x0, row_top - deep_m * scale, wide_m * scale, deep_m * scale)
+    bar_x = x0 + wide_m * scale if flat else x1 + deep_m * scale
+    panels["amplitude bar"] = panel(bar_x + 0.2, y0, bar, high_m * scale)
+    if depth:
+        y = y0 if flat else row_top - high_m * scale
+        panels["depth"] = panel(x1, y, wide_m * scale, high_m * scale)
+        panels["depth bar"] = panel(x1 + wide_m * scale + 0.2, y, bar, high_m * scale)
+    return figure, panels

@@ -1,0 +1,1 @@
+"""What moves: the steering mirror and its mount."""

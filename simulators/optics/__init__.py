@@ -1,0 +1,1 @@
+"""Laser, wall, lenses and cameras."""

@@ -1,0 +1,1 @@
+"""Light from laser spots over a hidden scene to detector spots."""
