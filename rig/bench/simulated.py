@@ -58,12 +58,12 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
     about_vertical, about_horizontal = wrong.wall_tilt_rad
     turn = turned(-about_horizontal, -about_vertical, 0.0)
     galvo_m = turn @ np.add(config.galvo.position_m, wrong.galvo_shift_m)
-    head_m = turn @ np.add(config.spad.position_m, wrong.spad_shift_m)
+    head_m = turn @ np.add(config.detector.position_m, wrong.spad_shift_m)
     rotation = turn @ turned(*wrong.mirror_turn_rad)
     return BenchGeometry(
         galvo_m=tuple(galvo_m.tolist()),
         detector_head_m=tuple(head_m.tolist()),
-        detector_spot_m=config.spad.spot_m,
+        detector_spot_m=config.channels[0].spot_m,
         electronics_delay_s=config.timing.electronics_delay_s + wrong.cable_delay_s,
         mount=MirrorMount(
             rotation=tuple(map(tuple, rotation.tolist())),
@@ -164,7 +164,7 @@ def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
     scan, (columns, rows) = config.scan, RATE_SPOTS
     x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
     y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
-    x_c, y_c, _ = config.spad.spot_m
+    x_c, y_c, _ = config.channels[0].spot_m
     away_m = scan.skip_m / 2
     return [(float(x), float(y), 0.0) for x in x_m for y in y_m if np.hypot(x - x_c, y - y_c) > away_m]
 
@@ -172,7 +172,7 @@ def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
 def _light(config: RigConfig) -> "LightState":
     from simulators.bench import LightState
 
-    spad, laser = config.spad, config.laser
+    spad, laser = config.detector, config.laser
     return LightState(
         emitting=True,
         power=laser.power_setpoint / 10,

@@ -23,9 +23,10 @@ def resume(
     touched.
     """
     from rig.acquire import acquisition
+    from rig.acquire.preflight import check
     from rig.commands.running import run
     from rig.model.config import load
 
-    plan, rig_config, calibrations = acquisition.interrupted(scan, load(config) if config else None)
-    plan.check(rig_config, scan.parent, calibrations.pointing(rig_config))
-    run(lambda watch: acquisition.resume(plan, rig_config, scan, watch), plan, scan, as_json)
+    plan, state = acquisition.interrupted(scan, load(config) if config else None)
+    check(plan, state, scan.parent)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json)

@@ -52,6 +52,8 @@ def render(
     """
     import time
 
+    from rig.acquire.kinds import time_axis
+    from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
@@ -66,26 +68,26 @@ def render(
         raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
     rig_config = load(config, changes) if config else built_in_with(changes)
     columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.from_config(
+    plan = ScanPlan.grid(
         rig_config,
         columns=columns,
         rows=rows,
         spacing_m=parse(spacing, "length") if spacing else None,
-        bin_width_s=parse(bin_width, "time") if bin_width else None,
-        bins=bins,
     )
+    usual_bins, usual_width_s = time_axis(rig_config)
+    axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
     began_s = time.monotonic()
     with console.Working(f"rendering {scene}") as progress:
-        photons = rendered(plan, rig_config, out, progress)
+        photons = rendered(plan, rig_config, axis, out, progress)
     took_s = time.monotonic() - began_s
     if as_json:
-        result = {"file": str(out), "positions": plan.positions, "bins": plan.bins, "expected": photons}
+        result = {"file": str(out), "positions": len(plan), "bins": axis.bins, "expected": photons}
         console.print_json({**result, "took_s": round(took_s, 2)})
         return
     console.print_facts(
         str(out),
         {
-            "positions": f"{plan.positions:,}, {plan.bins:,} bins each",
+            "positions": f"{len(plan):,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
             "size": f"{out.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

@@ -17,8 +17,8 @@ from rig.calibrate.galvo.model_fit import spot_covariances_m2
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
@@ -45,7 +45,7 @@ def accuracy(routine, seed, folder):
     found = routine.fit(files, config, Calibrations())
     for path in files:
         path.unlink()
-    spots_m = ScanPlan.from_config(config).spots_m[::23]
+    spots_m = ScanPlan.grid(config).spots_m[::23]
     off_m = errors_m(found, config, spots_m)
     pointing = found.pointing()
     spread_m2 = spot_covariances_m2(pointing, np.array(found.covariance), pointing.angles_rad(spots_m))

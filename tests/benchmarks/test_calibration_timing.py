@@ -20,7 +20,7 @@ from rig.calibrate.irf import ResponseRoutine
 from rig.calibrate.run import measured
 from rig.calibrate.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
-from rig.model.state import Calibrations
+from rig.model.calibrations.chosen import Calibrations
 
 SEEDS = 20
 #: Error of each measured spot along x and y.

@@ -11,11 +11,11 @@ from rig.bench.simulated import true_geometry
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.image.recalibrate import as_recorded, from_store, recalibrated
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.kinds import GalvoModel, TimeZero
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import load
 from rig.model.delays import PathDelays
-from rig.model.state import Calibrations
 
 MISALIGNED = """
 name = "crooked rig"
@@ -97,14 +97,15 @@ def test_a_scan_uses_its_calibrations_and_keeps_them(rig, tmp_path, crooked):
     assert done.code == 0, done.err
     assert "Calibrations: galvo of " in done.err
     with ScanFile(tmp_path / "a.h5") as scan:
-        assert set(scan.calibrations) == {"galvo", "time-zero"}
-        assert json.loads(scan.calibrations["galvo"]) == json.loads(calibrations[0].document())
+        assert set(scan.calibrations.records) == {"galvo", "time-zero"}
+        assert scan.calibrations.galvo == calibrations[0]
+        assert scan.state.pointing == calibrations[0].pointing()
         # the bench puts the beam where the plan wants it, since the model that was inverted is the truth
         truth = true_geometry(config)
         units = np.tan(scan.mirror_rad) / np.tan(np.radians(50))
         real_m = np.array([truth.laser_spot_m(tuple(unit)) for unit in units])
         assert real_m == pytest.approx(scan.laser_m, abs=1e-9)
-        assert scan.legs.electronics_delay_s == pytest.approx(15.3e-9)
+        assert scan.delays.electronics_delay_s == pytest.approx(15.3e-9)
 
 
 def test_a_grid_beyond_what_was_calibrated_is_refused(rig, tmp_path, crooked):
@@ -177,7 +178,7 @@ def test_a_file_without_mirror_angles_cannot_be_calibrated_again(tmp_path):
         bins=5,
         bin_width_s=4e-12,
         first_bin_s=0.0,
-        legs=PathDelays(np.zeros(3), np.zeros(3)),
+        delays=PathDelays(np.zeros(3), np.zeros(3)),
     )
     with ScanWriter.create(path, description) as writer:
         writer.append(np.ones(5, "u4"))

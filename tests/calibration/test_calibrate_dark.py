@@ -12,7 +12,7 @@ from rig.calibrate.dark import DarkRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
-from rig.model.state import Calibrations
+from rig.model.calibrations.chosen import Calibrations
 
 PERIOD_S, WIDTH_S = 500e-9, 256e-12
 BINS = 1954
@@ -120,8 +120,8 @@ def test_the_simulated_rig_is_measured(tmp_path):
 
 def setup_of(tmp_path):
     config = DarkRoutine().setup(config_with(tmp_path))
-    harp = config.hydraharp.model_copy(update={"bin_width_s": WIDTH_S, "bins": BINS})
-    return config.model_copy(update={"hydraharp": harp})
+    harp = config.tcspc.model_copy(update={"bin_width_s": WIDTH_S, "bins": BINS})
+    return config.model_copy(update={"tcspc": harp})
 
 
 def files_of(tmp_path, config, dark_hz=10.0, spoil=None, **writing):
@@ -136,7 +136,7 @@ def files_of(tmp_path, config, dark_hz=10.0, spoil=None, **writing):
     record = drawn_record(
         rng, pulses=2 * 10**6, primaries=40_000, steady=500, p=0.02, decay_s=40e-9, hold_s=90e-9
     )
-    held = config.model_copy(update={"spad": config.spad.model_copy(update={"hold_off_s": 90e-9})})
+    held = config.model_copy(update={"detector": config.detector.model_copy(update={"hold_off_s": 90e-9})})
     files.append(write_counts(tmp_path / "pulsed.h5", record.counts, held))
     return files
 
@@ -186,11 +186,11 @@ def test_files_of_another_measurement_are_refused(tmp_path):
         DarkRoutine().fit(files[:2], config, Calibrations())
     with pytest.raises(CalibrationError, match="no light of the laser stands out"):
         DarkRoutine().fit([*files[:2], files[1]], config, Calibrations())
-    gated = config.model_copy(update={"spad": config.spad.model_copy(update={"gated": True})})
+    gated = config.model_copy(update={"detector": config.detector.model_copy(update={"gated": True})})
     through = write_counts(tmp_path / "gated.h5", np.ones((10, BINS)), gated)
     with pytest.raises(CalibrationError, match="through the gate"):
         DarkRoutine().fit([through, *files[1:]], config, Calibrations())
-    scans_bins = config_with(tmp_path, spad={"gated": False})
+    scans_bins = config_with(tmp_path, detector={"gated": False})
     part = write_counts(tmp_path / "part.h5", np.ones((10, 15_000)), scans_bins)
     with pytest.raises(CalibrationError, match="not the whole time"):
         DarkRoutine().fit([part, *files[1:]], config, Calibrations())

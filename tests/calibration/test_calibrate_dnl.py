@@ -15,15 +15,15 @@ from rig.errors import CalibrationError
 from rig.files import ScanFile
 from rig.image.even_bins import corrected
 from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.store import parse
-from rig.model.state import Calibrations
 
 BINS = 2000
 
 
 def free_running(tmp_path, bins=BINS, **more):
     harp = {"bin_width_s": 32e-12, "bins": bins, "offset_s": 28e-9, **more}
-    return config_with(tmp_path, spad={"gated": False}, hydraharp=harp)
+    return config_with(tmp_path, detector={"gated": False}, tcspc=harp)
 
 
 def real_widths(rng, rms, bins=BINS):
@@ -161,7 +161,7 @@ def test_bad_data_is_refused(tmp_path, spoil, writing, reason):
 
 
 def test_counts_through_the_gate_are_refused(tmp_path):
-    gated = config_with(tmp_path, hydraharp={"bin_width_s": 32e-12, "bins": BINS})
+    gated = config_with(tmp_path, tcspc={"bin_width_s": 32e-12, "bins": BINS})
     with pytest.raises(CalibrationError, match="through the gate"):
         calibrated(tmp_path, lamp(), gated)
 

@@ -12,9 +12,9 @@ from rig.bench.operator import BenchCamera
 from rig.calibrate.galvo.flight_routine import FlightRoutine
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.errors import CalibrationError, DataFileError, UsageError
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
 from simulators.optics.cameras import Camera
 from simulators.optics.lens import Intrinsics, Pose
 
@@ -36,7 +36,7 @@ def test_with_cameras_the_beam_goes_where_it_is_asked_to(tmp_path):
         files = routine.measure(station, config, Calibrations(), tmp_path, Watch())
         assert not opened.devices.laser.emitting()
     found = routine.fit(files, config, Calibrations())
-    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+    spots_m = ScanPlan.grid(config, columns=19, rows=14, spacing_m=0.099).spots_m
     assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 2e-3
     assert found.method == "cameras"
     assert found.positions == 16
@@ -69,7 +69,7 @@ def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
     with open_station(routine.setup(config), None) as station:
         files = routine.measure(station, routine.setup(config), Calibrations(), tmp_path, Watch())
     found = routine.fit(files, config, Calibrations())
-    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+    spots_m = ScanPlan.grid(config, columns=19, rows=14, spacing_m=0.099).spots_m
     assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 5e-3
     assert routine.figure(files, found).axes
 

@@ -16,10 +16,10 @@ from rig.calibrate.gate_sweep import nearest_after_s
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations, nominal_pointing
 from simulators.detector.first_bounce import direct_s
 from simulators.motion.mount import TAN_PER_UNIT
 
@@ -77,7 +77,7 @@ ROUTINE = GateRoutine(columns=6, exposure_s=0.05)
 def true_opening_s(config):
     """The edge's foot after the latest first bounce of the scan, and what the pulse's width adds."""
     geometry = true_geometry(config)
-    mirror = np.tan(nominal_pointing(config).angles_rad(ScanPlan.from_config(config).spots_m)) / TAN_PER_UNIT
+    mirror = np.tan(RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)) / TAN_PER_UNIT
     latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
     grid_s = np.arange(0, 400e-12, 1e-13)
     return latest_s + float(grid_s[(passed(grid_s, RISE_S, SIGMA_S) <= MAY_PASS).argmax()])
@@ -111,7 +111,7 @@ def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
     assert found.passed <= MAY_PASS
     # the beam goes somewhat elsewhere on the misaligned rig: leave its rim out
     geometry = true_geometry(config)
-    angles = nominal_pointing(config).angles_rad(
+    angles = RigState(config).pointing.angles_rad(
         np.column_stack([found.spots_m, np.zeros(len(found.spots_m))])
     )
     spots = np.array([geometry.laser_spot_m((x, y)) for x, y in np.tan(angles) / TAN_PER_UNIT])
@@ -168,7 +168,7 @@ def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
 
 def wide_open(tmp_path, counts, **spad):
     setup = GateRoutine().setup(config_with(tmp_path))
-    config = setup.model_copy(update={"spad": setup.spad.model_copy(update=spad)})
+    config = setup.model_copy(update={"detector": setup.detector.model_copy(update=spad)})
     return write_counts(tmp_path / "open.h5", counts, config, exposure_s=0.01)
 
 

@@ -24,10 +24,10 @@ from rig.calibrate.target import TargetRoutine, place
 from rig.calibrate.time_zero import TimeZeroRoutine, belief
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
+from rig.model.calibrations.chosen import Calibrations, choose
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations, choose, nominal_pointing
 
 
 def errors_s(legs, config, known, mirror_rad):
@@ -38,7 +38,7 @@ def errors_s(legs, config, known, mirror_rad):
 
 def grid_rad(config):
     x_m, y_m = np.meshgrid(np.linspace(-0.8, 0.8, 11), np.linspace(-0.64, 0.64, 9))
-    return nominal_pointing(config).angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
+    return RigState(config).pointing.angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
 
 
 def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
@@ -91,7 +91,7 @@ def test_a_scan_uses_both_and_is_rectified(tmp_path):
     assert abs(width.fwhm_s - true_width_s()) < 2e-12
     assert abs(width.fwhm_s - true_width_s()) < 4 * width.fwhm_error_s
     setup = zero.setup(config)
-    plan = ScanPlan.from_config(setup, columns=3, rows=3, spacing_m=0.4, exposure_s=0.05, skip_m=0.0)
+    plan = ScanPlan.grid(setup, columns=3, rows=3, spacing_m=0.4, exposure_s=0.05, skip_m=0.0)
     target = tmp_path / "scan.h5"
     acquire(plan, setup, target)
     with ScanFile(target) as scan:

@@ -29,8 +29,8 @@ def test_a_preset_is_a_simulated_rig(name):
     config = built_in_with(preset(name))
     assert config.simulated
     assert about()[name]
-    assert (config.galvo, config.spad, config.hydraharp) == tuple(
-        getattr(built_in(), part) for part in ("galvo", "spad", "hydraharp")
+    assert (config.galvo, config.detector, config.tcspc) == tuple(
+        getattr(built_in(), part) for part in ("galvo", "detector", "tcspc")
     )
 
 
