@@ -85,8 +85,8 @@ class Recorder:
                 self._writer.record_devices(settings)
             case PositionDone(exposure=exposure):
                 self._note(exposure.warnings)
-                self._writer.append(exposure.counts, exposure.live_time_s)
-                self.photons += int(exposure.counts.sum(dtype=np.int64))
+                self._writer.append(exposure.counts[0], exposure.live_time_s)
+                self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
             case LineDone():
                 self._writer.checkpoint()

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from drivers.hydraharp import HHLib, HydraHarp, load_library
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.loading import load_library
+from drivers.hydraharp.settings import HydraHarpSettings
 from drivers.id120 import Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.optotune import OptotuneMirror
@@ -131,13 +134,17 @@ def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:
             wires.hhlib,
             clock=wires.clock,
             serial=harp.serial,
-            sync_divider=harp.sync_divider,
-            sync_cfd_mv=(round(harp.sync_level_v * 1e3), round(harp.sync_zero_cross_v * 1e3)),
-            input_channel=harp.input_channel,
-            input_cfd_mv=(round(harp.input_level_v * 1e3), round(harp.input_zero_cross_v * 1e3)),
-            bin_width_s=harp.bin_width_s,
-            bins=harp.bins,
-            offset_s=harp.offset_s,
+            settings=HydraHarpSettings(
+                inputs=(harp.input_channel,),
+                input_level_v=harp.input_level_v,
+                input_zero_cross_v=harp.input_zero_cross_v,
+                sync_level_v=harp.sync_level_v,
+                sync_zero_cross_v=harp.sync_zero_cross_v,
+                sync_divider=harp.sync_divider,
+                bin_width_s=harp.bin_width_s,
+                bins=harp.bins,
+                offset_s=harp.offset_s,
+            ),
         )
     )
     laser = stack.enter_context(

@@ -91,7 +91,7 @@ def _detector() -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp import load_library
+    from drivers.hydraharp.loading import load_library
 
     try:
         library = load_library(config.hydraharp.library)

@@ -149,7 +149,7 @@ class ScanProgress:
                     warn(sentence)
             case PositionDone(index=index, exposure=exposure):
                 self._measured += 1
-                self._photons += int(exposure.counts.sum())
+                self._photons += exposure.photons
                 self._live_time_s += exposure.live_time_s
                 self._advance(index + 1)
             case Ended():

@@ -99,7 +99,12 @@ class Exposure(Protocol):
 
     @property
     def counts(self) -> NDArray[np.uint32]:
-        """(bins,) photons a bin; valid until the next measurement."""
+        """(channels, bins) photons a bin; valid until the next measurement."""
+        ...
+
+    @property
+    def photons(self) -> int:
+        """Photons in all bins of all channels."""
         ...
 
     @property
@@ -123,7 +128,7 @@ class Rates(Protocol):
 
     @property
     def input_hz(self) -> float:
-        """Detections a second."""
+        """Detections a second, of all channels together."""
         ...
 
 

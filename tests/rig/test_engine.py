@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from drivers.hydraharp import Exposure, Rates
+from drivers.hydraharp.device import Exposure, Rates
 from rig.acquire.engine import (
     Devices,
     Ended,
@@ -103,7 +103,7 @@ class ScriptedRig:
 
     def rates(self):
         self._called("rates")
-        return Rates(self.sync_hz, 2e5)
+        return Rates(self.sync_hz, (2e5,))
 
     def warnings(self):
         self._called("warnings")
@@ -114,7 +114,7 @@ class ScriptedRig:
         self.time_s += 0.6
         if self.trips_at is not None and self.log.count("measure") > self.trips_at:
             self.lit = False  # an interlock opened
-        return Exposure(np.ones(4, np.uint32), exposure_s)
+        return Exposure(np.ones((1, 4), np.uint32), exposure_s)
 
 
 def run(rig, events, should_stop=lambda: False):
