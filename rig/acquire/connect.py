@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from drivers.hydraharp import HHLib, load_library
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.loading import load_library
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
 from rig.acquire.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires

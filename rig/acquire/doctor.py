@@ -91,7 +91,7 @@ def _detector() -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp import load_library
+    from drivers.hydraharp.loading import load_library
 
     if not isinstance(config.tcspc, HydraHarpConfig):
         return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")

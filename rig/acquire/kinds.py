@@ -9,8 +9,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drivers.hydraharp import HHLib, HydraHarp
-from drivers.hydraharp.limits import TimingLimits as HydraHarpLimits
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
+from drivers.hydraharp.settings import HydraHarpSettings
 from drivers.id120 import Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.optotune import OptotuneMirror
@@ -57,8 +59,8 @@ class TimingLimits(Protocol):
         """Raise `drivers.errors.LimitError` unless an exposure is possible."""
         ...
 
-    def check_bins(self, bins: int) -> None:
-        """Raise `drivers.errors.LimitError` unless a histogram can have so many bins."""
+    def check_histogram(self, bins: int, bin_width_s: float) -> None:
+        """Raise `drivers.errors.LimitError` unless a histogram can have so many bins of this width."""
         ...
 
 
@@ -68,8 +70,8 @@ class AnyExposure:
     def check_exposure(self, exposure_s: float) -> None:
         """Allow every exposure."""
 
-    def check_bins(self, bins: int) -> None:
-        """Allow every number of bins."""
+    def check_histogram(self, bins: int, bin_width_s: float) -> None:
+        """Allow every histogram."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +131,17 @@ def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractConte
         wires.hhlib(),
         clock=wires.clock,
         serial=harp.serial,
-        sync_divider=harp.sync_divider,
-        sync_cfd_mv=(round(harp.sync_level_v * 1e3), round(harp.sync_zero_cross_v * 1e3)),
-        inputs=tuple(channel.input for channel in config.channels),
-        input_cfd_mv=(round(harp.input_level_v * 1e3), round(harp.input_zero_cross_v * 1e3)),
-        bin_width_s=harp.bin_width_s,
-        bins=harp.bins,
-        offset_s=harp.offset_s,
+        settings=HydraHarpSettings(
+            inputs=tuple(channel.input for channel in config.channels),
+            input_level_v=harp.input_level_v,
+            input_zero_cross_v=harp.input_zero_cross_v,
+            sync_level_v=harp.sync_level_v,
+            sync_zero_cross_v=harp.sync_zero_cross_v,
+            sync_divider=harp.sync_divider,
+            bin_width_s=harp.bin_width_s,
+            bins=harp.bins,
+            offset_s=harp.offset_s,
+        ),
     )
 
 
@@ -156,7 +162,7 @@ LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"kat
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
 TIMING: dict[str, TimingKind] = {
     "hydraharp": TimingKind(
-        open_hydraharp, HydraHarpLimits(), lambda config: (config.bins, config.bin_width_s)
+        open_hydraharp, HYDRAHARP_LIMITS, lambda config: (config.bins, config.bin_width_s)
     ),
     "playback": TimingKind(open_playback, AnyExposure(), _axis_of_file),
 }

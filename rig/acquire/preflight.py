@@ -83,6 +83,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     found = estimate(plan, state)
     _check_angles(plan, state, found)
     limits = timing_limits(state.config)
+    limits.check_histogram(found.bins, found.bin_width_s)
     for one in plan.passes:
         limits.check_exposure(one.exposure_s)
     free = disk_usage(folder).free

@@ -109,7 +109,7 @@ class TargetRoutine:
                 electronics_delay_error_s=float(np.hypot(own_s, 2**0.5 * head_error_m / C_M_PER_S)),
                 laser_head_m=_point(head_m),
                 detector_head_m=_point(legs.detector_head_m),
-                detector_spot_m=_point(scan.detector_m[0]),
+                detector_spot_m=_point(scan.detector_m[0, 0]),
                 rectified_error_s=float(np.median(errors_s)),
                 rectified_error_worst_s=float(errors_s.max()),
                 residual_s=None,
@@ -150,7 +150,7 @@ class TargetRoutine:
         """
         counts = counts_of(scan)
         galvo_m, detector_m = heads_m
-        over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m, detector_m)
+        over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m[0, 0], detector_m)
         total, start_s = _aligned(scan, counts, over_target)
         direct, direct_start_s = _aligned(scan, counts, _way_m(galvo_m, spots_m, detector_m))
         width_s = scan.bin_width_s

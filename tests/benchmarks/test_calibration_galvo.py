@@ -17,8 +17,8 @@ from rig.calibrate.galvo.model_fit import spot_covariances_m2
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.model.calibrations.chosen import Calibrations
 from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
@@ -42,7 +42,7 @@ def accuracy(routine, seed, folder):
     """Measure and fit one rig."""
     config = misaligned(seed)
     files = measured(routine, config, ConsoleOperator(), folder, Watch())
-    found = routine.fit(files, config, Calibrations())
+    found = routine.fit(files, RigState(config))
     for path in files:
         path.unlink()
     spots_m = ScanPlan.grid(config).spots_m[::23]

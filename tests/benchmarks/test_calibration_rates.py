@@ -14,9 +14,9 @@ from rig.calibrate.gate import MAY_PASS, GateRoutine
 from rig.calibrate.gate_edge import passed
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.model.calibrations.chosen import Calibrations
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
 from simulators.motion.mount import TAN_PER_UNIT
 from simulators.wire.hydraharp.timing import Nonlinearity
@@ -52,7 +52,7 @@ def faulty(seed, folder, **more):
 
 def found(routine, config, folder):
     files = measured(routine, config, ConsoleOperator(), folder, Watch())
-    calibration = routine.fit(files, config, Calibrations())
+    calibration = routine.fit(files, RigState(config))
     for file in files:
         file.unlink()
     return calibration

@@ -13,6 +13,7 @@ from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig, built_in_with
 from rig.model.pointing import Pointing
+from rig.model.state import RigState
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.light import Optics

@@ -16,10 +16,10 @@ from rig.calibrate.gate_sweep import nearest_after_s
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
-from rig.model.calibrations.chosen import Calibrations
 from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
 from simulators.motion.mount import TAN_PER_UNIT
 
@@ -105,7 +105,7 @@ def sweep(tmp_path_factory):
 def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
     """Within 50 ps: a grid of six columns, extended to the corners, on a rig out of place."""
     config, files = sweep
-    found = ROUTINE.fit(files, config, Calibrations())
+    found = ROUTINE.fit(files, RigState(config))
     assert abs(found.gate_delay_s - true_opening_s(config)) < 50e-12
     assert found.edge_s == pytest.approx(200e-12, abs=5 * found.edge_error_s)
     assert found.passed <= MAY_PASS
@@ -129,8 +129,8 @@ def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
 def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
     """Nearer than arrivals spread: where the bounce comes late it is not blocked, and that is mapped."""
     config, files = sweep
-    near = GateRoutine(columns=6, nearest_m=0.12).fit(files, config, Calibrations())
-    far = ROUTINE.fit(files, config, Calibrations())
+    near = GateRoutine(columns=6, nearest_m=0.12).fit(files, RigState(config))
+    far = ROUTINE.fit(files, RigState(config))
     assert near.gate_delay_s < far.gate_delay_s
     open_for = [one for one, failed in zip(near.latest_s, near.failed, strict=True) if not failed]
     assert near.gate_delay_s <= min(open_for) + 10e-12
@@ -138,17 +138,17 @@ def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
     assert late
     assert all(far.earliest_s[i] > near.gate_delay_s for i in late)
     with pytest.raises(CalibrationError, match="Give a larger --nearest"):
-        GateRoutine(columns=6, nearest_m=0.01).fit(files, config, Calibrations())
+        GateRoutine(columns=6, nearest_m=0.01).fit(files, RigState(config))
 
 
 def test_a_sweep_that_misses_the_edge_is_refused(sweep):
     config, files = sweep
     with pytest.raises(CalibrationError, match="does not reach the gate's edge"):
-        ROUTINE.fit(files[:8], config, Calibrations())
+        ROUTINE.fit(files[:8], RigState(config))
     with pytest.raises(CalibrationError, match="does not show the gate's edge"):
-        ROUTINE.fit([files[0], *files[-5:]], config, Calibrations())
+        ROUTINE.fit([files[0], *files[-5:]], RigState(config))
     with pytest.raises(CalibrationError, match="five or more at other delays"):
-        ROUTINE.fit(files[:4], config, Calibrations())
+        ROUTINE.fit(files[:4], RigState(config))
 
 
 def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
@@ -181,7 +181,7 @@ def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, rea
     counts = np.zeros((9, 12_500))
     counts[:, 3600:3608] = photons / 8
     with pytest.raises(CalibrationError, match=reason):
-        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
 
 
 def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
@@ -189,7 +189,7 @@ def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
     counts = np.zeros((9, 12_500))
     counts[:, 3600:3608] = 100
     with pytest.raises(CalibrationError, match="other positions"):
-        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
     (tmp_path / "open.h5").unlink()
     with pytest.raises(CalibrationError, match="without the gate"):
-        ROUTINE.fit([wide_open(tmp_path, counts, gated=False), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts, gated=False), *files[1:]], RigState(config))

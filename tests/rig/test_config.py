@@ -67,7 +67,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_a_file_of_an_older_program_is_read_as_it_was_meant(tmp_path):
-    """Before devices had kinds, the detector was [spad], the timing instrument [hydraharp], with one channel."""
+    """Before devices had kinds the detector was [spad], the timing instrument [hydraharp] with one input."""
     older = """
     [spad]
     spot = ["10cm", "0cm", "0cm"]

@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from drivers.hydraharp import Exposure, Rates
+from drivers.hydraharp.device import Exposure, Rates
 from rig.acquire.engine import (
     Devices,
     Ended,
@@ -97,7 +97,7 @@ class ScriptedRig:
 
     def rates(self):
         self._called("rates")
-        return Rates(self.sync_hz, 2e5)
+        return Rates(self.sync_hz, (2e5,))
 
     def warnings(self):
         self._called("warnings")

@@ -81,7 +81,7 @@ def test_presets_are_listed_and_misspellings_helped(rig):
 
 def test_the_command_line_has_the_last_word_and_real_rigs_have_no_presets(rig, tmp_path):
     plan = json.loads(rig("scan", "--preset", "office-1s", "--exposure", "2ms", "--dry-run", "--json").out)
-    assert plan["plan"]["exposure_s"] == 2e-3
+    assert plan["plan"]["passes"][0]["exposure_s"] == 2e-3
     own = tmp_path / "own.toml"
     own.write_text('name = "mine"\n[simulation]\nseed = 7\n[scan]\ncolumns = 20\n', encoding="utf-8")
     config = load(own, preset("office-5ms"))

@@ -112,7 +112,7 @@ def healthy(tmp_path_factory):
 def read_all(path):
     with ScanFile(path) as scan:
         str(scan)
-        assert scan.plan
+        _ = scan.plan, scan.state
         blocks = [block for _, block in scan.capture().histograms.blocks()]
         return np.concatenate(blocks), scan.laser_m
 
