@@ -75,12 +75,12 @@ class Playback:
         self._scan = ScanFile(path)
         self._clock = clock
         self._next = first
-        if len(self._scan.channels) != channels or self._scan.expectation:
+        has, kind = len(self._scan.channels), "expectations" if self._scan.expectation else "photons"
+        if has != channels or kind != "photons":
             self._scan.close()
             raise RefusedError(
-                f"{path} holds {len(self._scan.channels)} channels of "
-                f"{'expectations' if self._scan.expectation else 'photons'}, the rig has {channels} channels "
-                "of photons: play a scan with as many"
+                f"{path} holds {has} channels of {kind}, the rig has {channels} of photons: play a scan with "
+                "as many"
             )
         self.bins, self.bin_width_s = self._scan.bins, self._scan.bin_width_s
         self.first_bin_s = self._scan.first_bin_s
