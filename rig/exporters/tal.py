@@ -65,7 +65,8 @@ def write(path: Path, scan: ScanFile) -> None:
             file[f"{side}_xyz"] = head_m.astype("<f8")
         file["volume_format"] = h5py.Empty(float)
         file["delta_t"] = capture.bin_width_s * C_M_PER_S
-        delay_s = 0.0 if scan.delays is None else scan.delays.electronics_delay_s
+        (channel,) = scan.channels
+        delay_s = 0.0 if scan.delays is None else scan.delays.electronics_delay_s + channel.delay_s
         file["t_start"] = (scan.first_bin_s - delay_s) * C_M_PER_S
         file["t_accounts_first_and_last_bounces"] = scan.delays is not None
         file["scene_info"] = json.dumps({"original_format": "rig-scan", "file": scan.path.name})

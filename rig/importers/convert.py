@@ -109,7 +109,7 @@ def import_scan(
         layout=layout.NAME,
         positions=len(content.laser_m),
         bins=content.bins,
-        time_origin="wall" if content.legs is None and content.delay_s is None else "laser",
+        time_origin="wall" if content.delays is None and content.delay_s is None else "laser",
         assumed=tuple(content.assumed),
     )
 
@@ -141,7 +141,7 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         bins=content.bins,
         bin_width_s=content.bin_width_s,
         first_bin_s=content.first_bin_s,
-        delays=content.legs,
+        delays=content.delays,
         delay_s=content.delay_s,
         simulated=content.simulated,
         command=f"rig import {source.name}",
