@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import AsJson, Config, Grid, Seed, Spacing
+
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
     from rig.model.config import RigConfig
@@ -13,22 +15,13 @@ if TYPE_CHECKING:
 
 
 def scan(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-        ),
-    ] = None,
+    config: Config = None,
     exposure: Annotated[
         str | None,
         typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
-    ] = None,
-    spacing: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
-    ] = None,
+    grid: Grid = None,
+    spacing: Spacing = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -40,9 +33,7 @@ def scan(
         str | None,
         typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")
-    ] = None,
+    seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -52,7 +43,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Scan the relay wall and store the photons of each position.
 

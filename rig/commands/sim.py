@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson, Grid, Spacing
+
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
 
@@ -24,12 +26,8 @@ def render(
     bounces: Annotated[
         int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
-    ] = None,
-    spacing: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
-    ] = None,
+    grid: Grid = None,
+    spacing: Spacing = None,
     roughness: Annotated[
         float | None,
         typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
@@ -38,7 +36,7 @@ def render(
         str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
     ] = None,
     bins: Annotated[int | None, typer.Option(min=1, help="Number of bins. [dim]\\[15000][/dim]")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Render what a scan of a hidden scene gives on average: no noise, no gate, no instrument.
 
