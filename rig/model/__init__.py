@@ -1,1 +1,2 @@
-"""What a rig is: configuration, calibrations, the plan of a scan. Values only: no device, no data file."""
+"""What a rig is: its configuration, calibrations, the state they resolve to, plans. Values only: it opens
+neither devices nor data files."""
