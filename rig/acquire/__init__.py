@@ -1,2 +1,4 @@
-"""Measuring: devices opened by their kind, a plan run, photons recorded, scans taken up again. It neither draws
-nor images."""
+"""Measuring: devices opened by their kind, a plan run, photons recorded, scans taken up again.
+
+Nothing here draws or images.
+"""

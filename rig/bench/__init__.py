@@ -1,2 +1,4 @@
-"""The simulated bench that a configuration describes, and what it does without devices. The only room that
-imports `simulators`."""
+"""The simulated bench that a configuration describes, and what it does without devices.
+
+The only room that imports `simulators`.
+"""

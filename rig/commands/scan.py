@@ -131,11 +131,13 @@ def columns_and_rows(text: str) -> tuple[int, int]:
     from rig.errors import UsageError
 
     columns, separator, rows = text.lower().partition("x")
-    if not (separator and columns.isdecimal() and rows.isdecimal() and int(columns) > 1 and int(rows) > 1):
+    numbers = [text.strip() for text in (columns, rows)]
+    plain = all(number.isascii() and number.isdecimal() and len(number) < 10 for number in numbers)
+    if not (separator and plain and min(map(int, numbers)) > 1):
         raise UsageError(
             f"'{text}' is not a grid; write columns and rows, each at least 2, e.g. --grid 180x130"
         )
-    return int(columns), int(rows)
+    return int(numbers[0]), int(numbers[1])
 
 
 def _default_name() -> str:

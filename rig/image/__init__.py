@@ -1,1 +1,1 @@
-"""From a scan file to a volume: recalibrated, focused, measured. It touches no device."""
+"""From a scan file to a volume: recalibrated, focused, measured. No device is touched."""

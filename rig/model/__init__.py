@@ -1,2 +1,4 @@
-"""What a rig is: its configuration, calibrations, the state they resolve to, plans. Values only: it opens
-neither devices nor data files."""
+"""What a rig is: configuration, calibrations, the state they resolve to, plans.
+
+Values only: nothing here opens a device or a data file.
+"""

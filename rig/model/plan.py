@@ -22,12 +22,12 @@ Point = tuple[float, float, float]
 
 #: Spots of a list that are put on disk together, as those of a grid's line are.
 SPOTS_OF_A_LINE = 100
-#: More steps than this are no scan, but a slip in typing.
-MAX_STEPS = 100_000_000
+#: More steps than this are no scan, but a slip in typing or a damaged file.
+MAX_STEPS = 10_000_000
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy with other values, checked again, without what was computed from the old ones."""
@@ -58,11 +58,10 @@ class Grid(_Part):
     without: tuple[Square, ...] = ()
     """What is left out, e.g. around a detector's spot, where the first bounce drowns the rest."""
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> "Grid":
-        if self.columns * self.rows > MAX_STEPS:
-            raise ValueError(f"a grid of {self.columns} x {self.rows} has more than {MAX_STEPS:,} positions")
-        return self
+    @property
+    def places(self) -> int:
+        """Number of positions, those that are left out among them."""
+        return self.columns * self.rows
 
     @cached_property
     def spots_m(self) -> NDArray[np.float64]:
@@ -77,7 +76,7 @@ class Grid(_Part):
     @property
     def skipped(self) -> int:
         """Number of grid positions left out."""
-        return self.columns * self.rows - len(self.spots_m)
+        return self.places - len(self.spots_m)
 
     @cached_property
     def _visited(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -103,6 +102,11 @@ class Spots(_Part):
     kind: Literal["spots"] = "spots"
     spots: tuple[Point, ...] = Field(min_length=1)
     """On the wall [m]."""
+
+    @property
+    def places(self) -> int:
+        """Number of positions."""
+        return len(self.spots)
 
     @cached_property
     def spots_m(self) -> NDArray[np.float64]:
@@ -176,6 +180,13 @@ class ScanPlan(_Part):
     @classmethod
     def _from_older(cls, plan: Any) -> Any:
         return _with_passes(plan) if isinstance(plan, dict) and "columns" in plan else plan
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> "ScanPlan":
+        places = sum(one.positions.places * one.frames for one in self.passes)
+        if places > MAX_STEPS:
+            raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
+        return self
 
     @classmethod
     def grid(cls, config: RigConfig, **changes: Any) -> "ScanPlan":

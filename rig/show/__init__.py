@@ -1,1 +1,1 @@
-"""What a person looks at: pictures and numbers of scans and volumes. It touches no device."""
+"""What a person looks at: pictures and numbers of scans and volumes. No device is touched."""
