@@ -4,21 +4,17 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.atomic import appearing
-from rig.bench.simulated import hidden_scene, true_geometry
+from rig.bench.simulated import renderer, true_geometry
 from rig.errors import UsageError
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
-from rig.model.config import RigConfig, SimulationConfig
+from rig.model.config import RigConfig
 from rig.model.plan import ScanPlan
-
-if TYPE_CHECKING:
-    from simulators.transport.renderer import Way
 
 #: Positions that are rendered at a time: 8 MB of 15 000 bins, and work enough for all cores.
 BLOCK = 64
@@ -81,19 +77,14 @@ def render(
 
 
 def _blocks(plan: ScanPlan, config: RigConfig) -> Iterator[NDArray[np.float64]]:
-    from simulators.optics.light import Optics
-    from simulators.transport.geometry import cut
-    from simulators.transport.renderer import Transport, along
+    from simulators.transport.light_paths import transients
 
-    hidden = hidden_scene(config)
-    bounces = (config.simulation or SimulationConfig()).bounces
-    transport = Transport(cut(hidden), hidden.triangles_m, bounces=bounces, wall_albedo=Optics().wall_albedo)
-    ways = transport.towards(plan.detector_spot_m)
+    paths = renderer(config).light_paths(plan.detector_spot_m)
     edges_s = plan.bin_width_s * np.arange(plan.bins + 1, dtype=np.float64)
     counted_m2 = _counted_m2(plan, config)
 
-    def rendered(first: int, ways: "tuple[Way, ...]" = ways) -> NDArray[np.float64]:
-        return counted_m2 * along(ways, plan.spots_m[first : first + BLOCK], edges_s)
+    def rendered(first: int) -> NDArray[np.float64]:
+        return counted_m2 * transients(paths, plan.spots_m[first : first + BLOCK], edges_s)
 
     with ThreadPoolExecutor(1) as ahead:
         following = ahead.submit(rendered, 0)
@@ -108,6 +99,6 @@ def _counted_m2(plan: ScanPlan, config: RigConfig) -> float:
     from simulators.detector import Detector
     from simulators.optics.light import Optics
 
-    optics = Optics()
-    per_photon_m2 = optics.collection_m2(true_geometry(config)) * Detector().efficiency
+    optics, head_m = Optics(), true_geometry(config).detector_head_m
+    per_photon_m2 = optics.collection_m2(head_m, plan.detector_spot_m) * Detector().efficiency
     return optics.photons_per_s * per_photon_m2 * config.laser.power_setpoint / 10 * plan.exposure_s

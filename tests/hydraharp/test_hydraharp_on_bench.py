@@ -143,7 +143,7 @@ def test_bench_time_passes_by_the_exposure_and_no_more():
 
 
 def test_real_time_clock():
-    bench = Bench(SteadyLight([2e-12], 10_000), clock=BenchClock(real_time=True))
+    bench = Bench([SteadyLight([2e-12], 10_000)], clock=BenchClock(real_time=True))
     bench.change_light(emitting=True)
     simulator, harp = rig(bench)
     with harp:
@@ -210,7 +210,7 @@ def test_exceptions_in_the_simulator_are_never_counts():
     simulator, harp = rig(bench)
     with harp:
         harp.measure(1e-3)
-        light, bench.photons = bench.photons, None
+        light, bench.photons = bench.photons, (None,)
         with pytest.raises(HydraHarpError) as caught:
             harp.measure(1e-3)
         assert caught.value.code == -99
@@ -234,7 +234,7 @@ def test_one_thread_at_a_time():
                 raise AssertionError("two threads inside")
             return 1.0
 
-    bench = Bench(Slow([], 0))
+    bench = Bench([Slow([], 0)])
     bench.change_light(emitting=True)
     simulator, harp = rig(bench)
     with harp, ThreadPoolExecutor(2) as pool:

@@ -131,7 +131,7 @@ def test_natural_end_counts_no_longer_than_asked():
 
 
 def test_other_inputs_stay_dark():
-    hh = Opened(bench_with([5e-9], 100_000), inputs=4, photon_input=2)
+    hh = Opened(bench_with([5e-9], 100_000, at_input=2), inputs=4)
     hh.run(10)
     assert [hh.counts(channel).sum() for channel in range(4)] == [0, 0, 1000, 0]
 

@@ -14,7 +14,7 @@ PERIOD_S = 100e-9
 
 
 def measured(source, timing, *, exposure_s=1e-3, waits_s=0.0, **options):
-    bench = Bench(source)
+    bench = Bench([source])
     bench.change_light(emitting=True, biased=True)
     simulator = HydraHarpSimulator(bench, timing=timing, **options)
     with HydraHarp(HHLib(simulator.functions), clock=bench.clock, bin_width_s=4e-12, bins=25_000) as harp:

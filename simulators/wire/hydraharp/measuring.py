@@ -30,7 +30,7 @@ LONGEST_FIFO_READ = 131_072
 @_declare("HH_ClearHistMem", INT)
 def clear_hist_mem(simulator: "Simulator", devidx: int) -> None:
     """Set all counts to zero."""
-    simulator.idle(devidx).memory.clear()
+    simulator.idle(devidx).clear()
 
 
 @_declare("HH_StartMeas", INT, INT)
@@ -60,10 +60,10 @@ def get_histogram(simulator: "Simulator", devidx: int, chcount: Any, channel: in
     instrument = simulator.idle(devidx)
     require(0 <= channel < instrument.inputs and clear in (0, 1))
     require(instrument.mode is Mode.HISTOGRAM, Code.INVALID_MODE)
-    lit = channel == instrument.photon_input
-    memmove(chcount, (instrument.memory if lit else instrument.dark).address, 4 * instrument.settings.length)
-    if clear and lit:
-        instrument.memory.clear()
+    memory = instrument.memories[channel]
+    memmove(chcount, memory.address, 4 * instrument.settings.length)
+    if clear:
+        memory.clear()
 
 
 @_declare("HH_GetResolution", INT, DOUBLE_OUT)

@@ -16,13 +16,12 @@ class HydraHarpSimulator:
     Parameters
     ----------
     bench
-        The optical bench that it measures.
+        The optical bench that it measures; each detector channel is connected to its input.
     serial
         Serial number, at most 7 characters.
     inputs
-        Number of inputs, 1 to 8.
-    photon_input
-        The input that the detector is connected to, counted from 0.
+        Number of inputs; by default 2, or as many as the detector needs. A real HydraHarp has 8 at most
+        (MAXINPCHAN of its header); the simulated one takes more, so that a detector of many pixels fits.
     count_depth
         Largest count of a bin: 2**32 - 1 in the instrument. 65535 gives the saturation of 16-bit data.
     timing
@@ -46,21 +45,22 @@ class HydraHarpSimulator:
         bench: Bench,
         *,
         serial: str = "1000001",
-        inputs: int = 2,
-        photon_input: int = 0,
+        inputs: int | None = None,
         count_depth: int = 2**32 - 1,
         timing: Timing | None = None,
         sync_period_unit_s: float = 1.0,
     ) -> None:
         if len(serial) > 7:
             raise ValueError(f"serial {serial!r} is longer than 7 characters")
-        if not 0 <= photon_input < inputs <= 8:
-            raise ValueError(f"input {photon_input} is not one of {inputs} inputs, of which 8 are possible")
+        needed = 1 + max((channel.input for channel in bench.geometry.channels), default=0)
+        inputs = max(needed, 2) if inputs is None else inputs
+        if inputs < needed:
+            raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")
         self.serial = serial
         self.sync_period_unit_s = sync_period_unit_s
         self.connected = True
         self.busy = False
-        self.instrument = Instrument(bench, inputs, photon_input, count_depth, timing or Timing())
+        self.instrument = Instrument(bench, inputs, count_depth, timing or Timing())
         self.slots = [Slot.UNTOUCHED] * DEVICES
         self._pending: list[BaseException] = []
         exports = Exports([*information.EXPORTS, *setting.EXPORTS, *measuring.EXPORTS])
