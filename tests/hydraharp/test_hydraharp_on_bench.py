@@ -182,13 +182,13 @@ def test_absent_busy_and_wrong_serial():
     simulator, _ = rig(bench_with([], 0))
     with pytest.raises(DeviceNotFoundError, match="only 1000001"), named(simulator, "1000002"):
         pass
-    simulator.busy = True
+    simulator.connection.busy = True
     with pytest.raises(HydraHarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
         pass
-    simulator.connected = False
+    simulator.connection.connected = False
     with pytest.raises(DeviceNotFoundError, match="no HydraHarp is there"), named(simulator, "1000001"):
         pass
-    simulator.connected, simulator.busy = True, False
+    simulator.connection.connected, simulator.connection.busy = True, False
     with named(simulator, "1000001"):
         pass
 

@@ -29,10 +29,10 @@ def test_nothing_works_between_open_and_initialize():
 
 def test_busy_elsewhere_or_open_already():
     simulator = HydraHarpSimulator(bench_with([], 0))
-    simulator.busy = True
+    simulator.connection.busy = True
     assert call(simulator.functions, "HH_OpenDevice", 0) == (-2, b"")
     assert call(simulator.functions, "HH_GetFeatures", 0)[0] == -10
-    simulator.busy = False
+    simulator.connection.busy = False
     assert call(simulator.functions, "HH_OpenDevice", 0)[0] == 0
     assert call(simulator.functions, "HH_OpenDevice", 0)[0] == -2
     assert call(simulator.functions, "HH_CloseDevice", 0)[0] == 0

@@ -1,11 +1,11 @@
-"""The simulated library: its C functions, and whether its one instrument is open."""
+"""The simulated library: one instrument, and the 44 C functions that reach it."""
 
 from types import SimpleNamespace
 
 from simulators.bench import Bench
 from simulators.wire.hydraharp import information, measuring, setting
-from simulators.wire.hydraharp.codes import DEVICES, Code, Slot
-from simulators.wire.hydraharp.exports import Exports, as_c_functions, require
+from simulators.wire.hydraharp.connection import Connection
+from simulators.wire.hydraharp.exports import Exports, as_c_functions
 from simulators.wire.hydraharp.instrument import Instrument
 from simulators.wire.hydraharp.timing import Timing
 
@@ -34,10 +34,8 @@ class HydraHarpSimulator:
     ----------
     functions
         An object with the 44 C functions as attributes.
-    connected
-        Set False to unplug the instrument before it is opened.
-    busy
-        Set True to let another program have the instrument.
+    instrument, connection
+        The instrument, and whether it is there and open.
     """
 
     def __init__(
@@ -56,15 +54,11 @@ class HydraHarpSimulator:
         inputs = max(needed, 2) if inputs is None else inputs
         if inputs < needed:
             raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")
-        self.serial = serial
-        self.sync_period_unit_s = sync_period_unit_s
-        self.connected = True
-        self.busy = False
         self.instrument = Instrument(bench, inputs, count_depth, timing or Timing())
-        self.slots = [Slot.UNTOUCHED] * DEVICES
+        self.connection = Connection(self.instrument, serial, sync_period_unit_s)
         self._pending: list[BaseException] = []
         exports = Exports([*information.EXPORTS, *setting.EXPORTS, *measuring.EXPORTS])
-        self.functions: SimpleNamespace = as_c_functions(exports, self, self._pending.append)
+        self.functions: SimpleNamespace = as_c_functions(exports, self.connection, self._pending.append)
 
     def raise_pending(self) -> None:
         """Raise the first exception that a function has swallowed since the last call of this method."""
@@ -72,24 +66,3 @@ class HydraHarpSimulator:
             error = self._pending[0]
             self._pending.clear()
             raise error
-
-    def opened(self, devidx: int) -> Instrument:
-        """Return the instrument at an index, or answer why there is none."""
-        require(0 <= devidx < DEVICES)
-        slot = self.slots[devidx]
-        if slot is not Slot.OPEN:
-            require(slot is Slot.CLOSED, Code.INVALID_MEMORY)
-            require(False, Code.DEVICE_NOT_OPEN)
-        return self.instrument
-
-    def initialized(self, devidx: int) -> Instrument:
-        """Return the instrument at an index if it is open and initialised."""
-        instrument = self.opened(devidx)
-        require(instrument.initialized, Code.NOT_INITIALIZED)
-        return instrument
-
-    def idle(self, devidx: int) -> Instrument:
-        """Return the instrument at an index if it is initialised and not between StartMeas and StopMeas."""
-        instrument = self.initialized(devidx)
-        require(not instrument.running, Code.INSTANCE_RUNNING)
-        return instrument
