@@ -249,7 +249,7 @@ class HydraHarp:
         """Return what the instrument warns about at the present rates, as plain sentences."""
         library, index = self._library, self._index
         library.get_sync_rate(index)  # warnings are computed from the rates that were read last
-        for channel in range(self.limits.inputs):
+        for channel in range(self.limits.inputs or 0):
             library.get_count_rate(index, channel)
         raised = library.get_warnings(index)
         if self._settings.bins > self._histogram_bins - self.first_bin_s / self.bin_width_s:

@@ -5,22 +5,18 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.atomic import appearing
-from rig.bench.simulated import hidden_scene, true_geometry
+from rig.bench.simulated import renderer, true_geometry
 from rig.errors import UsageError
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
-from rig.model.config import RigConfig, SimulationConfig
+from rig.model.config import RigConfig
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
-
-if TYPE_CHECKING:
-    pass
 
 #: Positions that are rendered at a time: 8 MB of 15 000 bins, and work enough for all cores.
 BLOCK = 64
@@ -100,20 +96,18 @@ def render(
 
 
 def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArray[np.float64]]:
-    from simulators.optics.light import Optics
-    from simulators.transport.geometry import cut
-    from simulators.transport.renderer import Transport, along
+    """Yield (steps, channels, bins) expected photons."""
+    from simulators.transport.light_paths import transients
 
-    hidden = hidden_scene(config)
-    bounces = (config.simulation or SimulationConfig()).bounces
-    transport = Transport(cut(hidden), hidden.triangles_m, bounces=bounces, wall_albedo=Optics().wall_albedo)
-    of_channels = [transport.towards(channel.spot_m) for channel in config.channels]
+    scene = renderer(config)
+    of_channels = [scene.light_paths(channel.spot_m) for channel in config.channels]
     edges_s = axis.bin_width_s * np.arange(axis.bins + 1, dtype=np.float64)
     counted_m2 = _counted_m2(config, plan.passes[0].exposure_s)
 
     def rendered(first: int) -> NDArray[np.float64]:
         spots_m = plan.spots_m[first : first + BLOCK]
-        return counted_m2 * np.stack([along(ways, spots_m, edges_s) for ways in of_channels], axis=1)
+        light = [transients(paths, spots_m, edges_s) for paths in of_channels]
+        return np.stack(light, axis=1) * counted_m2[:, None]
 
     with ThreadPoolExecutor(1) as ahead:
         following = ahead.submit(rendered, 0)
@@ -123,11 +117,12 @@ def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArr
             yield block
 
 
-def _counted_m2(config: RigConfig, exposure_s: float) -> float:
+def _counted_m2(config: RigConfig, exposure_s: float) -> NDArray[np.float64]:
     """Return photons counted in an exposure if all of the laser's came, per m^2, to the detector's spot."""
     from simulators.detector import Detector
     from simulators.optics.light import Optics
 
-    optics = Optics()
-    per_photon_m2 = optics.collection_m2(true_geometry(config)) * Detector().efficiency
-    return optics.photons_per_s * per_photon_m2 * config.laser.power_setpoint / 10 * exposure_s
+    optics, head_m = Optics(), true_geometry(config).detector_head_m
+    per_photon_m2 = np.array([optics.collection_m2(head_m, channel.spot_m) for channel in config.channels])
+    photons = optics.photons_per_s * config.laser.power_setpoint / 10 * exposure_s
+    return photons * Detector().efficiency * per_photon_m2

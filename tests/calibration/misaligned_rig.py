@@ -52,7 +52,7 @@ def true_arrivals_s(config: RigConfig, mirror_rad) -> np.ndarray:
 def true_delays_s(config: RigConfig, mirror_rad) -> np.ndarray:
     """(N,) what is really to be subtracted for rectified time."""
     bench = true_geometry(config)
-    back_m = dist(bench.detector_head_m, bench.detector_spot_m)
+    back_m = dist(bench.detector_head_m, bench.channels[0].spot_m)
     there_m = np.linalg.norm(true_spots_m(config, mirror_rad) - bench.galvo_m, axis=1)
     return bench.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 

@@ -63,7 +63,7 @@ def true_calibrations(config):
         electronics_delay_error_s=0.0,
         laser_head_m=truth.galvo_m,
         detector_head_m=truth.detector_head_m,
-        detector_spot_m=truth.detector_spot_m,
+        detector_spot_m=truth.channels[0].spot_m,
         rectified_error_s=0.0,
         rectified_error_worst_s=0.0,
         residual_s=0.0,

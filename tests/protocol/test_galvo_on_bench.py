@@ -182,7 +182,7 @@ def test_a_device_that_never_stops_talking_is_given_up():
 def test_over_a_real_serial_port_of_the_operating_system():
     """The same board behind a pseudo-terminal: pyserial's own port, locked, opened, read and lost."""
     clock = BenchClock(real_time=True)
-    board = GalvoBoard(Bench(photons=None, clock=clock))
+    board = GalvoBoard(Bench(clock=clock))
     ours, theirs = os.openpty()
     pytest.importorskip("tty").setraw(theirs)
 

@@ -120,7 +120,7 @@ def test_failed_gates_do_not_change_how_bright_the_scene_is():
         faults = {"failed_gates": fraction}
         simulation = {"scene": "letters", "count_rate": "265kHz", "faults": faults}
         bench, _ = rack(built_in_with({"simulation": simulation}))
-        factors.append(bench.photons.factor)
+        factors.append(bench.photons[0].factor)
     assert factors[1] == pytest.approx(factors[0], rel=0.15)
 
 
