@@ -1,5 +1,8 @@
 """Several detector channels in one scan: kept apart in the file, pairs of spots where imaging begins."""
 
+import json
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -191,3 +194,39 @@ def test_an_interrupted_file_of_version_1_is_resumed_as_what_it_is(tmp_path):
     with ScanFile(older) as scan:
         assert (scan.version, scan.status) == (1, "complete")
         np.testing.assert_array_equal(scan.counts(range(20)), counts)
+
+
+ROW = Path(__file__).parents[2] / "configs" / "row.toml"
+COARSE = ("--grid", "18x13", "--spacing", "10cm", "--exposure", "4ms")
+
+
+def test_a_row_of_16_pixels_is_scanned_and_imaged(rig):
+    """A point 1 m before the wall: every pixel sees it at its own time, all together show it there."""
+    done = rig("scan", "--config", ROW, "--scene", "point", *COARSE, "--out", "row.h5")
+    assert done.code == 0, done.err
+    with ScanFile("row.h5") as scan:
+        assert [channel.name for channel in scan.channels] == [f"pixel {n}" for n in range(1, 17)]
+        capture = scan.capture()
+        counts = dense(capture)
+        assert capture.histograms.shape[0] == 16 * scan.steps
+    point_m = np.array([0.0, 0.0, 1.0])
+    path_m = np.linalg.norm(capture.laser_m - point_m, axis=1)
+    path_m += np.linalg.norm(capture.detector_m - point_m, axis=1)
+    times_s = capture.first_bin_s[:, None] + (np.arange(counts.shape[1]) + 0.5) * capture.bin_width_s
+    near = np.abs(times_s - path_m[:, None] / C_M_PER_S) < 0.3e-9
+    # 510 dark and ambient counts a second while the gate is open, 0.4 of the time, come at any time
+    background = 510 * 0.4 * 4e-3 * len(counts)
+    beside = counts.sum(dtype=float) - (counts * near).sum(dtype=float)
+    assert abs(beside - background) < 5 * np.sqrt(background)
+    each = (counts * near).reshape(-1, 16, counts.shape[1]).sum(axis=(0, 2))
+    assert each.min() > 0.5 * each.max() > 100
+    arguments = ("--wavelength", "24cm", "--depth", "0.6m:1.4m:4cm", "--out", "v.h5", "--json")
+    done = rig("recon", "row.h5", *arguments)
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["positions"] == len(counts)
+    with h5py.File("v.h5") as volume:
+        intensity = volume["volume/intensity"][()]
+        z, y, x = np.unravel_index(intensity.argmax(), intensity.shape)
+        found_m = [volume[f"volume/{axis}_m"][i] for axis, i in zip("xyz", (x, y, z), strict=True)]
+    # the nearest voxel, 10 cm apart on the wall, and half a wavelength in depth
+    assert np.abs(np.subtract(found_m, point_m)).max() <= 0.12
