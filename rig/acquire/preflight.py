@@ -8,6 +8,7 @@ import numpy as np
 
 from rig.acquire.kinds import time_axis, timing_limits
 from rig.errors import RefusedError
+from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
@@ -87,7 +88,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     for one in plan.passes:
         limits.check_exposure(one.exposure_s)
     free = disk_usage(folder).free
-    if found.bytes_on_disk > 0.95 * free:
+    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(
             f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
             "free. Free some space, or choose another place with --out"

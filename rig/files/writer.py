@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
+from shutil import disk_usage
 from types import TracebackType
 from typing import Literal, Self
 
@@ -19,6 +20,9 @@ from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN
 from rig.files.salvage import salvage
 from rig.files.start import COMPRESSION, utc_now, write_start
+
+#: What is left free on the disk, so that a file can always be closed in order.
+RESERVE_BYTES = 16 * 2**20
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -158,6 +162,7 @@ class ScanWriter:
         if np.shape(counts) != shape and not (alone and np.shape(counts) in {shape[-1:], (1, *shape[-1:])}):
             raise ValueError(f"counts must be {shape}, not {np.shape(counts)}")
         if self.appended - self._first == len(self._buffer):
+            self._require_space()
             self._write_chunk()
             self._first = self.appended
         np.copyto(self._buffer[self.appended - self._first], np.reshape(counts, shape))
@@ -212,11 +217,16 @@ class ScanWriter:
         Raises
         ------
         DataFileError
-            If the file cannot be written.
+            If the file cannot be written, or its disk is nearly full.
         """
-        assert self._file is not None
+        if self._marked != self.appended:
+            self._require_space()
+            self._save()
+
+    def _save(self) -> None:
         if self._marked == self.appended:
             return
+        assert self._file is not None
         self._write_chunk()
         with self._writing():
             new = slice(self._marked, self.appended)
@@ -246,7 +256,7 @@ class ScanWriter:
             return
         try:
             if not self._broken:
-                self.checkpoint()
+                self._save()
                 with self._writing():
                     stop = self._file.require_group("stop")
                     stop.attrs["description"] = SCAN["/stop"].what
@@ -280,6 +290,15 @@ class ScanWriter:
             self._done[position : self._maybe_marked] = False
             self._file.flush()
             self._maybe_marked = position
+
+    def _require_space(self) -> None:
+        """Raise while there is still room to close the file in order: HDF5 does not survive a full disk."""
+        free = disk_usage(self.path.parent).free
+        if free < RESERVE_BYTES + 4 * self._buffer.nbytes:
+            raise DataFileError(
+                f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
+                "measured is in the file. Free some space, and go on with rig resume"
+            )
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
