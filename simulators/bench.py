@@ -7,7 +7,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import dist
+from math import dist, radians, tan
 from typing import Protocol
 
 import numpy as np
@@ -17,9 +17,13 @@ from simulators.clock import BenchClock
 from simulators.motion.mirror import SteeringMirror
 from simulators.motion.mount import MirrorMount
 
-#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [mirror units],
-#: about 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
-MOVEMENT_STEP = 5e-4
+#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [rad], about
+#: 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
+MOVEMENT_STEP_RAD = 6e-4
+
+#: Tangent in which mirror positions are counted, in single precision, where photons are drawn for them. Any
+#: will do; this one has been used from the beginning, and another one would draw other photons.
+SEED_TANGENT = tan(radians(50.0))
 
 
 Spot = tuple[float, float, float]
@@ -78,18 +82,18 @@ class BenchGeometry:
         if len(set(inputs)) < len(inputs):
             raise ValueError(f"each detector channel needs an input of its own, not {inputs}")
 
-    def laser_spot_m(self, mirror: tuple[float, float]) -> Spot:
-        """Where the beam meets the wall z = 0 when the mirror points at ``mirror`` [mirror units].
+    def laser_spot_m(self, mirror_rad: tuple[float, float]) -> Spot:
+        """Return where the beam meets the wall z = 0 when the mirror is commanded to these optical angles.
 
         Raises
         ------
         ValueError
             If the beam goes away from the wall.
         """
-        start_m, direction = self.mount.ray(mirror)
+        start_m, direction = self.mount.ray(mirror_rad)
         start_m = start_m + self.galvo_m
         if not direction[2] < 0:
-            raise ValueError(f"the mirror at {mirror} sends the beam away from the wall")
+            raise ValueError(f"the mirror at {mirror_rad} rad sends the beam away from the wall")
         x, y, _ = start_m - direction * (start_m[2] / direction[2])
         return float(x), float(y), 0.0
 
@@ -262,9 +266,9 @@ class Bench:
         """Change fields of `LightState` from now on."""
         self._light.append((self.clock.now_s(), replace(self.light, **changes)))  # type: ignore[arg-type]
 
-    def steer(self, x: float, y: float) -> None:
-        """Command the mirror to (x, y) in mirror units, from now on."""
-        self.mirror.command(x, y, self.clock.now_s())
+    def steer(self, x_rad: float, y_rad: float) -> None:
+        """Command the mirror to optical angles, from now on."""
+        self.mirror.command(x_rad, y_rad, self.clock.now_s())
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
@@ -295,7 +299,8 @@ class Bench:
         target = self.mirror.target
         visit = self._visits.get(target, 0)
         self._visits[target] = visit + 1
-        entropy = (self.seed, *struct.unpack("<2I", struct.pack("<2f", *target)), visit)
+        position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
+        entropy = (self.seed, *struct.unpack("<2I", position), visit)
         first = np.random.SeedSequence(entropy)  # the channels after the first are its children
         return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
 
@@ -323,13 +328,13 @@ class Bench:
             del self._light[0]
 
     def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP` in each piece."""
+        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP_RAD` in each piece."""
         middle_s, duration_s = (begin_s + end_s) / 2, end_s - begin_s
         if duration_s <= 0:
             return []
         moved = max(
             dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
         )
-        if moved <= MOVEMENT_STEP or duration_s < 10e-6:
+        if moved <= MOVEMENT_STEP_RAD or duration_s < 10e-6:
             return [(middle_s, duration_s)]
         return self._steps(begin_s, middle_s) + self._steps(middle_s, end_s)

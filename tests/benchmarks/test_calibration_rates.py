@@ -18,7 +18,6 @@ from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
-from simulators.motion.mount import TAN_PER_UNIT
 from simulators.wire.hydraharp.timing import Nonlinearity
 
 SEEDS = range(20)
@@ -61,7 +60,7 @@ def found(routine, config, folder):
 def true_opening_s(config):
     """The foot of the edge after the latest first bounce of the scan, with what the pulse's width adds."""
     geometry = true_geometry(config)
-    mirror = np.tan(RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)) / TAN_PER_UNIT
+    mirror = RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)
     latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
     grid_s = np.arange(0, 400e-12, 1e-13)
     blocked = passed(grid_s, 200e-12 / 0.6, 35e-12 / 2.3548) <= MAY_PASS

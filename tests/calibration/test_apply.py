@@ -102,8 +102,7 @@ def test_a_scan_uses_its_calibrations_and_keeps_them(rig, tmp_path, crooked):
         assert scan.state.pointing == calibrations[0].pointing()
         # the bench puts the beam where the plan wants it, since the model that was inverted is the truth
         truth = true_geometry(config)
-        units = np.tan(scan.mirror_rad) / np.tan(np.radians(50))
-        real_m = np.array([truth.laser_spot_m(tuple(unit)) for unit in units])
+        real_m = np.array([truth.laser_spot_m(tuple(angles)) for angles in scan.mirror_rad])
         assert real_m == pytest.approx(scan.laser_m, abs=1e-9)
         assert scan.delays.electronics_delay_s == pytest.approx(15.3e-9)
 
@@ -143,8 +142,7 @@ def test_a_scan_from_before_is_seen_right_with_later_calibrations(rig, tmp_path,
         before = as_recorded(scan)
         seen = recalibrated(scan, Calibrations({"galvo": galvo, "time-zero": time_zero}))
         truth = true_geometry(config)
-        units = np.tan(scan.mirror_rad) / np.tan(np.radians(50))
-        real_m = np.array([truth.laser_spot_m(tuple(unit)) for unit in units])
+        real_m = np.array([truth.laser_spot_m(tuple(angles)) for angles in scan.mirror_rad])
         assert np.linalg.norm(before.capture.laser_m - real_m, axis=1).min() > 0.01
         assert seen.capture.laser_m == pytest.approx(real_m, abs=1e-9)
         legs_m = np.linalg.norm(real_m - truth.galvo_m, axis=1) + np.linalg.norm(truth.detector_head_m)

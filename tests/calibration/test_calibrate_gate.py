@@ -21,7 +21,6 @@ from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
-from simulators.motion.mount import TAN_PER_UNIT
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
@@ -77,7 +76,7 @@ ROUTINE = GateRoutine(columns=6, exposure_s=0.05)
 def true_opening_s(config):
     """The edge's foot after the latest first bounce of the scan, and what the pulse's width adds."""
     geometry = true_geometry(config)
-    mirror = np.tan(RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)) / TAN_PER_UNIT
+    mirror = RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)
     latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
     grid_s = np.arange(0, 400e-12, 1e-13)
     return latest_s + float(grid_s[(passed(grid_s, RISE_S, SIGMA_S) <= MAY_PASS).argmax()])
@@ -114,7 +113,7 @@ def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
     angles = RigState(config).pointing.angles_rad(
         np.column_stack([found.spots_m, np.zeros(len(found.spots_m))])
     )
-    spots = np.array([geometry.laser_spot_m((x, y)) for x, y in np.tan(angles) / TAN_PER_UNIT])
+    spots = np.array([geometry.laser_spot_m((x, y)) for x, y in angles])
     away_m = np.hypot(spots[:, 0] - 0.15, spots[:, 1] - 0.10)
     assert (away_m < 0.2).any()
     assert found.failed == (away_m <= 0.2).tolist()

@@ -63,9 +63,9 @@ def test_a_detector_biased_late_sees_the_rest():
 def test_a_moving_mirror_is_followed():
     """Counts equal the integral of the rate along the way, within 5 sigma, which neither end would give."""
     bench = lit_bench(stray_per_pulse=0, power_w=20.0)
-    point_and_settle(bench, -0.25, 0.0)
+    point_and_settle(bench, -0.29, 0.0)
     start_s = bench.clock.now_s()
-    bench.steer(0.3, 0.2)
+    bench.steer(0.34, 0.23)
     times_s = expose(bench, 2e-3)
     middles_s = start_s + (np.arange(400) + 0.5) / 400 * 2e-3
     spots = [bench.geometry.laser_spot_m(bench.mirror.position(t)) for t in middles_s]
@@ -97,7 +97,7 @@ def test_the_beam_moves_less_than_the_stated_step_in_each_piece():
     assert sum(duration_s for _, duration_s in asked) == pytest.approx(10e-3)
     assert (
         np.abs(np.diff(spots[:, 0])).max() < 2e-3
-    )  # 5e-4 units of 2.98 m, between the middles of two pieces
+    )  # 6e-4 rad from 2.5 m away, between the middles of two pieces
     assert len(asked) > 50
 
 
@@ -125,8 +125,7 @@ def test_a_second_look_at_a_position_gives_new_photons():
 
 
 def test_the_beam_meets_the_wall_where_the_mirror_points():
-    """One mirror unit is tan(50 degrees), at 2.5 m."""
+    """The mirror stands 2.5 m away."""
     geometry = BenchGeometry()
     x_m, y_m, z_m = geometry.laser_spot_m((0.1, -0.2))
-    reach_m = 2.5 * np.tan(np.radians(50))
-    assert (x_m, y_m, z_m) == pytest.approx((-0.2 + 0.1 * reach_m, -0.2 * reach_m, 0.0))
+    assert (x_m, y_m, z_m) == pytest.approx((-0.2 + 2.5 * np.tan(0.1), -2.5 * np.tan(0.2), 0.0))
