@@ -25,8 +25,8 @@ from recon.wave import VirtualPulse
 from rig.show.volume import draw_front, save
 from simulators.scenes.mesh import Scene
 from simulators.scenes.solids import quads_mesh
-from simulators.transport.geometry import cut
 from simulators.transport.light_paths import transients
+from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 
 SPACING_M, COLUMNS, ROWS = 0.04, 45, 33
@@ -65,7 +65,7 @@ def wall() -> NDArray[np.float64]:
 
 def simulate(hidden: Scene) -> tuple[Capture, Capture]:
     """Return noise-free captures of light of three bounces, and of four and five."""
-    transport = Transport(cut(hidden, PATCH_M), hidden.triangles_m, bounces=5)
+    transport = Transport(tessellate(hidden, PATCH_M), hidden.triangles_m, bounces=5)
     laser_m, edges_s = wall(), BIN_S * np.arange(BINS + 1)
     captures = []
     for paths in transport.light_paths(tuple(DETECTOR_M[0])):

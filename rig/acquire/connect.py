@@ -61,9 +61,9 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
     with ExitStack() as stack:
         if config.simulated:
             wires, bench = stack.enter_context(_simulated(config))
-            from rig.bench.operator import stand_ins
+            from rig.bench.operator import simulated_operator
 
-            operator, cameras = stand_ins(bench)
+            operator, cameras = simulated_operator(bench)
         else:
             wires = _real(config)
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
@@ -86,16 +86,16 @@ def _real(config: RigConfig) -> Wires:
 @contextmanager
 def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
-    from rig.bench.simulated import rack as build
+    from rig.bench.simulated import simulated_instruments
 
-    bench, rack = build(config)
-    with rack:
+    bench, instruments = simulated_instruments(config)
+    with instruments:
         yield (
             Wires(
-                galvo=rack.galvo_url,
-                laser=rack.laser_url,
-                usb_backend=rack.usb_backend,
-                hhlib=lambda: HHLib(rack.hhlib),
+                galvo=instruments.galvo_url,
+                laser=instruments.laser_url,
+                usb_backend=instruments.usb_backend,
+                hhlib=lambda: HHLib(instruments.hhlib),
                 clock=bench.clock,
             ),
             bench,

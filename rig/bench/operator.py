@@ -33,17 +33,17 @@ AIMING_ERROR_M = 0.3e-3
 PLACING_ERROR_M = 0.2e-3
 
 
-def stand_ins(bench: "Bench") -> tuple[Operator, tuple[WallCamera, ...]]:
+def simulated_operator(bench: "Bench") -> tuple[Operator, tuple[WallCamera, ...]]:
     """Return a person and two cameras who act on, and see, the bench."""
     from simulators.optics.cameras import default_cameras
 
-    operator = _BenchOperator(bench)
+    operator = SimulatedOperator(bench)
     return operator, tuple(
         BenchCamera(operator, camera, number) for number, camera in enumerate(default_cameras(), 1)
     )
 
 
-class _BenchOperator:
+class SimulatedOperator:
     """Does at once what is asked, and aims as well as a person can."""
 
     def __init__(self, bench: "Bench") -> None:
@@ -52,10 +52,12 @@ class _BenchOperator:
         self._rng = np.random.default_rng((bench.seed, 1))
 
     def prepare(self, preparation: Preparation) -> None:
+        """Change the bench's light as asked."""
         self.board = None
         self.bench.change_light(**{**_AS_FOR_A_SCAN, **_LIGHT[preparation]})
 
     def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
+        """Steer the beam onto a mark; return the angles [rad]."""
         self.board = None
         wanted_m = np.array(mark_m) + AIMING_ERROR_M * self._rng.standard_normal(2)
         angles = np.zeros(2)
@@ -70,18 +72,19 @@ class _BenchOperator:
         return float(angles[0]), float(angles[1])
 
     def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
-        from simulators.motion.mount import turned
+        """Hold the board to a mark on the wall, or before the wall where both cameras see it."""
+        from simulators.motion.mount import rotated
         from simulators.optics.cameras import Checkerboard
         from simulators.optics.lens import Pose
 
         length_m = (board.columns - 1) * board.square_m
         if mark_m is not None:
             left_m, right_m = PLACING_ERROR_M * self._rng.standard_normal((2, 2))
-            rotation = turned(0.0, 0.0, float(right_m[1] - left_m[1]) / length_m)
+            rotation = rotated(0.0, 0.0, float(right_m[1] - left_m[1]) / length_m)
             corner_m = np.array([*(np.array(mark_m) + left_m), 0.0])
         else:  # turned by up to 30 degrees, somewhere before the wall where both cameras see it
             middle_m = self._rng.uniform((-0.8, -0.55, 0.3), (0.8, 0.55, 0.8))
-            rotation = turned(*self._rng.uniform(-0.5, 0.5, 3))
+            rotation = rotated(*self._rng.uniform(-0.5, 0.5, 3))
             half_m = np.array([length_m, (board.rows - 1) * board.square_m, 0.0]) / 2
             corner_m = middle_m - rotation @ half_m
         self.board = Checkerboard(Pose(rotation.T, corner_m), board.columns, board.rows, board.square_m)
@@ -96,7 +99,7 @@ class _BenchOperator:
 class BenchCamera:
     """Takes pictures of the bench's wall, or of the board before it, each with noise of its own."""
 
-    def __init__(self, operator: _BenchOperator, camera: "Camera", number: int) -> None:
+    def __init__(self, operator: SimulatedOperator, camera: "Camera", number: int) -> None:
         self.name = f"camera {number}"
         self.full = camera.sensor.largest
         self._operator, self._camera = operator, camera

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
-    from simulators.wire.rack import Rack
+    from simulators.wire.instruments import SimulatedInstruments
 
 #: The mean rate is taken over so many laser spots along x and y.
 RATE_SPOTS = (9, 6)
 
 
-def rack(config: RigConfig) -> "tuple[Bench, Rack]":
-    """Build the bench and the rack of its devices, which is yet to be entered.
+def simulated_instruments(config: RigConfig) -> "tuple[Bench, SimulatedInstruments]":
+    """Build the bench and its instruments, which are yet to be entered.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
     from simulators.bench import Bench
     from simulators.clock import BenchClock
     from simulators.wire.hydraharp import Nonlinearity, Timing
-    from simulators.wire.rack import Rack
+    from simulators.wire.instruments import SimulatedInstruments
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults
@@ -44,7 +44,7 @@ def rack(config: RigConfig) -> "tuple[Bench, Rack]":
         nonlinearity=Nonlinearity(rms=faults.nonlinearity, seed=simulation.seed),
         drift_s_per_s=faults.drift_per_minute_s / 60,
     )
-    return bench, Rack(bench, timing=timing, count_depth=faults.largest_count)
+    return bench, SimulatedInstruments(bench, timing=timing, count_depth=faults.largest_count)
 
 
 def true_geometry(config: RigConfig) -> "BenchGeometry":
@@ -54,14 +54,14 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
     its mark on the wall, since it was pointed there by eye.
     """
     from simulators.bench import BenchGeometry
-    from simulators.motion.mount import MirrorMount, turned
+    from simulators.motion.mount import MirrorMount, rotated
 
     wrong = (config.simulation or SimulationConfig()).misalignment
     about_vertical, about_horizontal = wrong.wall_tilt_rad
-    turn = turned(-about_horizontal, -about_vertical, 0.0)
+    turn = rotated(-about_horizontal, -about_vertical, 0.0)
     galvo_m = turn @ np.add(config.galvo.position_m, wrong.galvo_shift_m)
     head_m = turn @ np.add(config.detector.position_m, wrong.spad_shift_m)
-    rotation = turn @ turned(*wrong.mirror_turn_rad)
+    rotation = turn @ rotated(*wrong.mirror_turn_rad)
     return BenchGeometry(
         galvo_m=tuple(galvo_m.tolist()),
         detector_head_m=tuple(head_m.tolist()),

@@ -1,4 +1,4 @@
-"""The gated single-photon detector: each effect in its own module, put together in `Detector`."""
+"""One gated single-photon detector, an effect a module, put together in `Detector`: no scene, no wire."""
 
 from simulators.detector.dead_time import Afterpulsing
 from simulators.detector.detector import Detector

@@ -1,1 +1,1 @@
-"""What moves: the steering mirror and its mount."""
+"""The steering mirror and its mount, in angles: nothing here knows a device's units or any light."""

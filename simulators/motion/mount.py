@@ -50,7 +50,7 @@ class MirrorMount:
         return turn @ start, turn @ (tan(a_x) / cos(a_y), tan(a_y), -1.0)
 
 
-def turned(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:
+def rotated(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:
     """(3, 3) rotation first about x, then about y, then about z, right-handed."""
     (cx, cy, cz), (sx, sy, sz) = (
         f(np.array([about_x_rad, about_y_rad, about_z_rad])) for f in (np.cos, np.sin)

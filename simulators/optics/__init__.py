@@ -1,1 +1,1 @@
-"""Laser, wall, lenses and cameras."""
+"""Laser, wall, lens and cameras: nothing here knows a hidden scene or a wire."""

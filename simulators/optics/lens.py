@@ -144,10 +144,6 @@ class Lens:
         own = np.column_stack([ideal, np.ones(len(ideal))])
         return (own / np.linalg.norm(own, axis=1)[:, None]) @ self.pose.rotation
 
-    def on_plane(self, pixels: NDArray[np.float64], plane: Pose) -> NDArray[np.float64]:
-        """(N, 2) pixels to (N, 2) where their rays meet a plane, in its own x and y [m]; NaN where not."""
-        return meet(self.pose.position_m, self.rays(pixels), plane)
-
 
 def meet(start_m: NDArray[np.float64], rays: NDArray[np.float64], plane: Pose) -> NDArray[np.float64]:
     """(N, 3) rays to (N, 2) where they meet a plane, in its own x and y [m]; NaN where not."""

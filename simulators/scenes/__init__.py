@@ -1,4 +1,4 @@
-"""Hidden scenes: built in, by name, or from a mesh file, by its path."""
+"""Hidden scenes, built in or from a mesh file: shapes and materials only, no light."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from simulators.scenes.mesh import Mesh, Scene
 from simulators.scenes.shelves import shelf_with_things
-from simulators.scenes.solids import box, cylinder, facing, joined, quads_mesh, turned
+from simulators.scenes.solids import box, cylinder, facing, joined, quads_mesh, rotated
 
 #: Height of the floor on which all stands, and the room across [m].
 FLOOR_M, ROOM_X_M = -0.9, (-1.0, 1.0)
@@ -46,7 +46,7 @@ def _chair() -> Mesh:
     x_m, z_m = -0.4 + 0.28 * np.sin(bend), 0.84 + 0.28 * np.cos(bend)
     slats = [_bent(x_m, z_m, y, y + tall) for y, tall in ((0.05, 0.08), (0.2, 0.22))]
     parts = np.concatenate([*legs, seat, *posts, *slats])
-    return joined("chair", turned(parts, 15, (-0.4, 0.0, 0.9)), albedo=0.7)
+    return joined("chair", rotated(parts, 15, (-0.4, 0.0, 0.9)), albedo=0.7)
 
 
 def _bent(x_m: NDArray[np.float64], z_m: NDArray[np.float64], low_m: float, high_m: float) -> NDArray:

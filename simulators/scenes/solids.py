@@ -25,10 +25,10 @@ def box(low_m: Point, high_m: Point, *, turn_deg: float = 0.0) -> NDArray[np.flo
     """Return the (6, 4, 3) faces [m] of a box between two corners, turned about its upright axis."""
     corners = np.array(np.meshgrid(*zip(low_m, high_m, strict=True), indexing="ij")).reshape(3, 8).T
     faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    return turned(corners[faces], turn_deg, (corners[0] + corners[7]) / 2)
+    return rotated(corners[faces], turn_deg, (corners[0] + corners[7]) / 2)
 
 
-def turned(
+def rotated(
     corners_m: NDArray[np.float64], turn_deg: float, about_m: Point | NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Turn (.., 3) corners [m] about the upright axis through a point, from z towards x."""

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simulators.threads import each
-from simulators.transport.geometry import Patches
+from simulators.parallel import parallel_for
+from simulators.transport.patches import Patches
 from simulators.transport.visibility import Occluders, shade
 
 #: Points that a cluster is spread over for its neighbours, and how near those are: r^2 < NEAR (A_j + A_k).
@@ -36,7 +36,7 @@ class Clusters(NamedTuple):
         (M,) area times albedo of all its patches [m^2].
     member
         (K,) which cluster each patch belongs to.
-    turned
+    flipped
         (K,) whether the patch's normal points the other way than its cluster's.
     """
 
@@ -47,7 +47,7 @@ class Clusters(NamedTuple):
     area_m2: NDArray[np.float64]
     reflecting_m2: NDArray[np.float64]
     member: NDArray[np.int64]
-    turned: NDArray[np.bool_]
+    flipped: NDArray[np.bool_]
 
 
 def gather(patches: Patches, number: int) -> Clusters:
@@ -82,7 +82,7 @@ def gather(patches: Patches, number: int) -> Clusters:
         area_m2=area_m2,
         reflecting_m2=np.bincount(member, patches.area_m2 * patches.albedo, len(chosen)).astype(np.float64),
         member=member,
-        turned=(patches.normal * patches.normal[chosen][member]).sum(axis=1) < 0,
+        flipped=(patches.normal * patches.normal[chosen][member]).sum(axis=1) < 0,
     )
 
 
@@ -121,7 +121,7 @@ def form_factors(clusters: Clusters, blockers: Occluders) -> tuple[NDArray[np.fl
         _forms(j, clusters.centre_m, clusters.normal, points_m, normals, area_m2, forms[j], distances_m[j])
         shade(blockers, clusters.centre_m[j], clusters.centre_m[:j], forms[j, :j])
 
-    each(row, len(forms))
+    parallel_for(row, len(forms))
     forms += forms.T
     distances_m += distances_m.T
     facing = _facing(clusters)
@@ -153,7 +153,7 @@ def _forms(j, centre, normal, points, normals, area, forms, distances):  # type:
             continue
         total, path = 0.0, 0.0
         for m in range(POINTS):
-            # a normal may be turned against its cluster's: count the side that the cluster's would be
+            # a normal may be flipped against its cluster's: count the side that the cluster's would be
             here = np.sign(normals[j, m] @ normal[j]) * np.sign(at_j)
             for n in range(POINTS):
                 there = np.sign(normals[k, n] @ normal[k]) * np.sign(at_k)

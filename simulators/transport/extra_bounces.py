@@ -25,11 +25,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simulators.constants import C_M_PER_S
-from simulators.threads import each
+from simulators.parallel import parallel_for
 from simulators.transport.clusters import Clusters, form_factors, gather, with_wall
-from simulators.transport.geometry import Patches
 from simulators.transport.light_paths import Spot
-from simulators.transport.three_bounces import first_leg, open_leg
+from simulators.transport.patches import Patches
+from simulators.transport.three_bounces import form_factors_from, open_form_factors
 from simulators.transport.visibility import Occluders, shade
 
 #: Width of the bins in which tails are kept, as a length of path [m]; bin b is centred on b times this.
@@ -80,7 +80,7 @@ class Interreflections:
     def light_paths(self, detector_spot_m: Spot) -> "ExtraBounces":
         """Sum up all that leads from the clusters to one detector spot."""
         spot = np.array(detector_spot_m, dtype=np.float64)
-        form, leg_m = first_leg(self.patches, self.blockers, spot)
+        form, leg_m = form_factors_from(self.patches, self.blockers, spot)
         bins = self._bins(leg_m)
         tails = np.zeros((len(self.forms), 2, bins))
         _collect(form, leg_m, *self._ends(), BIN_M, tails)
@@ -98,14 +98,14 @@ class Interreflections:
 
     def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]:
         reflecting_m2 = self.patches.area_m2 * self.patches.albedo
-        return reflecting_m2, self.clusters.member, self.clusters.turned
+        return reflecting_m2, self.clusters.member, self.clusters.flipped
 
     def _bounce(self, tails: NDArray[np.float64], reflecting: NDArray[np.float64]) -> NDArray[np.float64]:
         """Put one more surface before each tail."""
         more = np.zeros_like(tails)
         first, last = _span(tails.cumsum(axis=2))
         centre_m, normal, places = self.clusters.centre_m, self.clusters.normal, self.distances_m / BIN_M
-        each(
+        parallel_for(
             lambda j: _bounce(
                 j, self.forms[j], places[j], centre_m, normal, reflecting, tails, first, last, more[j]
             ),
@@ -195,8 +195,8 @@ class ExtraBounces:
         last = self._last
         if last is None or last[0] != laser_spot_m:
             spot = np.array(laser_spot_m, dtype=np.float64)
-            form, leg_m = open_leg(spot, self.patches.centre_m, self.patches.normal)
-            side = ((form > 0) ^ self._clusters.turned).astype(np.int64)
+            form, leg_m = open_form_factors(spot, self.patches.centre_m, self.patches.normal)
+            side = ((form > 0) ^ self._clusters.flipped).astype(np.int64)
             leads_on = self._cumulative[self._clusters.member, side, -1] > 0
             reflected = np.abs(form) * self.patches.area_m2 * self.patches.albedo * leads_on
             shade(self._blockers, spot, self.patches.centre_m, reflected)
@@ -212,12 +212,12 @@ def _span(cumulative: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[n
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _collect(form, leg, reflecting, member, turned, width, tails):  # type: ignore[no-untyped-def]
+def _collect(form, leg, reflecting, member, flipped, width, tails):  # type: ignore[no-untyped-def]
     """Add what each patch reflects towards the detector to its cluster's tail."""
     for k in range(len(form)):
         if form[k] == 0.0:
             continue
-        side = 1 if (form[k] > 0.0) != turned[k] else 0
+        side = 1 if (form[k] > 0.0) != flipped[k] else 0
         place = leg[k] / width
         b = int(place)
         part, light = place - b, abs(form[k]) * reflecting[k]

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.threads import each
+from simulators.parallel import parallel_for
 
 Spot = tuple[float, float, float]
 
@@ -56,5 +56,5 @@ def transients(
         for paths in light_paths:
             rows[index] += paths.transient(tuple(laser_m[index]), edges_s)
 
-    each(fill, len(laser_m))
+    parallel_for(fill, len(laser_m))
     return rows

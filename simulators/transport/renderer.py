@@ -5,11 +5,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.parallel import parallel_for
 from simulators.scenes import Scene
-from simulators.threads import each
 from simulators.transport.extra_bounces import Interreflections
-from simulators.transport.geometry import Patches, cut
 from simulators.transport.light_paths import LightPaths, Spot, transients
+from simulators.transport.patches import Patches, tessellate
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
 
@@ -56,7 +56,7 @@ class Transport:
     @classmethod
     def of_scene(cls, scene: Scene, *, bounces: int = 3, wall_albedo: float = 0.8) -> Self:
         """Cut a scene into patches and follow light in it."""
-        return cls(cut(scene), scene.triangles_m, bounces=bounces, wall_albedo=wall_albedo)
+        return cls(tessellate(scene), scene.triangles_m, bounces=bounces, wall_albedo=wall_albedo)
 
     def light_paths(self, detector_spot_m: Spot) -> tuple[LightPaths, ...]:
         """Return light to one detector spot: that of three bounces, and that of more."""
@@ -100,5 +100,5 @@ class Transport:
             for paths in self.light_paths(tuple(detector_m[index])):
                 rows[index] += paths.transient(tuple(laser_m[index]), edges_s)
 
-        each(fill, len(laser_m))
+        parallel_for(fill, len(laser_m))
         return rows

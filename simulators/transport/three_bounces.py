@@ -19,8 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simulators.constants import C_M_PER_S
-from simulators.transport.geometry import Patches
 from simulators.transport.light_paths import Spot
+from simulators.transport.patches import Patches
 from simulators.transport.reflectance import gloss
 from simulators.transport.visibility import Occluders, shade
 
@@ -42,7 +42,7 @@ class ThreeBounces:
         self.patches = patches
         self.detector_spot_m = np.array(detector_spot_m, dtype=np.float64)
         self._blockers = blockers
-        form, self._leg_m = first_leg(patches, blockers, self.detector_spot_m)
+        form, self._distance_m = form_factors_from(patches, blockers, self.detector_spot_m)
         self._glossy = bool((patches.roughness < 1).any())
         self._reflecting = patches.area_m2 * patches.albedo * form  # its sign tells the side that is seen
         self._last: tuple[Spot, tuple[NDArray[np.float64], NDArray[np.float64]]] | None = None
@@ -66,7 +66,7 @@ class ThreeBounces:
 
     def _weights(self, spot: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         centre_m, normal = self.patches.centre_m, self.patches.normal
-        weight, path_m = _from_spot(spot, centre_m, normal, self._reflecting, self._leg_m)
+        weight, path_m = _from_spot(spot, centre_m, normal, self._reflecting, self._distance_m)
         shade(self._blockers, spot, centre_m, weight)
         if self._glossy:
             roughness, retro = self.patches.roughness, self.patches.retro
@@ -107,7 +107,7 @@ class ThreeBounces:
         return bins
 
 
-def first_leg(
+def form_factors_from(
     patches: Patches, blockers: Occluders, spot_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return form factors (K,) between a wall spot and the patches [1/m^2], and the distances (K,) [m].
@@ -115,13 +115,13 @@ def first_leg(
     The sign of a form factor tells which side of the patch the spot sees: plus for the one that the normal
     points away from. It is 0 for a patch that the spot does not see.
     """
-    form, distance_m = open_leg(spot_m, patches.centre_m, patches.normal)
+    form, distance_m = open_form_factors(spot_m, patches.centre_m, patches.normal)
     shade(blockers, spot_m, patches.centre_m, form)
     return form, distance_m
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def open_leg(spot, centre, normal):  # type: ignore[no-untyped-def]
+def open_form_factors(spot, centre, normal):  # type: ignore[no-untyped-def]
     """Form factors (K,) [1/m^2], signed by the side that is seen, and distances (K,) [m]; nothing hidden."""
     forms, distances = np.zeros(len(centre)), np.zeros(len(centre))
     for k in range(len(centre)):
@@ -137,7 +137,7 @@ def open_leg(spot, centre, normal):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy", nogil=True)
 def _from_spot(spot, centre, normal, reflecting, leg):  # type: ignore[no-untyped-def]
     """Weights (K,) before anything hides, and paths (K,): nothing passes from one side to the other."""
-    weights, paths = open_leg(spot, centre, normal)
+    weights, paths = open_form_factors(spot, centre, normal)
     for k in range(len(weights)):
         weights[k] = max(weights[k] * reflecting[k], 0.0)
         paths[k] += leg[k]

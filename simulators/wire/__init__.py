@@ -1,1 +1,1 @@
-"""The simulated devices, each standing at the wire where a driver expects the real one."""
+"""The simulated devices at the wires where drivers expect the real ones; they act on the bench alone."""

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from rig.bench.simulated import rack
+from rig.bench.simulated import simulated_instruments
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.model.config import built_in, built_in_with, load
@@ -119,7 +119,7 @@ def test_failed_gates_do_not_change_how_bright_the_scene_is():
     for fraction in (0.0, 0.3):
         faults = {"failed_gates": fraction}
         simulation = {"scene": "letters", "count_rate": "265kHz", "faults": faults}
-        bench, _ = rack(built_in_with({"simulation": simulation}))
+        bench, _ = simulated_instruments(built_in_with({"simulation": simulation}))
         factors.append(bench.photons[0].factor)
     assert factors[1] == pytest.approx(factors[0], rel=0.15)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from simulators.bench import Bench
 from simulators.optics.cameras import Camera, Checkerboard, Sensor, default_cameras
-from simulators.optics.lens import WALL, Distortion, Intrinsics, Lens, Pose
+from simulators.optics.lens import WALL, Distortion, Intrinsics, Lens, Pose, meet
 
 LEFT, RIGHT = default_cameras()
 PINHOLE = Camera(LEFT.pose, distortion=Distortion(0, 0, 0, 0))
@@ -28,7 +28,9 @@ def centroid(image, near, half=8):
 def test_a_pixel_s_ray_meets_the_point_that_it_shows(x, y):
     for camera in (LEFT, RIGHT):
         pixel = camera.lens.project(np.array([x, y, 0.0]))
-        assert camera.lens.on_plane(pixel, WALL)[0] == pytest.approx([x, y], abs=1e-9)
+        assert meet(camera.pose.position_m, camera.lens.rays(pixel), WALL)[0] == pytest.approx(
+            [x, y], abs=1e-9
+        )
 
 
 @settings(deadline=None)
@@ -53,7 +55,7 @@ def test_a_pinhole_keeps_straight_lines_and_barrel_distortion_bends_them_outward
 def test_one_who_looks_the_other_way_sees_nothing_of_the_wall():
     away = Lens(Pose.looking_at((0.0, 0.0, 2.5), (0.0, 0.0, 5.0)), Intrinsics(), Distortion())
     assert np.isnan(away.project(np.zeros(3))).all()
-    assert np.isnan(away.on_plane(np.array([[600.0, 400.0]]), WALL)).all()
+    assert np.isnan(meet(away.pose.position_m, away.rays(np.array([[600.0, 400.0]])), WALL)).all()
     with pytest.raises(ValueError, match="no side that is up"):
         Pose.looking_at((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))
 

@@ -8,7 +8,7 @@ from simulators.constants import C_M_PER_S
 from simulators.scenes import Scene, quads_mesh, scene
 from simulators.transport.clusters import form_factors, gather, with_wall
 from simulators.transport.extra_bounces import BIN_M, WALL_M, WALL_PITCH_M, Interreflections
-from simulators.transport.geometry import cut
+from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
@@ -30,7 +30,7 @@ TWO = Scene("two", (plate("left", LEFT, ALBEDO[0]), plate("right", RIGHT, ALBEDO
 
 
 def between(built, bounces, **options):
-    return Interreflections(cut(built), occluders(built.triangles_m), bounces, **options)
+    return Interreflections(tessellate(built), occluders(built.triangles_m), bounces, **options)
 
 
 def samples(sides, number, rng):
@@ -120,7 +120,7 @@ def room():
 
 def test_in_a_closed_room_all_light_arrives_and_the_series_of_bounces_is_geometric():
     built, albedo = room(), 0.8
-    clusters = with_wall(gather(cut(built), 1200), WALL_M, WALL_PITCH_M, albedo)
+    clusters = with_wall(gather(tessellate(built), 1200), WALL_M, WALL_PITCH_M, albedo)
     forms, distances_m = form_factors(clusters, occluders(built.triangles_m))
     assert np.array_equal(forms, forms.T)
     assert np.array_equal(distances_m, distances_m.T)
@@ -151,7 +151,7 @@ def test_all_times_together_are_the_steady_state():
     side = (np.einsum("jka,ja->jk", way, facing) <= 0).astype(int)  # of j, towards k
     ends = []
     for spot in (P, C):
-        outward = patches.normal * np.where(clusters.turned, -1, 1)[:, None]
+        outward = patches.normal * np.where(clusters.flipped, -1, 1)[:, None]
         of_cluster = ((patches.centre_m - np.array(spot)) * outward).sum(axis=1) > 0
         light = np.abs(ThreeBounces(patches, exchange.blockers, spot)._reflecting)
         ends.append(np.zeros((len(facing), 2)))
@@ -213,7 +213,7 @@ def test_an_empty_room_has_no_extra_bounces(bounces):
 
 def test_bounces_add_to_each_other_row_by_row():
     built, edges_s = scene("letters"), np.arange(0, 30e-9, 100e-12)
-    patches, spots = cut(built), np.array([P, (0.1, 0.5, 0.0)])
+    patches, spots = tessellate(built), np.array([P, (0.1, 0.5, 0.0)])
     rows = {
         n: Transport(patches, built.triangles_m, bounces=n).transients(spots, np.array([C]), edges_s)
         for n in (3, 4, 5)

@@ -16,7 +16,7 @@ from simulators.constants import C_M_PER_S
 from simulators.scenes import Scene, quads_mesh
 from simulators.scenes.solids import box
 from simulators.transport.extra_bounces import WALL_M
-from simulators.transport.geometry import cut
+from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 
 RENDERER = Path(__file__).with_name("path_traced_room.py")
@@ -63,7 +63,7 @@ def rendered(tmp_path_factory):
 def test_room_agrees_bounce_by_bounce(rendered):
     reference, spots = rendered
     built, edges_s = room(), EDGES_M / C_M_PER_S
-    patches, laser = cut(built), np.tile(LASER, (len(spots), 1))
+    patches, laser = tessellate(built), np.tile(LASER, (len(spots), 1))
     up_to = [
         Transport(patches, built.triangles_m, bounces=n).transients(laser, spots, edges_s) for n in (3, 4, 5)
     ]

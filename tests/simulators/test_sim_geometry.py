@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.scenes import scene
-from simulators.transport.geometry import USUAL_PATCHES, cut, subdivide
+from simulators.transport.patches import USUAL_PATCHES, subdivide, tessellate
 from simulators.transport.visibility import PACKET, STACK, occluders, shade
 
 coordinate = st.floats(-1, 1, allow_nan=False).map(lambda value: round(value, 3))
@@ -35,15 +35,15 @@ def test_subdivision_keeps_area_and_centroid_of_every_triangle(triangles, edge_m
 
 
 def test_large_scenes_are_cut_coarser():
-    letters, office = (np.sqrt(cut(scene(name)).area_m2.max()) for name in ("letters", "office"))
+    letters, office = (np.sqrt(tessellate(scene(name)).area_m2.max()) for name in ("letters", "office"))
     assert letters < 0.0142  # legs of edge / sqrt(2), and half of the square
     assert 0.02 < office < 0.06
-    assert len(cut(scene("office")).area_m2) < 2 * USUAL_PATCHES
+    assert len(tessellate(scene("office")).area_m2) < 2 * USUAL_PATCHES
 
 
 def test_patches_of_a_scene_carry_its_area_and_albedo():
     letters = scene("letters")
-    patches = cut(letters)
+    patches = tessellate(letters)
     assert patches.area_m2.sum() == pytest.approx(areas(letters.triangles_m).sum(), rel=1e-12)
     assert np.linalg.norm(patches.normal, axis=1) == pytest.approx(1.0)
     assert (patches.albedo == 0.8).all()
@@ -98,7 +98,7 @@ def test_the_tree_of_boxes_finds_what_each_triangle_alone_hides(triangles, point
 def test_points_shaded_together_are_shaded_as_each_alone_by_each_triangle(name):
     """Neighbours and strangers in a packet, lit and dark ones, in few triangles and in some hundreds."""
     rng, built = np.random.default_rng(9), scene(name)
-    patches, blockers = cut(built), occluders(built.triangles_m)
+    patches, blockers = tessellate(built), occluders(built.triangles_m)
     near = patches.centre_m[2000 : 2000 + PACKET + 3] + np.array([0, 0, 0.4])
     points_m = np.concatenate([near, rng.uniform((-1, -0.8, 0.2), (1, 0.8, 2.5), (40, 3))])
     lit = rng.random(len(points_m)) < 0.8
@@ -132,7 +132,7 @@ def test_a_tree_over_many_triangles_is_complete_and_within_the_stack():
 
 def test_a_surface_does_not_hide_itself():
     letters = scene("letter-plane")
-    patches = cut(letters)
+    patches = tessellate(letters)
     light = np.ones(len(patches.area_m2))
     shade(occluders(letters.triangles_m), np.array([0.8, -0.6, 0.0]), patches.centre_m, light)
     assert light.all()

@@ -8,7 +8,7 @@ import pytest
 
 from simulators.constants import C_M_PER_S
 from simulators.scenes import Mesh, Scene
-from simulators.transport.geometry import cut
+from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
@@ -69,7 +69,7 @@ def test_energy_of_every_position_agrees(rendered, expected):
 def test_share_of_the_near_letter_agrees(rendered, expected):
     """Where all light of R arrives before any of D, time tells the letters apart."""
     built, time_s = rendered["scene"], rendered["time_s"]
-    patches = cut(built)
+    patches = tessellate(built)
     three = ThreeBounces(patches, occluders(built.triangles_m), tuple(rendered["detector_m"][0]))
     near = patches.triangle < len(built.meshes[0].faces)
     shares = []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulators.scenes import Mesh, Scene, quads_mesh, scene
-from simulators.transport.geometry import cut
+from simulators.transport.patches import tessellate
 from simulators.transport.reflectance import gloss
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
@@ -76,7 +76,7 @@ def plate(alpha, retro=False):
 
 
 def sent(built, p, c):
-    return ThreeBounces(cut(built), occluders(built.triangles_m), c).from_spot(p)[0]
+    return ThreeBounces(tessellate(built), occluders(built.triangles_m), c).from_spot(p)[0]
 
 
 @pytest.mark.parametrize(("retro", "at_x_m"), [(False, -0.05), (True, None)])
@@ -89,7 +89,7 @@ def test_a_glossy_plate_glints_where_a_mirror_would(retro, at_x_m):
         back = sent(plate(0.1, retro), p, p) / sent(plate(1.0), p, p)
         assert back.min() > 5
     else:
-        brightest = cut(plate(0.1)).centre_m[ratio.argmax()]
+        brightest = tessellate(plate(0.1)).centre_m[ratio.argmax()]
         assert brightest[:2] == pytest.approx([at_x_m, 0.0], abs=0.02)
         assert ratio.max() > 20
 

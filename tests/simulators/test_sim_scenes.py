@@ -8,7 +8,7 @@ import pytest
 
 from simulators.scenes import SCENES, Mesh, Scene, scene
 from simulators.scenes.letters import letter_quads
-from simulators.transport.geometry import cut
+from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
@@ -34,7 +34,7 @@ def test_scenes_stand_before_the_wall(name):
 def test_every_thing_in_a_scene_sends_light_to_the_detector(name):
     """Nothing stands where no light of three bounces gets, from at least one of a few spots."""
     built = scene(name)
-    patches = cut(built)
+    patches = tessellate(built)
     three = ThreeBounces(patches, occluders(built.triangles_m), (0.0, 0.0, 0.0))
     spots = [(x, y, 0.0) for x in (-0.8, 0.0, 0.8) for y in (-0.6, 0.6)]
     weight = sum(three.from_spot(spot)[0] for spot in spots)

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from simulators.constants import C_M_PER_S
 from simulators.scenes import Mesh, Scene, letter, quads_mesh, scene
-from simulators.transport.geometry import Patches, cut
+from simulators.transport.patches import Patches, tessellate
 from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
@@ -20,7 +20,7 @@ def plate(z_m, *, x_m=0.0, y_m=0.0, size=1.0, albedo=0.8, name="plate"):
 
 
 def bounces(built, detector_spot_m=(0.0, 0.0, 0.0)):
-    return ThreeBounces(cut(built), occluders(built.triangles_m), detector_spot_m)
+    return ThreeBounces(tessellate(built), occluders(built.triangles_m), detector_spot_m)
 
 
 def total(built, laser_spot_m, detector_spot_m=(0.0, 0.0, 0.0)):
@@ -75,7 +75,7 @@ def test_a_closed_room_receives_all_that_leaves_the_wall_and_the_wall_no_more_th
     """Over a wide ceiling the form factors from one spot add up to the part of the hemisphere it fills."""
     half, z_m = 4.0, 1.0
     ceiling = quads_mesh("ceiling", (FACING / 0.01 * half + [0, 0, z_m])[None], 1.0)
-    patches = cut(Scene("room", (ceiling,)), edge_m=0.15)
+    patches = tessellate(Scene("room", (ceiling,)), edge_m=0.15)
     one = ThreeBounces(patches, occluders(ceiling.triangles_m), (0.0, 0.0, 0.0))
     # weight = F(p, k) A_k F(k, c): with c = p, F A_k = sqrt(weight A_k), the share of light that patch k gets
     weight, _ = one.from_spot((0.0, 0.0, 0.0))
@@ -92,7 +92,7 @@ def test_occlusion_removes_exactly_the_hidden_patches():
     near, far = plate(0.7, x_m=0.05, size=8), plate(1.4, size=40, name="far")
     p, c = np.array([0.5, 0.1, 0.0]), np.array([-0.2, -0.3, 0.0])
     both, alone = Scene("both", (near, far)), Scene("alone", (far,))
-    patches = cut(both)
+    patches = tessellate(both)
     on_far = patches.triangle >= 2
     weight = bounces(both, tuple(c)).from_spot(tuple(p))[0]
     free = bounces(alone, tuple(c)).from_spot(tuple(p))[0]
@@ -202,7 +202,7 @@ def test_coarser_patches_tell_the_same_story():
     edges_s = np.arange(6e-9, 14e-9, 32e-12)
 
     def at(edge_m) -> np.ndarray:
-        patches: Patches = cut(built, edge_m)
+        patches: Patches = tessellate(built, edge_m)
         return Transport(patches, built.triangles_m).transients(p, np.zeros((1, 3)), edges_s)[0]
 
     usual, fine = at(0.02), at(0.01)

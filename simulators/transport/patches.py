@@ -87,7 +87,7 @@ def subdivide(
     return np.concatenate([p for p, _ in done]), np.concatenate([t for _, t in done])
 
 
-def cut(scene: "Scene", edge_m: float | None = None) -> Patches:
+def tessellate(scene: "Scene", edge_m: float | None = None) -> Patches:
     """Cut all surfaces of a scene into patches with no edge longer than ``edge_m`` [m].
 
     Without ``edge_m`` it is `PATCH_EDGE_M`, or more where that would give far more than `USUAL_PATCHES`.

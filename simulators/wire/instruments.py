@@ -1,4 +1,4 @@
-"""All simulated devices on one bench, each at the end of its wire."""
+"""All simulated instruments on one bench, each at the end of its wire."""
 
 from itertools import count
 from types import TracebackType
@@ -15,7 +15,7 @@ from simulators.wire.usb import UsbBackend
 _numbers = count(1)
 
 
-class Rack:
+class SimulatedInstruments:
     """The devices of one rig, reachable while entered.
 
     Parameters

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 
-def each(work: Callable[[int], object], number: int) -> None:
+def parallel_for(work: Callable[[int], object], number: int) -> None:
     """Call ``work`` with 0 to ``number`` - 1, in any order; it helps where kernels release the GIL."""
     workers = os.cpu_count() or 1
 
