@@ -1,29 +1,67 @@
 """From a capture to an image or a video: a choice of camera, and a choice of solver.
 
-The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `recon.registry` is the table
-of all.
+The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `SOLVERS` is the table of
+all.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon import memory, registry
+from recon import memory
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.picture import Image
-from recon.sampling import CONFOCAL, path_limits_m, slabs
-from recon.solvers.problem import Task, ignore
+from recon.sampling import CONFOCAL, Slab, path_limits_m, slabs
+from recon.solvers import direct, fresnel, time_domain
+from recon.solvers.problem import Solver, Task, ignore
+from recon.solvers.rsd import dispatch
 from recon.wave import VirtualPulse
 from recon.window import Fades
 
 Progress = Callable[[float], None]
-#: The solvers that form a virtual wave, by name.
-SOLVERS = {name: info for name, info in registry.SOLVERS.items() if info.wave}
+#: All solvers, by name.
+SOLVERS: dict[str, Solver] = {
+    "rsd": dispatch.focus,
+    "fresnel": fresnel.focus,
+    "direct": direct.focus,
+    "backprojection": time_domain.focus,
+}
+#: Those that can keep to a bound on memory.
+BOUNDED = ("rsd", "fresnel")
+
+
+@dataclass(frozen=True)
+class Image:
+    """A focused volume and what it was made from.
+
+    Attributes
+    ----------
+    grid
+        Its voxels.
+    field
+        (z, y, x) complex64 field U.
+    solver, pulse, fades, camera
+        What was asked.
+    slabs
+        Which bins and frequencies image which planes; the back-projection solver uses the pulse itself.
+    """
+
+    grid: VoxelGrid
+    field: NDArray[np.complex64]
+    solver: str
+    pulse: VirtualPulse
+    fades: Fades
+    slabs: tuple[Slab, ...]
+    camera: Camera = CONFOCAL
+
+    @property
+    def intensity(self) -> NDArray[np.float32]:
+        """(z, y, x) float32 intensity I = |U|^2."""
+        return self.field.real**2 + self.field.imag**2
 
 
 def image(
@@ -84,8 +122,7 @@ def image(
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
     fades = fades or Fades()
-    _known(solver)
-    if device != "cpu" and not SOLVERS[solver].takes("device"):
+    if device != "cpu" and solver != "rsd":
         raise ParameterError(
             f"solver {solver}", f"device {device}", "it computes on the cpu alone", "Use rsd, or the cpu."
         )
@@ -98,7 +135,7 @@ def image(
     field = np.empty(grid.shape, np.complex64)
     for index, plane in enumerate(planes(task, solver)):
         field[index] = plane[0]
-    return Image(grid, solver, fades, field=field, pulse=pulse, camera=camera, slabs=task.slabs)
+    return Image(grid, field, solver, pulse, fades, task.slabs, camera)
 
 
 def plan(
@@ -127,23 +164,22 @@ def plan(
 def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
     _known(solver)
-    found: Iterator[NDArray[np.complexfloating]] = SOLVERS[solver].load()(task)
-    return found
+    return SOLVERS[solver](task)
 
 
 def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
-    """Split a task so that it keeps to a bound on memory, if there is one; raises as `image`."""
+    """Cut a task so that it keeps to a bound on memory, if there is one; raises as `image`."""
     _known(solver)
     if memory_bytes is None:
         return task
-    if not SOLVERS[solver].takes("memory"):
+    if solver not in BOUNDED:
         raise ParameterError(
             f"solver {solver}",
             f"at most {memory_bytes / 1e6:.0f} MB of memory",
             "it cannot keep to a bound",
-            f"Use {' or '.join(registry.solvers_with('memory'))}.",
+            f"Use {' or '.join(BOUNDED)}.",
         )
-    return memory.split(task, memory_bytes, SOLVERS[solver].load_needs())
+    return memory.cut(task, memory_bytes)
 
 
 def _known(solver: str) -> None:

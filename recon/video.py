@@ -7,6 +7,8 @@ frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front vie
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +18,38 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import Progress, bounded, plan, planes
-from recon.picture import Image, Over
 from recon.sampling import path_limits_m
 from recon.wave import VirtualPulse
 from recon.window import Fades
 
+#: How depths are put into one picture: the greatest intensity, or the sum of all, or what is on the surface.
+Over = Literal["max", "sum", "surface"]
 #: Takes the number of a plane and its frames, (T, y, x) float32 intensity.
 Sink = Callable[[int, NDArray[np.float32]], None]
 #: Frames in a pulse's full width at half maximum.
 FRAMES_PER_PULSE = 4
+
+
+@dataclass(frozen=True)
+class Video:
+    """A front view at many moments.
+
+    Attributes
+    ----------
+    grid
+        The voxels that were seen.
+    times_s
+        (T,) moments since the flash of the virtual source.
+    intensity
+        (T, y, x) float32, over depth as `over` says.
+    over
+        The greatest intensity over depth, its sum, or that at the surface.
+    """
+
+    grid: VoxelGrid
+    times_s: NDArray[np.float64]
+    intensity: NDArray[np.float32]
+    over: Over
 
 
 def video(
@@ -40,7 +65,7 @@ def video(
     fades: Fades | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
-) -> Image:
+) -> Video:
     """Film how the flash of one point source travels through the hidden scene.
 
     Parameters
@@ -81,16 +106,7 @@ def video(
             np.maximum(seen, frames, out=seen)
         else:
             seen += frames
-    return Image(
-        grid,
-        solver,
-        fades or Fades(),
-        pulse=pulse,
-        camera=camera,
-        times_s=np.asarray(camera.times_s, np.float64),
-        frames=seen,
-        over=over,
-    )
+    return Video(grid, np.asarray(camera.times_s, np.float64), seen, over)
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:

@@ -86,19 +86,4 @@ class Task:
         return self.camera.aperture_weights(self.capture.laser_m)
 
 
-@dataclass(frozen=True)
-class Need:
-    """Bytes that a slab needs beside its spectra: in any case, and for the least that is taken at once.
-
-    `together` frequencies are taken at least: one, or all where each pass costs as much as all.
-    """
-
-    fixed: int
-    least: int
-    together: int
-
-
-#: Says what a solver needs for one of a task's slabs.
-Needs = Callable[[Task, Slab], Need]
-
 Solver = Callable[[Task], Iterator[NDArray[np.complexfloating]]]

@@ -1,31 +1,29 @@
 """``rig recon``: image a scan."""
 
-from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recon.registry import CAMERAS, SOLVERS, CameraInfo, SolverInfo, solvers_with
 from rig.commands.options import AsJson
 
 if TYPE_CHECKING:
     from rig.image.result import Result
 
 
-def _choices(name: str, names: Iterable[str]) -> type[StrEnum]:
-    """Return what an option can be, as typer wants it."""
-    return StrEnum(name, {one.upper().replace("-", "_"): one for one in names})  # type: ignore[return-value]
+class Solver(StrEnum):
+    """How the image is computed."""
 
-
-def _told(entries: Iterable[SolverInfo | CameraInfo]) -> str:
-    return " ".join(f"{one.name}: {one.about}." for one in entries)
-
-
-Solver = _choices("Solver", SOLVERS)
-Camera = _choices("Camera", CAMERAS)
-USUAL_SOLVER, USUAL_CAMERA = Solver("rsd"), Camera("confocal")
+    RSD = "rsd"
+    FRESNEL = "fresnel"
+    DIRECT = "direct"
+    BACKPROJECTION = "backprojection"
+    BP = "bp"
+    LAPLACIAN_FBP = "laplacian-fbp"
+    LOG_FBP = "log-fbp"
+    LCT = "lct"
+    FK = "fk"
 
 
 class Device(StrEnum):
@@ -33,6 +31,14 @@ class Device(StrEnum):
 
     CPU = "cpu"
     CUDA = "cuda"
+
+
+class Camera(StrEnum):
+    """What the virtual camera does."""
+
+    CONFOCAL = "confocal"
+    PHOTO = "photo"
+    TRANSIENT = "transient"
 
 
 class Over(StrEnum):
@@ -46,13 +52,20 @@ class Over(StrEnum):
 def recon(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     camera: Annotated[
-        Camera,  # type: ignore[valid-type]
-        typer.Option(help=_told(CAMERAS.values())),
-    ] = USUAL_CAMERA,
+        Camera,
+        typer.Option(
+            help="confocal: the 3-D image. photo: one wavelength, refocused plane by plane. "
+            "transient: a video of a flash."
+        ),
+    ] = Camera.CONFOCAL,
     solver: Annotated[
-        Solver,  # type: ignore[valid-type]
-        typer.Option(help=_told(SOLVERS.values())),
-    ] = USUAL_SOLVER,
+        Solver,
+        typer.Option(
+            help="rsd: quick, exact, any geometry. fresnel: paraxial, for far scenes. direct: the defining "
+            "sum, very slow. backprojection: in the time domain, slow. The others are earlier methods, to "
+            "compare with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
+        ),
+    ] = Solver.RSD,
     wavelength: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
     ] = None,
@@ -88,8 +101,7 @@ def recon(
         str | None,
         typer.Option(
             metavar="BYTES",
-            help=f"Most memory for imaging, e.g. 2GB, for {' and '.join(solvers_with('memory'))}. "
-            "[dim]\\[what is quickest][/dim]",
+            help="Most memory for imaging, e.g. 2GB, for rsd and fresnel. [dim]\\[what is quickest][/dim]",
         ),
     ] = None,
     device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
@@ -148,8 +160,8 @@ def recon(
         return parse(text, "length") if text else None
 
     request = Request(
-        camera=str(camera),
-        solver=str(solver),
+        camera=camera.value,
+        solver=solver.value,
         wavelength_m=length(wavelength),
         cycles=cycles,
         depth_m=_depths(depth) if depth else None,

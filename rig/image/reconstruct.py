@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,11 +18,9 @@ from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.picture import Image, Over
-from recon.registry import CAMERAS, SOLVERS, SolverInfo, solvers_with
 from recon.solvers import fresnel
-from recon.solvers.classic.solve import baseline_image
-from recon.video import Sink, frame_times_s, video
+from recon.solvers.classic.solve import BASELINES, Baseline, baseline_image
+from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import VirtualPulse
 from recon.window import Fades
 from rig.errors import UsageError
@@ -67,6 +65,18 @@ class Request:
     even_bins: bool = False
 
 
+class _Asked(TypedDict):
+    """What image and video are both told."""
+
+    capture: Capture
+    pulse: VirtualPulse
+    grid: VoxelGrid
+    solver: str
+    fades: Fades
+    progress: Callable[[float], None] | None
+    memory_bytes: int | None
+
+
 def reconstruct(
     scan_path: Path,
     request: Request,
@@ -87,184 +97,71 @@ def reconstruct(
         If it cannot be imaged as asked.
     """
     began_s = time.monotonic()
-    _check(request, video_path)
+    _check(request)
+    if video_path:
+        check_video(video_path)
+        if request.camera != "transient":
+            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
     with ScanFile(scan_path) as scan:
-        choices = _choose(scan, request)
-        volume = _volume(scan, choices)
-        if request.camera == "transient":
-            found = _film(choices, volume, volume_path, progress)
+        seen = _seen_with(scan, request)
+        capture = seen.capture
+        choice = _wavelength(request, capture, seen.instrument_response_s)
+        pulse = VirtualPulse(choice.value, request.cycles)
+        grid = defaults.voxels(
+            capture,
+            pulse,
+            width_m=request.width_m,
+            height_m=request.height_m,
+            voxel_m=request.voxel_m,
+            depth_m=request.depth_m,
+        )
+        fade_from_s = seen.fade_from_s if request.fade_from_s is None else request.fade_from_s
+        if request.solver in BASELINES:
+            volume, notes = _baseline(request, capture, grid, Fades(start_s=fade_from_s), progress)
+            volume = dataclasses.replace(volume, scan=scan_path.name, scan_digest=scan.digest)
+            volume = _with(volume, **_calibrated(seen))
+            write_volume(volume_path, volume)
+            save(_picture(volume), picture_path)
+            return Result(volume, "", notes, capture.positions, time.monotonic() - began_s)
+        camera = _camera(request, capture, pulse, grid)
+        warnings = defaults.warnings(capture, pulse, grid, seen.instrument_response_s, camera.light(pulse))
+        if request.solver == "fresnel":
+            warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
+        volume = Volume(
+            intensity=np.empty((0,) * 3, np.float32),
+            x_m=grid.x_m,
+            y_m=grid.y_m,
+            z_m=grid.z_m,
+            parameters={
+                "camera": camera.name,
+                "solver": request.solver,
+                "wavelength_m": pulse.wavelength_m,
+                "cycles": pulse.cycles,
+                "fade_from_s": fade_from_s,
+                **_calibrated(seen),
+            },
+            scan=scan_path.name,
+            scan_digest=scan.digest,
+        )
+        asked = _Asked(
+            capture=capture,
+            pulse=pulse,
+            grid=grid,
+            solver=request.solver,
+            fades=Fades(start_s=fade_from_s),
+            progress=progress,
+            memory_bytes=request.memory_bytes,
+        )
+        if isinstance(camera, TransientCamera):
+            volume = _film(asked, camera, request, volume, volume_path)
         else:
-            found = _still(choices, progress)
-        volume = _filled(volume, found)
-        if not (request.camera == "transient" and request.all_depths):
+            volume = _still(asked, camera, request, volume)
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
         save_video(_seen(volume), video_path, compensation="t⁴")
-    warnings = (*choices.warnings, *found.notes)
     took_s = time.monotonic() - began_s
-    return Result(volume, choices.reason, warnings, choices.capture.positions, took_s)
-
-
-@dataclass(frozen=True)
-class _Choices:
-    """What is imaged, how, and why so.
-
-    Attributes
-    ----------
-    request
-        What was asked for.
-    calibrated
-        Which later calibrations the scan is seen with.
-    reason
-        Why this wavelength; empty where there is none.
-    warnings
-        What may spoil the image.
-    """
-
-    request: Request
-    capture: Capture
-    pulse: VirtualPulse
-    grid: VoxelGrid
-    fades: Fades
-    camera: Camera
-    calibrated: tuple[str, ...]
-    reason: str
-    warnings: tuple[str, ...]
-
-    @property
-    def solver(self) -> SolverInfo:
-        """The solver's entry."""
-        return SOLVERS[self.request.solver]
-
-
-def _choose(scan: ScanFile, request: Request) -> _Choices:
-    seen = _seen_with(scan, request)
-    capture = seen.capture
-    wavelength = _wavelength(request, capture, seen.instrument_response_s)
-    pulse = VirtualPulse(wavelength.value, request.cycles)
-    grid = defaults.voxels(
-        capture,
-        pulse,
-        width_m=request.width_m,
-        height_m=request.height_m,
-        voxel_m=request.voxel_m,
-        depth_m=request.depth_m,
-    )
-    camera = _camera(request, capture, pulse, grid)
-    waves = SOLVERS[request.solver].wave
-    warnings: list[str] = []
-    if waves:
-        warnings = defaults.warnings(capture, pulse, grid, seen.instrument_response_s, camera.light(pulse))
-    if request.solver == "fresnel":
-        warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
-    fade_from_s = seen.fade_from_s if request.fade_from_s is None else request.fade_from_s
-    return _Choices(
-        request=request,
-        capture=capture,
-        pulse=pulse,
-        grid=grid,
-        fades=Fades(start_s=fade_from_s),
-        camera=camera,
-        calibrated=seen.notes,
-        reason=wavelength.reason if waves else "",
-        warnings=tuple(warnings),
-    )
-
-
-def _still(choices: _Choices, progress: Callable[[float], None] | None) -> Image:
-    """Focus one frame."""
-    request, fades = choices.request, choices.fades
-    if not choices.solver.wave:
-        return baseline_image(
-            choices.capture,
-            choices.grid,
-            solver=request.solver,
-            fades=fades,
-            snr=request.snr,
-            progress=progress,
-        )
-    return image(
-        choices.capture,
-        choices.pulse,
-        choices.grid,
-        camera=choices.camera,
-        solver=request.solver,
-        fades=fades,
-        progress=progress,
-        memory_bytes=request.memory_bytes,
-        device=request.device,
-    )
-
-
-def _film(
-    choices: _Choices, volume: Volume, volume_path: Path, progress: Callable[[float], None] | None
-) -> Image:
-    """Film a flash; where all depths are asked for, their volume file is written meanwhile."""
-    request, camera = choices.request, choices.camera
-    assert isinstance(camera, TransientCamera)
-    surface_m = None
-    if request.over == "surface":
-        confocal = dataclasses.replace(choices, camera=ConfocalCamera())
-        surface_m = _depths(_still(confocal, None))
-    begun = dataclasses.replace(
-        _with(volume, over_depth=request.over),
-        intensity=np.zeros((len(camera.times_s), *choices.grid.shape[1:]), np.float32),
-        t_s=camera.times_s,
-        depth_m=surface_m,
-    )
-    with _sink(volume_path, begun, request.all_depths) as sink:
-        film = video(
-            choices.capture,
-            choices.pulse,
-            choices.grid,
-            camera,
-            solver=request.solver,
-            over=request.over,
-            surface_m=surface_m,
-            sink=sink,
-            fades=choices.fades,
-            progress=progress,
-            memory_bytes=request.memory_bytes,
-        )
-    return dataclasses.replace(film, surface_m=surface_m)
-
-
-def _volume(scan: ScanFile, choices: _Choices) -> Volume:
-    """Return the volume that is to be filled, with all that is known of it before."""
-    grid, wave = choices.grid, {}
-    if choices.solver.wave:
-        pulse = choices.pulse
-        wave = {"camera": choices.camera.name, "wavelength_m": pulse.wavelength_m, "cycles": pulse.cycles}
-    return Volume(
-        intensity=np.zeros((0, *grid.shape[1:]), np.float32),
-        x_m=grid.x_m,
-        y_m=grid.y_m,
-        z_m=grid.z_m,
-        parameters={
-            "solver": choices.solver.name,
-            **wave,
-            "fade_from_s": choices.fades.start_s,
-            **({"calibrated": list(choices.calibrated)} if choices.calibrated else {}),
-        },
-        scan=scan.path.name,
-        scan_digest=scan.digest,
-    )
-
-
-def _filled(volume: Volume, found: Image) -> Volume:
-    """Return the volume with its image, and the depths where these mean something."""
-    volume = dataclasses.replace(volume, intensity=found.intensity)
-    if found.times_s is not None:
-        volume = _with(volume, over_depth=found.over)
-        return dataclasses.replace(volume, t_s=found.times_s, depth_m=found.surface_m)
-    if not SOLVERS[found.solver].wave:
-        volume = _with(volume, falloff_power=found.falloff_power)
-        volume = volume if found.snr is None else _with(volume, snr=found.snr)
-    elif not isinstance(found.camera, ConfocalCamera):
-        return volume  # depth is told by the pulse alone
-    volume = _with(volume, depth_threshold=DEPTH_THRESHOLD)
-    return dataclasses.replace(volume, depth_m=_depths(found))
+    return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
 
 
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
@@ -280,32 +177,59 @@ def _seen_with(scan: ScanFile, request: Request) -> Seen:
     return with_even_bins(seen, scan, calibrations) if request.even_bins else seen
 
 
-def _check(request: Request, video_path: Path | None) -> None:
+def _calibrated(seen: Seen) -> dict[str, list[str]]:
+    return {"calibrated": list(seen.notes)} if seen.notes else {}
+
+
+def _check(request: Request) -> None:
     """Refuse options that do not go together."""
-    solver, camera = SOLVERS[request.solver], CAMERAS[request.camera]
-    if video_path:
-        check_video(video_path)
-        if request.camera != "transient":
-            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
-    if request.snr is not None and not solver.takes("snr"):
-        others = ", ".join(solvers_with("snr"))
-        raise UsageError(f"solver {solver.name} has no Wiener filter; --snr is for --solver {others}")
-    if not solver.wave and camera.name not in solver.cameras:
+    if request.snr is not None and request.solver != "lct":
+        raise UsageError(f"solver {request.solver} has no Wiener filter; --snr is for --solver lct")
+    if request.solver in BASELINES and request.camera != "confocal":
         raise UsageError(
-            f"solver {solver.name} forms no virtual wave, so it has no {camera.name} camera; "
+            f"solver {request.solver} forms no virtual wave, so it has no {request.camera} camera; "
             "use rsd, or leave --camera out"
         )
     for option, given in (
-        ("memory", request.memory_bytes is not None),
-        ("device", request.device != "cpu"),
+        ("--memory", request.memory_bytes is not None),
+        ("--device", request.device != "cpu"),
     ):
-        if given and not solver.wave and not solver.takes(option):
-            raise UsageError(f"solver {solver.name} has no --{option}; use rsd, or leave --{option} out")
-    if request.device != "cpu" and not camera.device:
+        if given and request.solver in BASELINES:
+            raise UsageError(f"solver {request.solver} has no {option}; use rsd, or leave {option} out")
+
+    if request.device != "cpu" and request.camera == "transient":
         raise UsageError(
-            f"the {camera.name} camera has no --device: a graphics processor adds the frequencies up at one "
+            "the transient camera has no --device: a graphics processor adds the frequencies up at one "
             "moment, and a video reads them at every frame's; leave --device out"
         )
+
+
+def _baseline(
+    request: Request,
+    capture: Capture,
+    grid: VoxelGrid,
+    fades: Fades,
+    progress: Callable[[float], None] | None,
+) -> tuple[Volume, tuple[str, ...]]:
+    """Image with one of the methods that come before virtual waves; return what to say about it, too."""
+    found = baseline_image(
+        capture, grid, solver=cast(Baseline, request.solver), fades=fades, snr=request.snr, progress=progress
+    )
+    volume = Volume(
+        intensity=found.intensity,
+        x_m=grid.x_m,
+        y_m=grid.y_m,
+        z_m=grid.z_m,
+        parameters={
+            "solver": found.solver,
+            "falloff_power": found.falloff_power,
+            "fade_from_s": fades.start_s,
+            "depth_threshold": DEPTH_THRESHOLD,
+            **({} if found.snr is None else {"snr": found.snr}),
+        },
+    )
+    depth_m = _depths(volume.intensity, volume.z_m, found.falloff_power, lifted=0.0)
+    return dataclasses.replace(volume, depth_m=depth_m), tuple(found.notes)
 
 
 def _wavelength(request: Request, capture: Capture, response_s: float | None) -> defaults.Choice:
@@ -318,6 +242,34 @@ def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: Voxel
     if request.camera == "transient":
         return TransientCamera(frame_times_s(capture, pulse, grid, request.frames_s))
     return PhotoCamera() if request.camera == "photo" else ConfocalCamera()
+
+
+def _still(asked: _Asked, camera: Camera, request: Request, volume: Volume) -> Volume:
+    found = image(camera=camera, device=request.device, **asked)
+    volume = dataclasses.replace(volume, intensity=found.intensity)
+    if not isinstance(camera, ConfocalCamera):
+        return volume  # depth is told by the pulse alone
+    return dataclasses.replace(
+        _with(volume, depth_threshold=DEPTH_THRESHOLD), depth_m=_depths(volume.intensity, volume.z_m)
+    )
+
+
+def _film(
+    asked: _Asked, camera: TransientCamera, request: Request, volume: Volume, volume_path: Path
+) -> Volume:
+    """Make the video and write its volume file."""
+    frames = np.zeros((len(camera.times_s), *asked["grid"].shape[1:]), np.float32)
+    volume = _with(volume, over_depth=request.over)
+    volume = dataclasses.replace(volume, intensity=frames, t_s=camera.times_s)
+    if request.over == "surface":
+        found = image(**(asked | {"progress": None}))
+        volume = dataclasses.replace(volume, depth_m=_depths(found.intensity, volume.z_m))
+    with _sink(volume_path, volume, request.all_depths) as sink:
+        film = video(camera=camera, over=request.over, surface_m=volume.depth_m, sink=sink, **asked)
+    volume = dataclasses.replace(volume, intensity=film.intensity)
+    if not request.all_depths:
+        write_volume(volume_path, volume)
+    return volume
 
 
 @contextmanager
@@ -338,10 +290,10 @@ def _with(volume: Volume, **parameters: Any) -> Volume:
     return dataclasses.replace(volume, parameters={**volume.parameters, **parameters})
 
 
-def _depths(found: Image) -> NDArray[np.float32]:
-    z_m, wave = found.grid.z_m, SOLVERS[found.solver].wave
-    intensity = compensate_falloff(found.intensity, z_m, found.falloff_power)
-    return depth_map(intensity, z_m, DEPTH_THRESHOLD, lifted=LIFTED if wave else 0.0)
+def _depths(
+    intensity: NDArray[np.float32], z_m: NDArray[np.float64], falloff: float = FALLOFF, lifted: float = LIFTED
+) -> NDArray[np.float32]:
+    return depth_map(compensate_falloff(intensity, z_m, falloff), z_m, DEPTH_THRESHOLD, lifted=lifted)
 
 
 def _seen(volume: Volume) -> Volume:

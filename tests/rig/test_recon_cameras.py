@@ -12,7 +12,8 @@ from matplotlib.image import imread
 from PIL import Image
 
 from recon.capture import C_M_PER_S
-from recon.registry import SOLVERS
+from recon.imaging import SOLVERS
+from recon.solvers.classic.solve import BASELINES
 from rig.commands.recon import Solver
 from rig.errors import UsageError
 from rig.files import Volume, read_volume
@@ -194,7 +195,7 @@ def test_a_video_by_planes_appears_whole_or_not_at_all(tmp_path):
 
 
 def test_every_solver_has_its_name_on_the_command_line():
-    assert {solver.value for solver in Solver} == set(SOLVERS)
+    assert {solver.value for solver in Solver} == {*SOLVERS, *BASELINES}
 
 
 def test_memory_bounds_the_image(rig, scan):

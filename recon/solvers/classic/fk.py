@@ -98,18 +98,6 @@ def migrate(
     return (wanted.real**2 + wanted.imag**2) * np.float32(scale**2)
 
 
-def migration(
-    capture: Capture,
-    grid: VoxelGrid,
-    fades: Fades,
-    *,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[NDArray[np.float32], list[str]]:
-    """Image a volume from a capture on a regular grid; return |psi|^2 and what was taken for granted."""
-    lattice = ConfocalLattice.of(capture, "fk")
-    return reconstruct(capture, lattice, grid, fades, progress=progress), lattice.notes()
-
-
 def reconstruct(
     capture: Capture,
     lattice: ConfocalLattice,

@@ -127,19 +127,6 @@ def _transformed(axis: LateralAxis, q: NDArray[np.float64]) -> NDArray[np.comple
     return c2c(cone.astype(np.complex64), axes=(1,), nthreads=cpu_count() or 1)
 
 
-def light_cone_transform(
-    capture: Capture,
-    grid: VoxelGrid,
-    fades: Fades,
-    *,
-    snr: float = SNR,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[NDArray[np.float32], list[str]]:
-    """Image a volume from a capture on a regular grid; return the albedo and what was taken for granted."""
-    lattice = ConfocalLattice.of(capture, "lct")
-    return reconstruct(capture, lattice, grid, fades, snr=snr, progress=progress), lattice.notes()
-
-
 def reconstruct(
     capture: Capture,
     lattice: ConfocalLattice,

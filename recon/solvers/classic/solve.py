@@ -1,35 +1,70 @@
 """One call for all baselines."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon import registry
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.picture import Image
 from recon.sampling import path_limits_m
-from recon.solvers.classic import lct
+from recon.solvers.classic import ellipsoids, fk, lct
+from recon.solvers.classic.resample import ConfocalLattice
 from recon.window import Fades
 
-#: The methods that form no virtual wave, by name.
-BASELINES = {name: info for name, info in registry.SOLVERS.items() if not info.wave}
-#: What computes one: of capture, voxels, soft edges, and what else it takes; gives amplitude and notes, or
-#: amplitude alone.
-Method = Callable[..., NDArray[np.float32] | tuple[NDArray[np.float32], list[str]]]
+Baseline = Literal["bp", "laplacian-fbp", "log-fbp", "lct", "fk"]
+BASELINES: tuple[Baseline, ...] = get_args(Baseline)
+
+
+@dataclass(frozen=True)
+class BaselineImage:
+    """A volume made by a baseline, and how.
+
+    Attributes
+    ----------
+    grid
+        Its voxels.
+    amplitude
+        (z, y, x) float32, not negative and linear in photon counts, as |U| of the virtual camera is: summed
+        counts (bp), minus their second derivatives (laplacian-fbp, log-fbp), albedo (lct), |psi|^2 (fk).
+    solver, fades
+        What was asked.
+    snr
+        Ratio of signal to noise power of the Wiener filter; None where there is none.
+    notes
+        What a reader has to know, in sentences.
+    """
+
+    grid: VoxelGrid
+    amplitude: NDArray[np.float32]
+    solver: Baseline
+    fades: Fades
+    snr: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def intensity(self) -> NDArray[np.float32]:
+        """(z, y, x) float32 square of the amplitude, to stand beside I = |U|^2."""
+        return self.amplitude**2
+
+    @property
+    def falloff_power(self) -> float:
+        """Power of 1/depth left in the intensity that `compensate_falloff` should undo for the eye."""
+        return 0.0 if self.solver in ("lct", "fk") else 4.0
 
 
 def baseline_image(
     capture: Capture,
     grid: VoxelGrid,
     *,
-    solver: str,
+    solver: Baseline,
     fades: Fades | None = None,
     snr: float | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Image:
+) -> BaselineImage:
     """Image a volume by an earlier method.
 
     Parameters
@@ -59,14 +94,24 @@ def baseline_image(
         another solver.
     """
     fades = fades or Fades()
+    if solver == "lct" and snr is None:
+        snr = lct.SNR
     _check(capture, grid, solver, snr)
-    info = BASELINES[solver]
-    if info.takes("snr"):
-        snr = lct.SNR if snr is None else snr
-    method: Method = info.load()
-    found = method(capture, grid, fades, progress=progress, **({} if snr is None else {"snr": snr}))
-    amplitude, notes = found if isinstance(found, tuple) else (found, [])
-    return Image(grid, solver, fades, field=amplitude, snr=snr, notes=tuple(notes))
+    notes: list[str] = []
+    if solver == "bp":
+        amplitude = ellipsoids.backproject(capture, grid, fades, progress)
+    elif solver == "laplacian-fbp":
+        amplitude = ellipsoids.laplacian_filtered(capture, grid, fades, progress)
+    elif solver == "log-fbp":
+        amplitude = ellipsoids.log_filtered(capture, grid, fades, progress)
+    else:
+        lattice = ConfocalLattice.of(capture, solver)
+        notes = lattice.notes()
+        if snr is not None:
+            amplitude = lct.reconstruct(capture, lattice, grid, fades, snr=snr, progress=progress)
+        else:
+            amplitude = fk.reconstruct(capture, lattice, grid, fades, progress=progress)
+    return BaselineImage(grid, amplitude, solver, fades, snr, tuple(notes))
 
 
 def _check(capture: Capture, grid: VoxelGrid, solver: str, snr: float | None) -> None:
@@ -74,12 +119,11 @@ def _check(capture: Capture, grid: VoxelGrid, solver: str, snr: float | None) ->
         raise ParameterError(
             "solver", repr(solver), "there is no such baseline", f"Choose one of {', '.join(BASELINES)}."
         )
-    filtered = BASELINES[solver].takes("snr")
-    if snr is not None and not (snr > 0 and filtered):
+    if snr is not None and not (snr > 0 and solver == "lct"):
         raise ParameterError(
             f"solver {solver}",
             f"a signal-to-noise ratio of {snr}",
-            "it is not positive" if filtered else "it has no such filter",
+            "it is not positive" if solver == "lct" else "it has no such filter",
             f"Leave it out; solver lct takes ratios above 0, and {lct.SNR} by default.",
         )
     if grid.size == 0 or grid.z_m[0] <= 0:
