@@ -55,7 +55,8 @@ def image(
         Voxels, any pitch, offset and extent in front of the wall.
     solver
         One of `recon.registry.WAVE_SOLVERS`. "rsd": any positions, by FFT or the quickest other way to the
-        same numbers (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular grid of
+        same numbers (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular
+        grid of
         positions on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
         "backprojection": in time, any positions, slow.
     camera
