@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.imaging import Image, image
+from recon.imaging import image
 from recon.measures import predicted, pulse_depth_m, widths
+from recon.result import Image
 from recon.wave import VirtualPulse
 
 #: The paper's wall: 180 x 130 positions, 1 cm apart; and its wavelength.

@@ -65,6 +65,22 @@ class VoxelGrid:
             near + step * np.arange(planes, dtype=np.float64),
         )
 
+    def check_in_front(self) -> None:
+        """Refuse voxels that are not in front of the wall, and none at all.
+
+        Raises
+        ------
+        ParameterError
+            If so.
+        """
+        if self.size == 0 or self.z_m[0] <= 0:
+            raise ParameterError(
+                "volume",
+                f"depths from {self.z_m[:1]} m",
+                "voxels must be in front of the wall",
+                "Begin at z > 0.",
+            )
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape (nz, ny, nx) of a volume on this grid."""

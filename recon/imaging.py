@@ -1,11 +1,10 @@
 """From a capture to an image or a video: a choice of camera, and a choice of solver.
 
-The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `SOLVERS` is the table of
-all.
+The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `recon.registry` holds all.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,53 +14,14 @@ from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.sampling import CONFOCAL, Slab, path_limits_m, slabs
-from recon.solvers import direct, fresnel, time_domain
+from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
+from recon.result import Image
+from recon.sampling import CONFOCAL, path_limits_m, slabs
 from recon.solvers.problem import Solver, Task, ignore
-from recon.solvers.rsd import dispatch
 from recon.wave import VirtualPulse
 from recon.window import Fades
 
 Progress = Callable[[float], None]
-#: All solvers, by name.
-SOLVERS: dict[str, Solver] = {
-    "rsd": dispatch.focus,
-    "fresnel": fresnel.focus,
-    "direct": direct.focus,
-    "backprojection": time_domain.focus,
-}
-#: Those that can keep to a bound on memory.
-BOUNDED = ("rsd", "fresnel")
-
-
-@dataclass(frozen=True)
-class Image:
-    """A focused volume and what it was made from.
-
-    Attributes
-    ----------
-    grid
-        Its voxels.
-    field
-        (z, y, x) complex64 field U.
-    solver, pulse, fades, camera
-        What was asked.
-    slabs
-        Which bins and frequencies image which planes; the back-projection solver uses the pulse itself.
-    """
-
-    grid: VoxelGrid
-    field: NDArray[np.complex64]
-    solver: str
-    pulse: VirtualPulse
-    fades: Fades
-    slabs: tuple[Slab, ...]
-    camera: Camera = CONFOCAL
-
-    @property
-    def intensity(self) -> NDArray[np.float32]:
-        """(z, y, x) float32 intensity I = |U|^2."""
-        return self.field.real**2 + self.field.imag**2
 
 
 def image(
@@ -75,6 +35,7 @@ def image(
     progress: Progress | None = None,
     memory_bytes: int | None = None,
     device: str = "cpu",
+    fft: bool | None = None,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -93,8 +54,9 @@ def image(
     grid
         Voxels, any pitch, offset and extent in front of the wall.
     solver
-        A key of `SOLVERS`. "rsd": any positions, by FFT or the quickest other way to the same numbers
-        (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular grid of
+        One of `recon.registry.WAVE_SOLVERS`. "rsd": any positions, by FFT or the quickest other way to the
+        same numbers (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular
+        grid of
         positions on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
         "backprojection": in time, any positions, slow.
     camera
@@ -108,6 +70,8 @@ def image(
         quickest.
     device
         "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
+    fft
+        Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
 
     Raises
     ------
@@ -122,11 +86,15 @@ def image(
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
     fades = fades or Fades()
-    if device != "cpu" and solver != "rsd":
+    _known(solver)
+    if device != "cpu" and "device" not in SOLVERS[solver].options:
         raise ParameterError(
-            f"solver {solver}", f"device {device}", "it computes on the cpu alone", "Use rsd, or the cpu."
+            f"solver {solver}",
+            f"device {device}",
+            "it computes on the cpu alone",
+            f"Use {' or '.join(taking('device'))}, or the cpu.",
         )
-    task = replace(plan(capture, pulse, grid, camera, fades, progress), device=device)
+    task = replace(plan(capture, pulse, grid, camera, fades, progress), device=device, fft=fft)
     if task.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {task.frames} frames", "Ask for a video."
@@ -135,7 +103,7 @@ def image(
     field = np.empty(grid.shape, np.complex64)
     for index, plane in enumerate(planes(task, solver)):
         field[index] = plane[0]
-    return Image(grid, field, solver, pulse, fades, task.slabs, camera)
+    return Image(grid, field, solver, fades, camera, pulse, task.slabs)
 
 
 def plan(
@@ -147,13 +115,7 @@ def plan(
     progress: Progress | None = None,
 ) -> Task:
     """Choose bins and frequencies for a volume; raises as `image`."""
-    if grid.size == 0 or grid.z_m[0] <= 0:
-        raise ParameterError(
-            "volume",
-            f"depths from {grid.z_m[:1]} m",
-            "voxels must be in front of the wall",
-            "Begin at z > 0.",
-        )
+    grid.check_in_front()
     light = camera.light(pulse)
     parts = tuple(slabs(capture, light, grid, camera))
     if not any(part.reached for part in parts):
@@ -164,7 +126,8 @@ def plan(
 def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
     _known(solver)
-    return SOLVERS[solver](task)
+    focus: Solver = load(SOLVERS[solver].place)
+    return focus(task)
 
 
 def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
@@ -172,20 +135,21 @@ def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
     _known(solver)
     if memory_bytes is None:
         return task
-    if solver not in BOUNDED:
+    needs = SOLVERS[solver].needs
+    if needs is None:
         raise ParameterError(
             f"solver {solver}",
             f"at most {memory_bytes / 1e6:.0f} MB of memory",
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
         )
-    return memory.cut(task, memory_bytes)
+    return memory.cut(task, load(needs), memory_bytes)
 
 
 def _known(solver: str) -> None:
-    if solver not in SOLVERS:
+    if solver not in WAVE_SOLVERS:
         raise ParameterError(
-            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
+            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(WAVE_SOLVERS)}."
         )
 
 

@@ -1,6 +1,7 @@
 """How much memory imaging takes beyond the record itself, and how the work is cut to stay below a bound.
 
-Everything that grows with the scan or the volume is counted here and nowhere else:
+Everything that grows with the scan or the volume is counted: here what all solvers need, and beside each
+solver that keeps to a bound what it needs itself (`needs`; lattice and tables below):
 
 ==================================  ========================================================================
 the field, and a slab's beside it   8 bytes a voxel; 24 more for each voxel of the thickest slab
@@ -21,28 +22,19 @@ lattice; tables take all of a slab's frequencies at once, and positions in turns
 at once, and fewer threads where memory is short. Spectra and solver share what the fixed part leaves.
 """
 
-from dataclasses import dataclass, replace
-from math import ceil, pi
+from collections.abc import Callable
+from dataclasses import replace
+from math import ceil
 from os import cpu_count
 
-from recon.aperture import LatticeAxis, recognise
-from recon.capture import C_M_PER_S
 from recon.errors import MemoryBoundError
-from recon.grid import VoxelGrid
 from recon.sampling import Slab
-from recon.solvers.problem import Task
-from recon.solvers.rsd import dispatch, tabulated
-from recon.solvers.rsd.lattice import plan_axis, taps_half_width
-from recon.solvers.rsd.regular import WALL_BYTES
+from recon.solvers.problem import Need, Task
 
 #: Positions in a block of the record, as the readers of this program make them.
 BLOCK_POSITIONS = 1024
 #: Most that a solver takes at once for wall spectra or tables.
 WORKING_BYTES = 256 * 2**20
-#: What computing one weight of a position's spreading takes for a moment, in double precision.
-TAP_BYTES = 64
-#: Positions whose tables are made at once at the least; fewer would be slow.
-LEAST_TABLES = 256
 #: Planes of a video that are held for each thread: the one in work, two that wait in turn, and the one
 #: that is taken, with its squares.
 PLANES_PER_THREAD = 5
@@ -50,25 +42,19 @@ PLANES_PER_THREAD = 5
 SLACK_BYTES = 32 * 2**20
 
 
-@dataclass(frozen=True)
-class _Need:
-    """Bytes that a slab needs beside its spectra: in any case, and for the least that is taken at once.
-
-    `together` frequencies are taken at least: one, or all where each pass costs as much as all.
-    """
-
-    fixed: int
-    least: int
-    together: int
+#: A solver's memory for a part of the depth.
+Needs = Callable[[Task, Slab], Need]
 
 
-def cut(task: Task, memory_bytes: int) -> Task:
+def cut(task: Task, needs_of: Needs, memory_bytes: int) -> Task:
     """Cut the work so that its peak stays below a bound.
 
     Parameters
     ----------
     task
-        What is imaged, by the rsd or the fresnel solver.
+        What is imaged.
+    needs_of
+        What its solver needs.
     memory_bytes
         The bound.
 
@@ -78,7 +64,7 @@ def cut(task: Task, memory_bytes: int) -> Task:
         If not even one frequency at a time fits, or one plane of a video; it names the least that is needed.
     """
     capture, grid, parts = task.capture, task.grid, task.slabs
-    needs = [_need(task, part) for part in parts]
+    needs = [needs_of(task, part) if part.reached else Need(0, 0, 1) for part in parts]
     reached = [part for part in parts if part.reached]
     bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
     spectrum = (8 if len(capture.first_bin_s) == 1 else 48) * capture.positions + 40 * bins
@@ -126,46 +112,3 @@ def cut(task: Task, memory_bytes: int) -> Task:
         working_bytes=working,
         plane_bytes=task.plane_bytes if frames == 1 else 2 * threads * plane,
     )
-
-
-def _need(task: Task, part: Slab) -> _Need:
-    if not part.reached:
-        return _Need(0, 0, 1)
-    capture, grid, many = task.capture, task.grid, len(part.band)
-    still = task.frames == 1
-    planes = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[part.planes])
-    slab = 24 * planes.size if still else 0
-    runs = dispatch.planar_runs(capture)
-    legs = runs[0].legs if runs else 1
-    if dispatch.regular(capture, runs):
-        aperture = recognise(capture.laser_m - [0, 0, runs[0].depth_m])
-        threads, wall = _lattice(aperture.x, aperture.y, planes, legs, part)
-        return _Need(slab + threads, wall if still else min(many * wall, WALL_BYTES), 1 if still else many)
-    if dispatch.quicker_on_lattice(runs, capture.laser_m, part.band, planes, task.frames):
-        # The lattice over all positions is as large as that of any run.
-        x, y = dispatch.lattice(capture.laser_m, legs, part.band, planes)
-        threads, wall = _lattice(x, y, planes, legs, part)
-        taps = 2 * taps_half_width(x.pitch_m * legs * part.band.last_rad_per_s / C_M_PER_S / pi)
-        spreading = (TAP_BYTES * taps + 8) * capture.positions
-        least = 8 * x.count * y.count + 8 * capture.positions
-        if still:
-            return _Need(slab + threads + spreading, wall + least, 1)
-        return _Need(threads + spreading, min(many * wall, WALL_BYTES) + many * least, many)
-    if not still:  # term by term, from a copy of the spectra
-        return _Need(100 * capture.positions, 8 * capture.positions * many, many)
-    nodes = tabulated.node_range(capture, part.band, planes, task.camera)[2]
-    # The table's phases, with their double-precision halves, belong to the pass's frequencies.
-    fixed = slab + 40 * nodes * many + 100 * capture.positions
-    return _Need(fixed, 2 * tabulated.NODE_BYTES * nodes * LEAST_TABLES, many)
-
-
-def _lattice(x: LatticeAxis, y: LatticeAxis, grid: VoxelGrid, legs: int, part: Slab) -> tuple[int, int]:
-    """Return the bytes of all threads' planes, and of one frequency's wall spectrum."""
-    wavenumber = legs * part.band.last_rad_per_s / C_M_PER_S
-    along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
-    points = along_y.length * along_x.length
-    quarter = (along_y.half + 1) * (along_x.half + 1)
-    thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
-    thread += 48 * len(grid.y_m) * len(grid.x_m)
-    # One wall field is put on its lattice at a time, in two steps where it is spread.
-    return (cpu_count() or 1) * thread + 16 * points, 8 * points

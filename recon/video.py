@@ -7,7 +7,6 @@ frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front vie
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import Progress, bounded, plan, planes
+from recon.result import Image
 from recon.sampling import path_limits_m
 from recon.wave import VirtualPulse
 from recon.window import Fades
@@ -28,28 +28,6 @@ Over = Literal["max", "sum", "surface"]
 Sink = Callable[[int, NDArray[np.float32]], None]
 #: Frames in a pulse's full width at half maximum.
 FRAMES_PER_PULSE = 4
-
-
-@dataclass(frozen=True)
-class Video:
-    """A front view at many moments.
-
-    Attributes
-    ----------
-    grid
-        The voxels that were seen.
-    times_s
-        (T,) moments since the flash of the virtual source.
-    intensity
-        (T, y, x) float32, over depth as `over` says.
-    over
-        The greatest intensity over depth, its sum, or that at the surface.
-    """
-
-    grid: VoxelGrid
-    times_s: NDArray[np.float64]
-    intensity: NDArray[np.float32]
-    over: Over
 
 
 def video(
@@ -65,7 +43,7 @@ def video(
     fades: Fades | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
-) -> Video:
+) -> Image:
     """Film how the flash of one point source travels through the hidden scene.
 
     Parameters
@@ -93,7 +71,8 @@ def video(
         raise ParameterError(
             "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
         )
-    task = bounded(plan(capture, pulse, grid, camera, fades or Fades(), progress), solver, memory_bytes)
+    fades = fades or Fades()
+    task = bounded(plan(capture, pulse, grid, camera, fades, progress), solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(task, solver)):
@@ -106,7 +85,8 @@ def video(
             np.maximum(seen, frames, out=seen)
         else:
             seen += frames
-    return Video(grid, np.asarray(camera.times_s, np.float64), seen, over)
+    times_s = np.asarray(camera.times_s, np.float64)
+    return Image(grid, None, solver, fades, camera, pulse, task.slabs, times_s, seen)
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:

@@ -19,7 +19,8 @@ from recon.defaults import voxels
 from recon.depth import compensate_falloff
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.solvers.classic.solve import BASELINES, baseline_image
+from recon.registry import CLASSIC_SOLVERS
+from recon.solvers.classic.solve import baseline_image
 from recon.wave import VirtualPulse
 from recon.window import Fades
 from rig.files.scan import ScanFile
@@ -48,7 +49,7 @@ def compare(
         return compensate_falloff(result.amplitude, grid.z_m, result.falloff_power / 2)
 
     results = {}
-    for solver in (*BASELINES, "rsd"):
+    for solver in (*CLASSIC_SOLVERS, "rsd"):
         by(solver)
         began_s = process_time()
         amplitude = by(solver)

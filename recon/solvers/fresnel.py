@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.solvers.problem import Task
+from recon.sampling import Slab
+from recon.solvers.problem import Need, Task
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan
-from recon.solvers.rsd.regular import LatticePropagator, Workspace, aperture, propagator
+from recon.solvers.rsd.regular import LatticePropagator, Workspace, aperture
+from recon.solvers.rsd.regular import needs as lattice_needs
 from recon.solvers.spectral import Field, by_planes, spectral
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
@@ -77,8 +79,16 @@ def _chirp(axis: AxisPlan, k: float, z_m: float) -> NDArray[np.complex64]:
 
 
 def _focus_slab(task: Task, emitted: Field) -> Iterator[Field]:
-    through = propagator(task.capture, emitted, task.band, task.grid, FresnelPropagator)
+    legs = 2 if task.capture.confocal else 1
+    wall = aperture(task.capture)
+    through = FresnelPropagator(wall, emitted, task.band, task.grid, legs, task.wall_bytes)
     return by_planes(task, through.focus)
+
+
+def needs(task: Task, part: Slab) -> Need:
+    """Return the memory that a slab takes; raises as `aperture`."""
+    wall = aperture(task.capture)
+    return lattice_needs(task, part, wall.x, wall.y, 2 if task.capture.confocal else 1)
 
 
 focus = spectral(_focus_slab, check=lambda task: aperture(task.capture))

@@ -28,6 +28,18 @@ def part_of(progress: Callable[[float], None], begin: float, end: float) -> Call
 
 
 @dataclass(frozen=True)
+class Need:
+    """Bytes that a solver needs for a slab beside its spectra: in any case, and for the least at once.
+
+    `together` frequencies are taken at least: one, or all where each pass costs as much as all.
+    """
+
+    fixed: int
+    least: int
+    together: int
+
+
+@dataclass(frozen=True)
 class Task:
     """What to image.
 
@@ -52,6 +64,10 @@ class Task:
         Memory for planes in work, their frequencies and frames; fewer threads run where it would not suffice.
     device
         Where the rsd solver computes: "cpu" or "cuda".
+    fft
+        Whether the rsd solver goes by FFT; None takes what is quicker.
+    wall_bytes
+        Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
     """
 
     capture: Capture
@@ -65,6 +81,8 @@ class Task:
     working_bytes: int = 64 * 2**20
     plane_bytes: int = 2**30
     device: str = "cpu"
+    fft: bool | None = None
+    wall_bytes: int = 256 * 2**20
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
         """(T, y or 1, x or 1) moments at which the plane is read."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from recon import registry
 from rig.commands.options import AsJson
 
 if TYPE_CHECKING:
@@ -15,15 +16,7 @@ if TYPE_CHECKING:
 class Solver(StrEnum):
     """How the image is computed."""
 
-    RSD = "rsd"
-    FRESNEL = "fresnel"
-    DIRECT = "direct"
-    BACKPROJECTION = "backprojection"
-    BP = "bp"
-    LAPLACIAN_FBP = "laplacian-fbp"
-    LOG_FBP = "log-fbp"
-    LCT = "lct"
-    FK = "fk"
+    vars().update({name: name for name in registry.SOLVERS})
 
 
 class Device(StrEnum):
@@ -36,9 +29,11 @@ class Device(StrEnum):
 class Camera(StrEnum):
     """What the virtual camera does."""
 
-    CONFOCAL = "confocal"
-    PHOTO = "photo"
-    TRANSIENT = "transient"
+    vars().update({name: name for name in registry.CAMERAS})
+
+
+_CAMERA, _SOLVER = Camera("confocal"), Solver("rsd")
+_WITH_SNR, _BOUNDED = " and ".join(registry.taking("snr")), " and ".join(registry.BOUNDED)
 
 
 class Over(StrEnum):
@@ -51,21 +46,8 @@ class Over(StrEnum):
 
 def recon(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
-    camera: Annotated[
-        Camera,
-        typer.Option(
-            help="confocal: the 3-D image. photo: one wavelength, refocused plane by plane. "
-            "transient: a video of a flash."
-        ),
-    ] = Camera.CONFOCAL,
-    solver: Annotated[
-        Solver,
-        typer.Option(
-            help="rsd: quick, exact, any geometry. fresnel: paraxial, for far scenes. direct: the defining "
-            "sum, very slow. backprojection: in the time domain, slow. The others are earlier methods, to "
-            "compare with: bp, laplacian-fbp and log-fbp for any geometry, lct and fk for confocal grids."
-        ),
-    ] = Solver.RSD,
+    camera: Annotated[Camera, typer.Option(help=registry.cameras_help())] = _CAMERA,
+    solver: Annotated[Solver, typer.Option(help=registry.solvers_help())] = _SOLVER,
     wavelength: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
     ] = None,
@@ -95,13 +77,16 @@ def recon(
     ] = None,
     snr: Annotated[
         float | None,
-        typer.Option(metavar="RATIO", help="Signal to noise power, for lct only. [dim]\\[0.8][/dim]"),
+        typer.Option(
+            metavar="RATIO",
+            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[0.8][/dim]",
+        ),
     ] = None,
     memory: Annotated[
         str | None,
         typer.Option(
             metavar="BYTES",
-            help="Most memory for imaging, e.g. 2GB, for rsd and fresnel. [dim]\\[what is quickest][/dim]",
+            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. [dim]\\[what is quickest][/dim]",
         ),
     ] = None,
     device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,

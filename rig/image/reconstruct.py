@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, cast
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,8 +18,9 @@ from recon.capture import Capture
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.solvers import fresnel
-from recon.solvers.classic.solve import BASELINES, Baseline, baseline_image
+from recon.registry import CAMERAS, SOLVERS, load, taking
+from recon.result import Image
+from recon.solvers.classic.solve import baseline_image
 from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import VirtualPulse
 from recon.window import Fades
@@ -65,16 +66,36 @@ class Request:
     even_bins: bool = False
 
 
-class _Asked(TypedDict):
-    """What image and video are both told."""
+@dataclass(frozen=True)
+class _Work:
+    """What is imaged, with all choices made."""
 
-    capture: Capture
+    request: Request
+    seen: Seen
     pulse: VirtualPulse
     grid: VoxelGrid
-    solver: str
     fades: Fades
-    progress: Callable[[float], None] | None
-    memory_bytes: int | None
+    scan: str
+    scan_digest: str
+
+    @property
+    def capture(self) -> Capture:
+        return self.seen.capture
+
+    def volume(self, found: Image, depth_m: NDArray[np.float32] | None = None, **more: Any) -> Volume:
+        """Return the volume file's value: an image, how it was made, and where it comes from."""
+        grid = self.grid
+        parameters: dict[str, Any] = {"solver": found.solver}
+        calibrated = {"calibrated": list(self.seen.notes)} if self.seen.notes else {}
+        if found.pulse:
+            wave = {"wavelength_m": found.pulse.wavelength_m, "cycles": found.pulse.cycles}
+            parameters = {"camera": found.camera.name, **parameters, **wave}
+        else:
+            parameters["falloff_power"] = found.falloff_power
+        parameters |= {"fade_from_s": found.fades.start_s, **more, **calibrated}
+        axes = grid.x_m, grid.y_m, grid.z_m
+        times_s = found.times_s
+        return Volume(found.intensity, *axes, depth_m, times_s, parameters, self.scan, self.scan_digest)
 
 
 def reconstruct(
@@ -97,71 +118,41 @@ def reconstruct(
         If it cannot be imaged as asked.
     """
     began_s = time.monotonic()
-    _check(request)
-    if video_path:
-        check_video(video_path)
-        if request.camera != "transient":
-            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
+    _check(request, video_path)
     with ScanFile(scan_path) as scan:
-        seen = _seen_with(scan, request)
-        capture = seen.capture
-        choice = _wavelength(request, capture, seen.instrument_response_s)
-        pulse = VirtualPulse(choice.value, request.cycles)
-        grid = defaults.voxels(
-            capture,
-            pulse,
-            width_m=request.width_m,
-            height_m=request.height_m,
-            voxel_m=request.voxel_m,
-            depth_m=request.depth_m,
-        )
-        fade_from_s = seen.fade_from_s if request.fade_from_s is None else request.fade_from_s
-        if request.solver in BASELINES:
-            volume, notes = _baseline(request, capture, grid, Fades(start_s=fade_from_s), progress)
-            volume = dataclasses.replace(volume, scan=scan_path.name, scan_digest=scan.digest)
-            volume = _with(volume, **_calibrated(seen))
-            write_volume(volume_path, volume)
-            save(_picture(volume), picture_path)
-            return Result(volume, "", notes, capture.positions, time.monotonic() - began_s)
-        camera = _camera(request, capture, pulse, grid)
-        warnings = defaults.warnings(capture, pulse, grid, seen.instrument_response_s, camera.light(pulse))
-        if request.solver == "fresnel":
-            warnings += fresnel.warnings(capture, pulse.wavelength_m, grid)
-        volume = Volume(
-            intensity=np.empty((0,) * 3, np.float32),
-            x_m=grid.x_m,
-            y_m=grid.y_m,
-            z_m=grid.z_m,
-            parameters={
-                "camera": camera.name,
-                "solver": request.solver,
-                "wavelength_m": pulse.wavelength_m,
-                "cycles": pulse.cycles,
-                "fade_from_s": fade_from_s,
-                **_calibrated(seen),
-            },
-            scan=scan_path.name,
-            scan_digest=scan.digest,
-        )
-        asked = _Asked(
-            capture=capture,
-            pulse=pulse,
-            grid=grid,
-            solver=request.solver,
-            fades=Fades(start_s=fade_from_s),
-            progress=progress,
-            memory_bytes=request.memory_bytes,
-        )
-        if isinstance(camera, TransientCamera):
-            volume = _film(asked, camera, request, volume, volume_path)
+        work, reason = _chosen(scan, request)
+        if not SOLVERS[request.solver].virtual_wave:
+            volume, warnings, reason = *_classic(work, progress), ""
         else:
-            volume = _still(asked, camera, request, volume)
+            camera = _camera(work)
+            warnings = _warnings(work, camera)
+            if isinstance(camera, TransientCamera):
+                volume = _film(work, camera, volume_path, progress)
+            else:
+                volume = _still(work, camera, progress)
+        if not (volume.t_s is not None and request.all_depths):  # which is written plane by plane
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
         save_video(_seen(volume), video_path, compensation="t⁴")
-    took_s = time.monotonic() - began_s
-    return Result(volume, choice.reason, tuple(warnings), capture.positions, took_s)
+    return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+
+
+def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
+    """Choose what was not asked for; say why this wavelength."""
+    seen = _seen_with(scan, request)
+    choice = _wavelength(request, seen.capture, seen.instrument_response_s)
+    pulse = VirtualPulse(choice.value, request.cycles)
+    grid = defaults.voxels(
+        seen.capture,
+        pulse,
+        width_m=request.width_m,
+        height_m=request.height_m,
+        voxel_m=request.voxel_m,
+        depth_m=request.depth_m,
+    )
+    fades = Fades(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
+    return _Work(request, seen, pulse, grid, fades, scan.path.name, scan.digest), choice.reason
 
 
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
@@ -177,59 +168,53 @@ def _seen_with(scan: ScanFile, request: Request) -> Seen:
     return with_even_bins(seen, scan, calibrations) if request.even_bins else seen
 
 
-def _calibrated(seen: Seen) -> dict[str, list[str]]:
-    return {"calibrated": list(seen.notes)} if seen.notes else {}
-
-
-def _check(request: Request) -> None:
+def _check(request: Request, video_path: Path | None) -> None:
     """Refuse options that do not go together."""
-    if request.snr is not None and request.solver != "lct":
-        raise UsageError(f"solver {request.solver} has no Wiener filter; --snr is for --solver lct")
-    if request.solver in BASELINES and request.camera != "confocal":
+    solver, entry = request.solver, SOLVERS[request.solver]
+    if request.snr is not None and "snr" not in entry.options:
         raise UsageError(
-            f"solver {request.solver} forms no virtual wave, so it has no {request.camera} camera; "
+            f"solver {solver} has no Wiener filter; --snr is for --solver {' or '.join(taking('snr'))}"
+        )
+    if not entry.virtual_wave and request.camera in entry.refuses:
+        raise UsageError(
+            f"solver {solver} forms no virtual wave, so it has no {request.camera} camera; "
             "use rsd, or leave --camera out"
         )
     for option, given in (
         ("--memory", request.memory_bytes is not None),
         ("--device", request.device != "cpu"),
     ):
-        if given and request.solver in BASELINES:
-            raise UsageError(f"solver {request.solver} has no {option}; use rsd, or leave {option} out")
-
-    if request.device != "cpu" and request.camera == "transient":
+        if given and not entry.virtual_wave:
+            raise UsageError(f"solver {solver} has no {option}; use rsd, or leave {option} out")
+    if request.device != "cpu" and CAMERAS[request.camera].film:
         raise UsageError(
-            "the transient camera has no --device: a graphics processor adds the frequencies up at one "
-            "moment, and a video reads them at every frame's; leave --device out"
+            f"the {request.camera} camera has no --device: a graphics processor adds the frequencies up at "
+            "one moment, and a video reads them at every frame's; leave --device out"
         )
+    if video_path:
+        check_video(video_path)
+        if not CAMERAS[request.camera].film:
+            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
 
 
-def _baseline(
-    request: Request,
-    capture: Capture,
-    grid: VoxelGrid,
-    fades: Fades,
-    progress: Callable[[float], None] | None,
-) -> tuple[Volume, tuple[str, ...]]:
+def _warnings(work: _Work, camera: Camera) -> tuple[str, ...]:
+    """List what may spoil the image."""
+    response_s = work.seen.instrument_response_s
+    found = defaults.warnings(work.capture, work.pulse, work.grid, response_s, camera.light(work.pulse))
+    if own := SOLVERS[work.request.solver].warnings:
+        found += load(own)(work.capture, work.pulse.wavelength_m, work.grid)
+    return tuple(found)
+
+
+def _classic(work: _Work, progress: Callable[[float], None] | None) -> tuple[Volume, tuple[str, ...]]:
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
+    request = work.request
     found = baseline_image(
-        capture, grid, solver=cast(Baseline, request.solver), fades=fades, snr=request.snr, progress=progress
+        work.capture, work.grid, solver=request.solver, fades=work.fades, snr=request.snr, progress=progress
     )
-    volume = Volume(
-        intensity=found.intensity,
-        x_m=grid.x_m,
-        y_m=grid.y_m,
-        z_m=grid.z_m,
-        parameters={
-            "solver": found.solver,
-            "falloff_power": found.falloff_power,
-            "fade_from_s": fades.start_s,
-            "depth_threshold": DEPTH_THRESHOLD,
-            **({} if found.snr is None else {"snr": found.snr}),
-        },
-    )
-    depth_m = _depths(volume.intensity, volume.z_m, found.falloff_power, lifted=0.0)
-    return dataclasses.replace(volume, depth_m=depth_m), tuple(found.notes)
+    depth_m = _depths(found.intensity, work.grid.z_m, found.falloff_power, lifted=0.0)
+    snr = {} if found.snr is None else {"snr": found.snr}
+    return work.volume(found, depth_m, depth_threshold=DEPTH_THRESHOLD, **snr), found.notes
 
 
 def _wavelength(request: Request, capture: Capture, response_s: float | None) -> defaults.Choice:
@@ -238,38 +223,62 @@ def _wavelength(request: Request, capture: Capture, response_s: float | None) ->
     return defaults.wavelength(capture, response_s)
 
 
-def _camera(request: Request, capture: Capture, pulse: VirtualPulse, grid: VoxelGrid) -> Camera:
-    if request.camera == "transient":
-        return TransientCamera(frame_times_s(capture, pulse, grid, request.frames_s))
-    return PhotoCamera() if request.camera == "photo" else ConfocalCamera()
+def _camera(work: _Work) -> Camera:
+    name = work.request.camera
+    if CAMERAS[name].film:
+        return TransientCamera(frame_times_s(work.capture, work.pulse, work.grid, work.request.frames_s))
+    return PhotoCamera() if name == "photo" else ConfocalCamera()
 
 
-def _still(asked: _Asked, camera: Camera, request: Request, volume: Volume) -> Volume:
-    found = image(camera=camera, device=request.device, **asked)
-    volume = dataclasses.replace(volume, intensity=found.intensity)
-    if not isinstance(camera, ConfocalCamera):
-        return volume  # depth is told by the pulse alone
-    return dataclasses.replace(
-        _with(volume, depth_threshold=DEPTH_THRESHOLD), depth_m=_depths(volume.intensity, volume.z_m)
+def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
+    request = work.request
+    return image(
+        work.capture,
+        work.pulse,
+        work.grid,
+        solver=request.solver,
+        camera=camera,
+        fades=work.fades,
+        progress=progress,
+        memory_bytes=request.memory_bytes,
+        device=request.device,
     )
 
 
+def _still(work: _Work, camera: Camera, progress: Callable[[float], None] | None) -> Volume:
+    found = _focused(work, camera, progress)
+    if not isinstance(camera, ConfocalCamera):
+        return work.volume(found)  # depth is told by the pulse alone
+    return work.volume(found, _depths(found.intensity, work.grid.z_m), depth_threshold=DEPTH_THRESHOLD)
+
+
 def _film(
-    asked: _Asked, camera: TransientCamera, request: Request, volume: Volume, volume_path: Path
+    work: _Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
 ) -> Volume:
-    """Make the video and write its volume file."""
-    frames = np.zeros((len(camera.times_s), *asked["grid"].shape[1:]), np.float32)
-    volume = _with(volume, over_depth=request.over)
-    volume = dataclasses.replace(volume, intensity=frames, t_s=camera.times_s)
-    if request.over == "surface":
-        found = image(**(asked | {"progress": None}))
-        volume = dataclasses.replace(volume, depth_m=_depths(found.intensity, volume.z_m))
-    with _sink(volume_path, volume, request.all_depths) as sink:
-        film = video(camera=camera, over=request.over, surface_m=volume.depth_m, sink=sink, **asked)
-    volume = dataclasses.replace(volume, intensity=film.intensity)
-    if not request.all_depths:
-        write_volume(volume_path, volume)
-    return volume
+    """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
+    request, grid, over = work.request, work.grid, work.request.over
+    depth_m = None
+    if over == "surface":
+        depth_m = _depths(_focused(work, ConfocalCamera(), None).intensity, grid.z_m)
+    dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
+    begun = Image(
+        grid, None, request.solver, work.fades, camera, work.pulse, times_s=camera.times_s, frames=dark
+    )
+    with _sink(volume_path, work.volume(begun, depth_m, over_depth=over), request.all_depths) as sink:
+        found = video(
+            work.capture,
+            work.pulse,
+            grid,
+            camera,
+            solver=request.solver,
+            over=over,
+            surface_m=depth_m,
+            sink=sink,
+            fades=work.fades,
+            progress=progress,
+            memory_bytes=request.memory_bytes,
+        )
+    return work.volume(found, depth_m, over_depth=over)
 
 
 @contextmanager
@@ -284,10 +293,6 @@ def _sink(path: Path, volume: Volume, all_depths: bool) -> Iterator[Sink | None]
             dataset[:, plane] = frames
 
         yield write
-
-
-def _with(volume: Volume, **parameters: Any) -> Volume:
-    return dataclasses.replace(volume, parameters={**volume.parameters, **parameters})
 
 
 def _depths(

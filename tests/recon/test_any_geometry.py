@@ -84,23 +84,20 @@ def worst(found, wanted):
     return np.abs(found - wanted).max() / np.abs(wanted).max()
 
 
-@pytest.fixture(params=["lattice", "table"])
-def way(request, monkeypatch):
-    """Force each of the two ways, which a cost model chooses between."""
-    monkeypatch.setattr(dispatch, "regular", lambda *_: False)
-    monkeypatch.setattr(dispatch, "quicker_on_lattice", lambda *_: request.param == "lattice")
-    return request.param
+def by_fft(name, geometry="one"):
+    """Both ways, of which the quicker is taken; one, without a plane or with a run for each record."""
+    return (False,) if name in ("curved", "tilted") or geometry == "pairs" else (False, True)
 
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
-@pytest.mark.parametrize("geometry", DETECTORS)
-@pytest.mark.parametrize("name", WALLS)
-def test_is_the_direct_sum(name, geometry, grid, way):
+@pytest.mark.parametrize(
+    ("name", "geometry", "fft"),
+    [(name, spots, fft) for name in WALLS for spots in DETECTORS for fft in by_fft(name, spots)],
+)
+def test_is_the_direct_sum(name, geometry, grid, fft):
     spots = WALLS[name]
-    if way == "lattice" and (name in ("curved", "tilted") or geometry == "pairs"):
-        pytest.skip("no plane, or a run for each record")
     capture = taken(spots, geometry, 1e-9)
-    result = image(capture, PULSE, grid)
+    result = image(capture, PULSE, grid, fft=fft)
     # Spreading is designed for 3e-4 along each axis, and reading likewise; the table's straight lines for
     # 1.2e-4 and its single-precision paths for 1e-4. "Beyond" holds no point, so its peak is a side lobe.
     assert worst(result.field, exact(capture, result)) < (1e-3 if len(grid.y_m) > 1 else 5e-3)
@@ -147,14 +144,15 @@ def test_each_frequency_is_the_direct_sum(geometry):
         assert np.abs(field - wanted).max() < 3e-5 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("name", ["jittered", "curved"])
+@pytest.mark.parametrize(
+    ("name", "fft"), [(name, fft) for name in ("jittered", "curved") for fft in by_fft(name)]
+)
 @pytest.mark.parametrize(
     "camera", [PhotoCamera(), TransientCamera(np.linspace(2e-9, 5e-9, 5))], ids=lambda c: c.name
 )
-def test_other_cameras_see_what_the_direct_solver_shows(name, camera, way):
-    if way == "lattice" and name == "curved":
-        pytest.skip("no plane")
+def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
     task = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Fades())
+    task = replace(task, fft=fft)
     found, wanted = (np.stack(list(planes(task, solver))) for solver in ("rsd", "direct"))
     assert found.shape == (2, task.frames, 11, 12)
     assert worst(found, wanted) < 1e-3

@@ -44,17 +44,14 @@ SCRIPT = """
 import json, sys
 sys.path.insert(0, "tests/recon")
 from test_memory_bound import PULSE, capture, image, moments, video, voxels
-from recon.solvers.rsd import dispatch
 def status(name):
     with open("/proc/self/status") as status:
         return next(1024 * int(line.split()[1]) for line in status if line.startswith(name))
 side, voxel_side, planes, width_m, shape, bound, *frames = json.loads(sys.argv[1])
 taken, grid = capture(side, 1.5 / side, shape), voxels(voxel_side, planes, width_m)
-choose = dispatch.quicker_on_lattice
-for way in (False, True) if shape == "jittered" else (False,):
-    dispatch.quicker_on_lattice = lambda *_: way
-    image(capture(8, 0.05, shape), PULSE, voxels(4, 2))  # libraries, compiled code, threads are not imaging's
-dispatch.quicker_on_lattice = choose
+for fft in {"grid": (True,), "jittered": (False, True), "curved": (False,)}[shape]:
+    # libraries, compiled code, threads are not imaging's
+    image(capture(8, 0.05, shape), PULSE, voxels(4, 2), fft=fft)
 with open("/proc/self/clear_refs", "w") as peak:
     peak.write("5")  # the peak begins anew
 before = status("VmRSS")

@@ -12,9 +12,8 @@ from matplotlib.image import imread
 from PIL import Image
 
 from recon.capture import C_M_PER_S
-from recon.imaging import SOLVERS
-from recon.solvers.classic.solve import BASELINES
-from rig.commands.recon import Solver
+from recon.registry import CAMERAS, SOLVERS
+from rig.commands.recon import Camera, Solver
 from rig.errors import UsageError
 from rig.files import Volume, read_volume
 from rig.files.volume import volume_by_planes
@@ -194,8 +193,9 @@ def test_a_video_by_planes_appears_whole_or_not_at_all(tmp_path):
         fill(path, film(x_m=np.arange(2.0)), range(2))
 
 
-def test_every_solver_has_its_name_on_the_command_line():
-    assert {solver.value for solver in Solver} == {*SOLVERS, *BASELINES}
+def test_every_solver_and_camera_has_its_name_on_the_command_line():
+    assert [solver.value for solver in Solver] == [*SOLVERS]
+    assert [camera.value for camera in Camera] == [*CAMERAS]
 
 
 def test_memory_bounds_the_image(rig, scan):

@@ -25,12 +25,14 @@ from recon.aperture import TOLERANCE_M, Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError, ParameterError
 from recon.grid import VoxelGrid
-from recon.solvers.problem import Task, part_of
+from recon.sampling import Slab
+from recon.solvers.problem import Need, Task, part_of
 from recon.solvers.rsd import array as rsd_array
+from recon.solvers.rsd import regular as rsd_regular
 from recon.solvers.rsd import tabulated
 from recon.solvers.rsd.direct_f32 import TermwisePropagator
-from recon.solvers.rsd.gridding import NEAREST_WAVELENGTHS, lattice_axis, spread
-from recon.solvers.rsd.lattice import plan_axis
+from recon.solvers.rsd.gridding import NEAREST_WAVELENGTHS, TAP_BYTES, lattice_axis, spread
+from recon.solvers.rsd.lattice import plan_axis, taps_half_width
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.solvers.spectral import Field, by_planes, spectral
 from recon.wave import Band
@@ -52,7 +54,7 @@ class Run:
     records
         Which of them.
     legs
-        PathDelays of the path that the kernel stands for: 1, or 2 for confocal data.
+        Legs of the path that the kernel stands for: 1, or 2 for confocal data.
     detector_m
         (3,) the spot they share, where each record has its own and its leg is not the camera's affair.
     depth_m
@@ -77,13 +79,43 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[Field]:
     runs = planar_runs(task.capture)
     if task.device != "cpu":
         return _on_device(task, emitted, runs[0])
-    if regular(task.capture, runs) or quicker_on_lattice(
-        runs, task.capture.laser_m, task.band, task.grid, task.frames
-    ):
+    if _by_fft(task, task.band, task.grid, runs):
         return _on_lattices(task, emitted, runs)
     if task.frames == 1:
         return tabulated.focus_slab(task, emitted)
     return by_planes(task, TermwisePropagator(task.capture, emitted, task.band, task.grid).focus)
+
+
+def needs(task: Task, part: Slab) -> Need:
+    """Return the memory that a slab takes, by the way that `focus_slab` goes."""
+    capture, many = task.capture, len(part.band)
+    runs = planar_runs(capture)
+    planes = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes])
+    if not _by_fft(task, part.band, planes, runs):
+        if task.frames == 1:
+            return tabulated.needs(task, part)
+        # term by term, from a copy of the spectra
+        return Need(100 * capture.positions, 8 * capture.positions * many, many)
+    legs = runs[0].legs
+    if regular(capture, runs):
+        aperture = recognise(capture.laser_m - [0, 0, runs[0].depth_m])
+        return rsd_regular.needs(task, part, aperture.x, aperture.y, legs)
+    # The lattice over all positions is as large as that of any run.
+    x, y = lattice(capture.laser_m, legs, part.band, planes)
+    need = rsd_regular.needs(task, part, x, y, legs)
+    taps = 2 * taps_half_width(x.pitch_m * legs * part.band.last_rad_per_s / C_M_PER_S / pi)
+    spreading = (TAP_BYTES * taps + 8) * capture.positions
+    spread_bytes = 8 * x.count * y.count + 8 * capture.positions
+    return Need(need.fixed + spreading, need.least + need.together * spread_bytes, need.together)
+
+
+def _by_fft(task: Task, band: Band, grid: VoxelGrid, runs: Sequence[Run]) -> bool:
+    """Return whether a slab is imaged on lattices: as asked, else as is quicker."""
+    if task.fft is not None:
+        return task.fft
+    return regular(task.capture, runs) or quicker_on_lattice(
+        runs, task.capture.laser_m, band, grid, task.frames
+    )
 
 
 def planar_runs(capture: Capture) -> Sequence[Run]:
@@ -180,7 +212,9 @@ def _propagation(
 ) -> Callable[[float, NDArray[np.float64]], Field]:
     """Return what focuses a run on a plane at moments that do not hold the run's own leg."""
     aperture, emitted = _put(task, emitted, run)
-    through = LatticePropagator(aperture, emitted, task.band, _from(run, task.grid), run.legs)
+    through = LatticePropagator(
+        aperture, emitted, task.band, _from(run, task.grid), run.legs, task.wall_bytes
+    )
     return lambda z_m, times_s: through.focus(z_m - run.depth_m, times_s + run.leg_s(task.grid, z_m))
 
 

@@ -18,6 +18,8 @@ from recon.solvers.rsd.lattice import DENSEST, kaiser_sinc, taps_half_width
 
 #: Nearest depth, in wavelengths of the lowest frequency, at which nothing evanescent is left of the wave.
 NEAREST_WAVELENGTHS = 2.0
+#: What computing one weight of a position's spreading takes for a moment, in double precision.
+TAP_BYTES = 64
 
 
 def lattice_axis(

@@ -32,17 +32,16 @@ import numpy as np
 from ducc0.fft import c2c, dct
 from numpy.typing import NDArray
 
-from recon.aperture import Aperture, recognise
+from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
+from recon.sampling import Slab
+from recon.solvers.problem import Need, Task
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan, plan_axis
 from recon.solvers.spectral import Field, Propagator
 from recon.wave import Band
-
-#: Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
-WALL_BYTES = 256 * 2**20
 
 
 class Workspace:
@@ -71,11 +70,19 @@ class LatticePropagator(Propagator):
     grid
         Voxels; all depths that will be asked for.
     legs
-        PathDelays of the path that the kernel stands for: 1, or 2 for confocal data.
+        Legs of the path that the kernel stands for: 1, or 2 for confocal data.
+    wall_bytes
+        As of `Task`.
     """
 
     def __init__(
-        self, aperture: Aperture, emitted: NDArray[np.complex64], band: Band, grid: VoxelGrid, legs: int
+        self,
+        aperture: Aperture,
+        emitted: NDArray[np.complex64],
+        band: Band,
+        grid: VoxelGrid,
+        legs: int,
+        wall_bytes: int = Task.wall_bytes,
     ) -> None:
         self.band = band
         self._emitted = emitted
@@ -84,7 +91,7 @@ class LatticePropagator(Propagator):
         self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
         self._aperture = aperture
-        kept = max(1, WALL_BYTES // (8 * self._y.length * self._x.length))
+        kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
         for index in range(len(self._walls)):
             self._walls[index] = self._transform(index, cpu_count() or 1)
@@ -198,15 +205,20 @@ class LatticePropagator(Propagator):
         return self._threads.work
 
 
-def propagator(
-    capture: Capture,
-    emitted: Field,
-    band: Band,
-    grid: VoxelGrid,
-    kind: type[LatticePropagator] = LatticePropagator,
-) -> LatticePropagator:
-    """Make a propagator for a capture's positions; raises as `aperture`."""
-    return kind(aperture(capture), emitted, band, grid, 2 if capture.confocal else 1)
+def needs(task: Task, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> Need:
+    """Return the memory that imaging a slab from a lattice takes."""
+    grid, many = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes]), len(part.band)
+    wavenumber = legs * part.band.last_rad_per_s / C_M_PER_S
+    along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
+    points = along_y.length * along_x.length
+    quarter = (along_y.half + 1) * (along_x.half + 1)
+    thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
+    thread += 48 * len(grid.y_m) * len(grid.x_m)
+    # One wall field is put on its lattice at a time, in two steps where it is spread.
+    fixed, wall = (cpu_count() or 1) * thread + 16 * points, 8 * points
+    if task.frames == 1:
+        return Need(24 * grid.size + fixed, wall, 1)
+    return Need(fixed, min(many * wall, task.wall_bytes), many)
 
 
 def aperture(capture: Capture) -> Aperture:

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import path_limits_m
-from recon.solvers.problem import Task
+from recon.sampling import Slab, path_limits_m
+from recon.solvers.problem import Need, Task
 from recon.wave import BAND_SIGMAS, Band
 
 #: Nodes of the table for each sigma_t.
@@ -34,6 +34,8 @@ NODES = 32
 TABLE_BYTES = 64 * 2**20
 #: Bytes of a node: value and difference to the next, each complex64.
 NODE_BYTES = 16
+#: Positions whose tables are made at once at the least; fewer would be slow.
+MIN_POSITIONS = 256
 
 F32 = NDArray[np.float32]
 
@@ -90,6 +92,15 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[n
             done = start + (plane + 1) / len(grid.z_m) * (part.stop - start)
             task.progress(done / len(order))
     yield from field[:, None]
+
+
+def needs(task: Task, part: Slab) -> Need:
+    """Return the memory that a slab's tables take."""
+    grid, many = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes]), len(part.band)
+    nodes = node_range(task.capture, part.band, grid, task.camera)[2]
+    # The table's phases, with their double-precision halves, belong to the pass's frequencies.
+    fixed = 24 * grid.size + 40 * nodes * many + 100 * task.capture.positions
+    return Need(fixed, 2 * NODE_BYTES * nodes * MIN_POSITIONS, many)
 
 
 def node_range(capture: Capture, band: Band, grid: VoxelGrid, camera: Camera) -> tuple[float, float, int]:

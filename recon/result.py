@@ -1,0 +1,69 @@
+"""What imaging gives, by whatever solver and camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.camera import Camera
+from recon.grid import VoxelGrid
+from recon.sampling import CONFOCAL, Slab
+from recon.wave import VirtualPulse
+from recon.window import Fades
+
+
+@dataclass(frozen=True)
+class Image:
+    """A volume, or the front view of a volume at many moments, and what it was made from.
+
+    Attributes
+    ----------
+    grid
+        Its voxels.
+    field
+        (z, y, x) complex64 field U of a virtual wave, or float32 amplitude of an earlier method, not
+        negative; both are linear in photon counts. None for a video.
+    solver, fades, camera
+        What was asked.
+    pulse
+        The virtual illumination; None for an earlier method.
+    slabs
+        Which bins and frequencies image which planes; empty where that is not how it was made.
+    times_s, frames
+        (T,) moments since the flash, and (T, y, x) float32 intensity over depth of a video; None for an
+        image.
+    falloff_power
+        Power of 1/depth left in the intensity that `recon.depth.compensate_falloff` should undo for the eye.
+    snr
+        Ratio of signal to noise power of a Wiener filter; None where there is none.
+    notes
+        What a reader has to know, in sentences.
+    """
+
+    grid: VoxelGrid
+    field: NDArray[np.complex64] | NDArray[np.float32] | None
+    solver: str
+    fades: Fades
+    camera: Camera = CONFOCAL
+    pulse: VirtualPulse | None = None
+    slabs: tuple[Slab, ...] = ()
+    times_s: NDArray[np.float64] | None = None
+    frames: NDArray[np.float32] | None = None
+    falloff_power: float = 4.0
+    snr: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def amplitude(self) -> NDArray[np.float32]:
+        """Square root of the intensity, linear in counts."""
+        return np.sqrt(self.intensity) if self.field is None else np.abs(self.field)
+
+    @property
+    def intensity(self) -> NDArray[np.float32]:
+        """(z, y, x) float32 square of the field's magnitude; (T, y, x) of a video."""
+        if self.field is None:
+            assert self.frames is not None
+            return self.frames
+        if np.iscomplexobj(self.field):
+            return self.field.real**2 + self.field.imag**2
+        return np.square(self.field.real)
