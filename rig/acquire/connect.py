@@ -10,9 +10,10 @@ from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.id120 import Id120Spad
+from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
-from drivers.optotune import OptotuneMirror
+from drivers.katana.settings import KatanaSettings
+from drivers.optotune import OptotuneLimits, OptotuneMirror
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
 from rig.model.config import RigConfig
@@ -113,7 +114,7 @@ def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:
         OptotuneMirror(
             wires.galvo,
             clock=wires.clock,
-            max_angle_rad=(config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad),
+            limits=OptotuneLimits((config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)),
         )
     )
     spad = stack.enter_context(
@@ -121,11 +122,13 @@ def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:
             serial=config.spad.serial,
             backend=wires.usb_backend,
             clock=wires.clock,
-            gated=config.spad.gated,
-            gate_delay_s=config.spad.gate_delay_s,
-            gate_width_s=config.spad.gate_width_s,
-            hold_off_s=config.spad.hold_off_s,
-            excess_bias_v=config.spad.excess_bias_v,
+            settings=Id120Settings(
+                gated=config.spad.gated,
+                gate_delay_s=config.spad.gate_delay_s,
+                gate_width_s=config.spad.gate_width_s,
+                hold_off_s=config.spad.hold_off_s,
+                excess_bias_v=config.spad.excess_bias_v,
+            ),
         )
     )
     harp = config.hydraharp
@@ -151,8 +154,9 @@ def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:
         KatanaLaser(
             wires.laser,
             clock=wires.clock,
-            power_setpoint=config.laser.power_setpoint,
-            repetition_hz=config.laser.repetition_hz,
+            settings=KatanaSettings(
+                power_setpoint=config.laser.power_setpoint, repetition_hz=config.laser.repetition_hz
+            ),
         )
     )
     return Devices(galvo=galvo, laser=laser, spad=spad, tcspc=tcspc, clock=wires.clock)
