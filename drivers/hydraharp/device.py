@@ -173,6 +173,11 @@ class HydraHarp:
         return self._identity
 
     @property
+    def bins(self) -> int:
+        """Number of bins of a histogram."""
+        return self._settings.bins
+
+    @property
     def bin_width_s(self) -> float:
         """The bin width that the instrument really uses, read back after opening."""
         return self._bin_width_s
@@ -245,7 +250,7 @@ class HydraHarp:
         """Return what the instrument warns about at the present rates, as plain sentences."""
         library, index = self._library, self._index
         library.get_sync_rate(index)  # warnings are computed from the rates that were read last
-        for channel in range(self.limits.inputs):
+        for channel in range(self.limits.inputs or 0):
             library.get_count_rate(index, channel)
         raised = library.get_warnings(index)
         if self._settings.bins > self._histogram_bins - self.first_bin_s / self.bin_width_s:

@@ -64,7 +64,7 @@ class Steps:
 class HydraHarpLimits:
     """The limits of the instrument.
 
-    The defaults hold without an instrument. One that is open has its own, `HydraHarp.limits`: fewer inputs,
+    The defaults hold without an instrument. One that is open has its own, `HydraHarp.limits`: its inputs,
     and its own base resolution.
 
     Attributes
@@ -72,7 +72,8 @@ class HydraHarpLimits:
     device
         Whose limits these are, for messages.
     inputs
-        Number of photon inputs, beside the sync input.
+        Number of photon inputs, beside the sync input; None where no instrument was asked. The header knows 8
+        (MAXINPCHAN), but how many there are is the library's to say.
     base_ps, binnings
         A bin is ``base_ps`` times a power of two wide, from ``2**0`` to ``2**(binnings - 1)`` (1 ps: manual).
     max_bins
@@ -89,7 +90,7 @@ class HydraHarpLimits:
     """
 
     device: str = "HydraHarp"
-    inputs: int = 8
+    inputs: int | None = None
     base_ps: float = 1.0
     binnings: int = 26
     max_bins: int = MAX_BINS
@@ -179,7 +180,8 @@ class HydraHarpLimits:
     def check_inputs(self, inputs: Sequence[int]) -> None:
         """Raise `LimitError` unless these are different inputs, one at least, that the instrument has."""
         for channel in inputs:
-            self._require_within("input channel", channel, (0, self.inputs - 1))
+            last = max(channel, 0) if self.inputs is None else self.inputs - 1
+            self._require_within("input channel", channel, (0, last))
         if not inputs or len(set(inputs)) < len(inputs):
             raise LimitError(
                 self.device,

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import RigConfig
+from rig.model.config import HydraHarpConfig, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -81,7 +81,7 @@ def _detector(config: RigConfig) -> Finding:
 
     what = f"detector on USB ({ID120[0]:04x}:{ID120[1]:04x})"
     try:
-        device = find_instrument("detector", vendor_product=ID120, serial=config.spad.serial)
+        device = find_instrument("detector", vendor_product=ID120, serial=config.detector.serial)
     except DeviceError as error:
         return Finding(what, "missing", error.answered, error.remedy)
     if (device.idVendor, device.idProduct) != ID120:
@@ -98,8 +98,10 @@ def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
     from drivers.hydraharp.loading import load_library
 
+    if not isinstance(config.tcspc, HydraHarpConfig):
+        return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")
     try:
-        library = load_library(config.hydraharp.library)
+        library = load_library(config.tcspc.library)
     except DeviceError as error:
         return Finding("HydraHarp library", "missing", error.answered, error.remedy)
     return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")

@@ -19,9 +19,8 @@ from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import TimeZero
 from rig.model.config import RigConfig
-from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length
-from rig.model.state import Calibrations, nominal_pointing
+from rig.model.state import RigState
 
 #: Fewest positions: two for each parameter of delay, detector and mirror.
 FEWEST_POSITIONS = 28
@@ -44,16 +43,13 @@ class TimeZeroRoutine:
         """Return the detector free running, and a histogram of the whole period."""
         return free_running(config)
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Record the grid twice, the laser attenuated."""
         paths = [folder / f"time-zero-{number}.h5" for number in (1, 2)]
         for path in paths:
             record_first_bounces(
                 station,
-                config,
-                known,
+                state,
                 path,
                 watch,
                 columns=self.columns,
@@ -62,13 +58,13 @@ class TimeZeroRoutine:
             )
         return paths
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return delay and heads; see `legs_fit.fit_legs`."""
         with ExitStack() as stack:
             scans = [stack.enter_context(ScanFile(path)) for path in files]
             bounces = [first_bounces(scan) for scan in scans]
             drift = _drift(scans, bounces)
-            found = _fitted(scans, bounces, drift, config, known)
+            found = _fitted(scans, bounces, drift, state)
             return TimeZero(
                 **origin(TimeZero, scans),
                 valid_days=30,
@@ -76,7 +72,7 @@ class TimeZeroRoutine:
                 electronics_delay_error_s=found.delay_error_s,
                 laser_head_m=_point(found.legs.laser_head_m),
                 detector_head_m=_point(found.legs.detector_head_m),
-                detector_spot_m=_point(scans[0].detector_m[0]),
+                detector_spot_m=_point(scans[0].detector_m[0, 0]),
                 rectified_error_s=float(np.median(found.rectified_error_s)),
                 rectified_error_worst_s=float(found.rectified_error_s.max()),
                 residual_s=float(np.sqrt((found.residual_s**2).mean())),
@@ -86,7 +82,7 @@ class TimeZeroRoutine:
                 drift_per_minute_error_s=None if drift is None else 60 * drift.error,
                 spots_m=[(round(x_m, 6), round(y_m, 6)) for x_m, y_m in found.spots_m.tolist()],
                 residuals_s=[round(left_s, 16) for left_s in found.residual_s.tolist()],
-                warnings=_warnings(found, drift, known),
+                warnings=_warnings(found, drift, state),
             )
 
     def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
@@ -123,12 +119,10 @@ def _drift(scans: Sequence[ScanFile], bounces: Sequence[FirstBounces]) -> Drift 
         return None
     first, second = bounces
     _, i, j = np.intersect1d(first.index, second.index, return_indices=True)
-    live_s, configuration = float(np.nanmedian(scans[0].live_time_s)), scans[0].configuration
-    each_s = live_s + sum(
-        float(configuration.get(section, {}).get(name, 0.0))
-        for section, name in (("galvo", "settle_time_s"), ("hydraharp", "readout_time_s"))
-    )
-    between_s = scans[0].positions * each_s
+    each_s, config = float(np.nanmedian(scans[0].live_time_s)), scans[0].config
+    if config is not None:
+        each_s += config.galvo.settle_time_s + config.tcspc.readout_time_s
+    between_s = scans[0].steps * each_s
     variance = first.error_s[i] ** 2 + second.error_s[j] ** 2
     later_s = float(np.average(second.arrival_s[j] - first.arrival_s[i], weights=1 / variance))
     middle_s = between_s - each_s / 2
@@ -143,8 +137,7 @@ def _fitted(
     scans: Sequence[ScanFile],
     bounces: Sequence[FirstBounces],
     drift: Drift | None,
-    config: RigConfig,
-    known: Calibrations,
+    state: RigState,
 ) -> LegsFit:
     positions = len(np.unique(np.concatenate([one.mirror_rad for one in bounces]).round(6), axis=0))
     if positions < FEWEST_POSITIONS:
@@ -161,8 +154,8 @@ def _fitted(
         np.concatenate(arrivals_s),
         np.concatenate([one.error_s for one in bounces]),
         np.concatenate([one.mirror_rad for one in bounces]),
-        scans[0].detector_m[0],
-        belief(config, known),
+        scans[0].detector_m[0, 0],
+        belief(state),
     )
     for name, head_m in (("galvo", found.legs.laser_head_m), ("detector", found.legs.detector_head_m)):
         if not (np.isfinite(head_m).all() and head_m[2] > 0):
@@ -173,17 +166,14 @@ def _fitted(
     return found
 
 
-def belief(config: RigConfig, known: Calibrations) -> Belief:
+def belief(state: RigState) -> Belief:
     """Return what configuration and galvo calibration say before arrivals are looked at."""
+    galvo = state.calibrations.galvo
     return Belief(
-        legs=PathDelays(
-            np.array(config.galvo.position_m),
-            np.array(config.spad.position_m),
-            config.timing.electronics_delay_s,
-        ),
-        nominal=nominal_pointing(config),
-        calibrated=known.galvo.pointing() if known.galvo else None,
-        spot_error_m=known.galvo.spot_error_m if known.galvo else None,
+        legs=state.nominal.delays,
+        nominal=state.nominal.pointing,
+        calibrated=galvo.pointing() if galvo else None,
+        spot_error_m=galvo.spot_error_m if galvo else None,
     )
 
 
@@ -192,8 +182,9 @@ def _point(place_m: NDArray[np.float64]) -> tuple[float, float, float]:
     return x_m, y_m, z_m
 
 
-def _warnings(found: LegsFit, drift: Drift | None, known: Calibrations) -> list[str]:
+def _warnings(found: LegsFit, drift: Drift | None, state: RigState) -> list[str]:
     warnings = []
+    known = state.calibrations
     worst_s = show(float(found.rectified_error_s.max()), "s", 2)
     if known.galvo is None:
         moved_m = float(np.sqrt((found.moved_m**2).sum(axis=1).mean()))

@@ -104,7 +104,7 @@ class Exposure(Protocol):
 
     @property
     def photons(self) -> int:
-        """Photons in all bins of all channels."""
+        """Sum of all counts."""
         ...
 
     @property
@@ -128,12 +128,17 @@ class Rates(Protocol):
 
     @property
     def input_hz(self) -> float:
-        """Detections a second, of all channels together."""
+        """Detections a second."""
         ...
 
 
 class Tcspc(Device, Protocol):
     """A time-correlated single-photon counter that makes histograms of start-stop times."""
+
+    @property
+    def bins(self) -> int:
+        """Number of bins of a histogram."""
+        ...
 
     @property
     def bin_width_s(self) -> float:
@@ -159,13 +164,30 @@ class Tcspc(Device, Protocol):
 
 
 class Preparation(Enum):
-    """What calibrations ask of the person at the rig. The value says it in words."""
+    """What is asked of the person at the rig; `words` says it in full."""
 
-    MEASURE = "Take filter, beam stop and cover away, the lamp off: the rig as for a scan"
-    ATTENUATE = "Take beam stop and cover away, and put the filter (optical density 1 or more) into the beam"
-    BLOCK = "Take filter and cover away, and put the beam stop before the laser; its sync pulses go on"
-    COVER = "Put the beam stop before the laser, and cover the detector's lens"
-    LAMP = "Put the beam stop before the laser, uncover the lens, and light the wall with a steady lamp"
+    MEASURE = "measure"
+    ATTENUATE = "attenuate"
+    BLOCK = "block"
+    COVER = "cover"
+    LAMP = "lamp"
+
+    @property
+    def words(self) -> str:
+        """What is to be done, as a sentence."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Preparation.MEASURE: "Take filter, beam stop and cover away, the lamp off: the rig as for a scan",
+    Preparation.ATTENUATE: "Take beam stop and cover away, and put the filter (optical density 1 or more) "
+    "into the beam",
+    Preparation.BLOCK: "Take filter and cover away, and put the beam stop before the laser; its sync pulses "
+    "go on",
+    Preparation.COVER: "Put the beam stop before the laser, and cover the detector's lens",
+    Preparation.LAMP: "Put the beam stop before the laser, uncover the lens, and light the wall with a "
+    "steady lamp",
+}
 
 
 @dataclass(frozen=True)

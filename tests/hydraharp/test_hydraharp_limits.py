@@ -20,7 +20,6 @@ from drivers.hydraharp.settings import HydraHarpSettings
         ({"sync_level_v": 0.0504}, "nearest possible value is 50 mV"),
         ({"sync_zero_cross_v": 0.041}, "sync CFD zero crossing"),
         ({"input_level_v": -0.1}, "input CFD level"),
-        ({"inputs": (8,)}, "input channel"),
         ({"inputs": (0, -1)}, "input channel"),
         ({"inputs": ()}, "one input or more"),
         ({"inputs": (1, 1)}, "inputs 1, 1"),

@@ -16,7 +16,7 @@ PERIOD_S = 100e-9
 
 
 def measured(source, timing, *, exposure_s=1e-3, waits_s=0.0, **options):
-    bench = Bench(source)
+    bench = Bench([source])
     bench.change_light(emitting=True, biased=True)
     simulator = HydraHarpSimulator(bench, timing=timing, **options)
     settings = HydraHarpSettings(bin_width_s=4e-12, bins=25_000)

@@ -29,7 +29,7 @@ class Oscilloscope(SpadInstrument):
 )
 def test_the_detector_is_looked_for_as_a_scan_would(monkeypatch, instruments, verdict, words):
     """Also by the libusb that the extra brings, where the system has none."""
-    bus = UsbBackend([kind(Bench(photons=None)) for kind in instruments])
+    bus = UsbBackend([kind(Bench()) for kind in instruments])
     extra = SimpleNamespace(get_libusb1_backend=lambda: bus)
     monkeypatch.setitem(sys.modules, "libusb_package", extra)
     config = RigConfig.model_validate({"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}})

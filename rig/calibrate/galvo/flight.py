@@ -144,7 +144,7 @@ def fit_flight(
 
 def head_and_delay(numbers: Floats, config: RigConfig) -> tuple[Floats, float]:
     """Return the detector's place (3,) [m] and the delay [s] for the (16,) numbers of `ALL_WIDTHS`."""
-    head_m = rig_turn(numbers).apply(np.add(config.spad.position_m, numbers[12:15]))
+    head_m = rig_turn(numbers).apply(np.add(config.detector.position_m, numbers[12:15]))
     return head_m, config.timing.electronics_delay_s + float(numbers[15])
 
 

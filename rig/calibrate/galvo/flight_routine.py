@@ -20,7 +20,7 @@ from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: Marks are so far outside the corners of the scan, so that the whole scan lies between them.
 OUTSIDE_M = 0.02
@@ -47,20 +47,18 @@ class FlightRoutine:
         """Return a detector that runs free, and a histogram of the whole period."""
         return free_running(config)
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Let a person steer the beam onto marks, then scan."""
         scan_path, marks_path = folder / "galvo-flight.h5", folder / "galvo-marks.json"
         galvo, laser = station.devices.galvo, station.devices.laser
         station.operator.prepare(Preparation.ATTENUATE)
         galvo.point(0.0, 0.0)  # aims before it lights
-        galvo.wait_settled(config.galvo.settle_timeout_s)
+        galvo.wait_settled(state.config.galvo.settle_timeout_s)
         pairs = []
         try:
             laser.arm()
             laser.emit()
-            for mark in wall_marks_m(config):
+            for mark in wall_marks_m(state.config):
                 pairs.append((mark, station.operator.aim_at(galvo, mark)))
                 if watch.should_stop():
                     return []
@@ -69,15 +67,15 @@ class FlightRoutine:
         write_marks(marks_path, pairs, galvo.identity)
         # as configured, not as calibrated before: what is measured must not depend on it
         record_first_bounces(
-            station, config, Calibrations(), scan_path, watch,
+            station, state.nominal, scan_path, watch,
             columns=self.columns, rows=self.rows, exposure_s=self.exposure_s,
         )  # fmt: skip
         return [scan_path, marks_path]
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the mirror's model from a scan and a file of marks."""
         bounces, marks, source = _read(files)
-        flight = fit_flight(bounces.mirror_rad, bounces.arrival_s, bounces.error_s, marks, config)
+        flight = fit_flight(bounces.mirror_rad, bounces.arrival_s, bounces.error_s, marks, state.config)
         return galvo_model(
             "flight",
             flight.mirror,

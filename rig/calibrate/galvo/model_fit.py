@@ -17,7 +17,7 @@ from rig.calibrate.galvo.lens import Floats
 from rig.errors import CalibrationError
 from rig.model.config import RigConfig
 from rig.model.pointing import Pointing
-from rig.model.state import nominal_pointing
+from rig.model.state import RigState
 
 #: Standard deviations, before anything is measured, of: the rig's turn against the wall about the wall's
 #: vertical and horizontal [rad], which moves mirror and detector together; the mirror's place in the rig [m],
@@ -63,7 +63,7 @@ def mirror(numbers: Floats, config: RigConfig) -> Pointing:
     place_m = turn.apply(np.add(config.galvo.position_m, numbers[2:5]))
     rotation = (turn * Rotation.from_rotvec(numbers[5:8])).as_rotvec()
     return replace(
-        nominal_pointing(config),
+        RigState(config).pointing,
         mirror_m=tuple(place_m.tolist()),
         rotation_rad=tuple(rotation.tolist()),
         offset_rad=(float(numbers[8]), float(numbers[9])),

@@ -25,7 +25,7 @@ from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Board, Preparation
-from rig.model.state import Calibrations, nominal_pointing
+from rig.model.state import RigState
 
 #: Spots are measured so far beyond the scan, as far as the mirror goes: so much may it be misaligned.
 BEYOND_M = 0.15
@@ -55,10 +55,9 @@ class CameraRoutine:
         """Return the configuration as it is."""
         return config
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Show boards to the cameras, then the spot for each angle."""
+        config = state.config
         opencv()  # better missed now than after all the work
         if len(station.cameras) != 2:
             raise CalibrationError(
@@ -112,14 +111,14 @@ class CameraRoutine:
         finally:
             laser.stop()
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the mirror's model from the pictures of one file."""
         with WallImages(files[0]) as images:
             cameras = _calibrated(images)
             pixels, covariances = _spots(images)
             located = locate(cameras, pixels, covariances)
             angles = images.mirror_rad[located.kept]
-            mirror = fit_mirror(angles, located.spots_m, located.covariance, config)
+            mirror = fit_mirror(angles, located.spots_m, located.covariance, state.config)
             return galvo_model("cameras", mirror, angles, located.spots_m, origin(GalvoModel, [images]))
 
     def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
@@ -134,7 +133,7 @@ def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[
     scan = config.scan
     half_m = (np.array([scan.columns, scan.rows]) - 1) / 2 * scan.spacing_m + BEYOND_M
     ends_m = np.array([[-half_m[0], 0, 0], [half_m[0], 0, 0], [0, -half_m[1], 0], [0, half_m[1], 0]])
-    ends = nominal_pointing(config).angles_rad(ends_m)
+    ends = RigState(config).pointing.angles_rad(ends_m)
     left, right = np.tan(np.clip(ends[:2, 0], -limits[0], limits[0]))
     low, high = np.tan(np.clip(ends[2:, 1], -limits[1], limits[1]))
     x = np.arctan(np.linspace(float(left), float(right), columns))
