@@ -2,12 +2,12 @@
 
 ``*IDN?``, ``INFO:``, ``BIAS:VOLTAGE``, ``BIAS:ERROR_STATUS?`` and ``REG:`` are the ID120's own (source: a
 published driver; not yet run on the hardware). No public command set of a fast-gated detector was found,
-therefore the gating commands in `GATE_EXTENSION`, ``GATE:MODE`` and ``GATE:RATE?`` are named by us, in the
+therefore the gating commands in `GATE_EXTENSION` and ``GATE:MODE`` are named by us, in the
 ID120's manner.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite
 from types import TracebackType
 from typing import Any, Self
@@ -40,10 +40,43 @@ GATE_EXTENSION = (
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Id120Settings:
+    """Everything that is set on connecting. Which values are possible, only the instrument itself tells.
+
+    Attributes
+    ----------
+    gated
+        True: sensitive only inside the gate, which follows the sync input. False: free running.
+    gate_delay_s, gate_width_s
+        Opening edge after the sync pulse, and how long the gate stays open.
+    hold_off_s
+        Time after a detection during which the detector stays off.
+    excess_bias_v
+        Bias above breakdown.
+    """
+
+    gated: bool = True
+    gate_delay_s: float = 0.0
+    gate_width_s: float = 40e-9
+    hold_off_s: float = 100e-9
+    excess_bias_v: float = 5.0
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the instrument allows for one of its settings, in SI units."""
+
+    low: float
+    high: float
+    step: float
+
+
 class Id120Spad:
     """A gated detector; a context manager that leaves it without bias.
 
-    Connecting leaves it without bias too, and sets the gate. The limits are the instrument's own.
+    Connecting leaves it without bias too, and sets the gate. The limits are the instrument's own, see
+    `range_of`.
 
     Parameters
     ----------
@@ -53,14 +86,8 @@ class Id120Spad:
         A pyusb backend; None takes the system's libusb.
     clock
         The time to wait by.
-    gated
-        True: sensitive only inside the gate, which follows the sync input. False: free running.
-    gate_delay_s, gate_width_s
-        Opening edge after the sync pulse, and how long the gate stays open.
-    hold_off_s
-        Time after a detection during which the detector stays off.
-    excess_bias_v
-        Bias above breakdown.
+    settings
+        What it is set to.
     expected_identity
         Text that the answer to ``*IDN?`` must contain. Unconfirmed what the real one says.
     enable_timeout_s
@@ -80,11 +107,7 @@ class Id120Spad:
         serial: str | None = None,
         backend: Any = None,
         clock: Clock,
-        gated: bool = True,
-        gate_delay_s: float = 0.0,
-        gate_width_s: float = 40e-9,
-        hold_off_s: float = 100e-9,
-        excess_bias_v: float = 5.0,
+        settings: Id120Settings | None = None,
         expected_identity: str = "ID120",
         enable_timeout_s: float = 10.0,
         timeout_s: float = 1.0,
@@ -94,13 +117,8 @@ class Id120Spad:
         self._serial = serial
         self._backend = backend
         self._clock = clock
-        self._mode = "EXT" if gated else "FREE"
-        self._wanted = {
-            "gate_delay_s": gate_delay_s,
-            "gate_width_s": gate_width_s,
-            "hold_off_s": hold_off_s,
-            "excess_bias_v": excess_bias_v,
-        }
+        self._settings = settings or Id120Settings()
+        self._mode = "EXT" if self._settings.gated else "FREE"
         self._expected_identity = expected_identity
         self._enable_timeout_s = enable_timeout_s
         self._timeout_s = timeout_s
@@ -194,9 +212,24 @@ class Id120Spad:
         """
         self._set({"hold_off_s": hold_off_s})
 
-    def gate_rate_hz(self) -> float:
-        """Return how often the gate opens: the rate at the sync input."""
-        return self._number("GATE:RATE?")
+    def range_of(self, setting: str) -> Range:
+        """Return what the instrument allows for one of the settings in `GATE_EXTENSION`.
+
+        Unconfirmed: the form of the answer; lowest, highest and step are taken from it in this order.
+
+        Raises
+        ------
+        LinkError, ProtocolError
+            No answer, or none that makes sense.
+        """
+        quantity = next(one for one in GATE_EXTENSION if one.name == setting)
+        answer = self._ask(quantity.capability)
+        numbers = [float(text) for text in re.findall(r"[-+]?\d+(?:\.\d+)?", answer)]
+        if len(numbers) not in (2, 3) or numbers[0] > numbers[1]:
+            raise self._nonsense(quantity.capability, answer)
+        low, high, step = (*numbers, 1.0)[:3]
+        unit = quantity.units_per_si
+        return Range(low / unit, high / unit, step / unit)
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return product, gate, hold-off, bias, temperature and state as read back."""
@@ -227,7 +260,8 @@ class Id120Spad:
 
     def _configure(self) -> None:
         """Set the gate as wanted, and verify it."""
-        self._set(self._wanted)
+        wanted = asdict(self._settings)
+        self._set({quantity.name: wanted[quantity.name] for quantity in GATE_EXTENSION})
         self._tell(f"GATE:MODE {self._mode}")
         mode = self._ask("GATE:MODE?")
         if mode != self._mode:
@@ -236,33 +270,26 @@ class Id120Spad:
     def _set(self, wanted: dict[str, float]) -> None:
         """Check all values against the instrument's limits, then set and verify each."""
         quantities = [quantity for quantity in GATE_EXTENSION if quantity.name in wanted]
-        steps = [self._check_limits(quantity, wanted[quantity.name]) for quantity in quantities]
-        for quantity, step in zip(quantities, steps, strict=True):
+        ranges = [self._require_within_range(quantity, wanted[quantity.name]) for quantity in quantities]
+        for quantity, allowed in zip(quantities, ranges, strict=True):
             value = round(wanted[quantity.name] * quantity.units_per_si)
             self._tell(f"{quantity.command} {value}")
             kept = self._number(f"{quantity.command}?")
-            if abs(kept - value) > step:
+            if abs(kept - value) > allowed.step * quantity.units_per_si:
                 raise self._refused(f"set {quantity.command} {value}", f"it kept {kept:g}")
 
-    def _check_limits(self, quantity: Quantity, wanted: float) -> float:
-        """Return the instrument's step, after refusing what is outside its range.
-
-        Unconfirmed: the form of the answer; lowest, highest and step are taken from it in this order.
-        """
-        answer = self._ask(quantity.capability)
-        numbers = [float(text) for text in re.findall(r"[-+]?\d+(?:\.\d+)?", answer)]
-        if len(numbers) not in (2, 3) or numbers[0] > numbers[1]:
-            raise self._nonsense(quantity.capability, answer)
-        low, high = (number / quantity.units_per_si for number in numbers[:2])
+    def _require_within_range(self, quantity: Quantity, wanted: float) -> Range:
+        """Return the instrument's range, after refusing what is outside of it."""
+        allowed = self.range_of(quantity.name)
         slack = 0.5 / quantity.units_per_si  # what rounding to the wire's unit may add
-        if not isfinite(wanted) or not low - slack <= wanted <= high + slack:
+        if not isfinite(wanted) or not allowed.low - slack <= wanted <= allowed.high + slack:
             raise LimitError(
                 self.name,
                 f"set {quantity.name} = {wanted:g}",
-                f"its range is {low:g} to {high:g}",
+                f"its range is {allowed.low:g} to {allowed.high:g}",
                 "It was not sent. Correct the configuration.",
             )
-        return numbers[2] if len(numbers) == 3 else 1.0
+        return allowed
 
     def _tell(self, command: str) -> None:
         self._connected().write(command.encode("ascii") + b"\n")

@@ -6,6 +6,10 @@ from collections.abc import Callable, Iterable
 def leave(steps: Iterable[Callable[[], None]], during: BaseException | None) -> None:
     """Run all ``steps`` in order, also when one fails.
 
+    `contextlib.ExitStack` runs all its callbacks too, but the last failure takes the place of the exception
+    that was on its way. Here that exception goes on, the same object, and what failed while leaving is told
+    on it as notes: "treat the laser as emitting" must not be lost, nor hide what went wrong first.
+
     Parameters
     ----------
     steps

@@ -5,6 +5,7 @@ drivers; not yet run on the hardware.
 """
 
 import re
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from math import hypot, isfinite, pi, radians, tan
 from types import TracebackType
@@ -62,6 +63,54 @@ _CANNOT_HOLD, _NOT_STABLE = int(FAULTS | MirrorStatus.TRIMMED), int(MirrorStatus
 _STATUS = re.compile(r"(0[xX])?[0-9a-fA-F]{1,8}")
 
 
+@dataclass(frozen=True)
+class OptotuneLimits:
+    """Where the beam may be steered to; can be asked without a mirror.
+
+    Attributes
+    ----------
+    max_angle_rad
+        Largest optical deflection to either side, for x and y.
+    device
+        Whose limits these are, for messages.
+    """
+
+    max_angle_rad: tuple[float, float] = (0.36, 0.28)
+    device: str = "steering mirror"
+
+    def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
+        """Raise `LimitError` unless the beam may be steered to these optical angles."""
+        self.units(angle_x_rad, angle_y_rad)
+
+    def units(self, angle_x_rad: float, angle_y_rad: float) -> tuple[float, float]:
+        """Return optical angles in the board's units: X and Y within the unit circle.
+
+        Raises
+        ------
+        LimitError
+            If they are outside the largest deflections, or outside the unit circle.
+        """
+        angles = (angle_x_rad, angle_y_rad)
+        for axis, angle, limit in zip("xy", angles, self.max_angle_rad, strict=True):
+            if not isfinite(angle) or abs(angle) > min(limit, pi / 2):
+                raise LimitError(
+                    self.device,
+                    f"point {axis} to {angle:.4f} rad",
+                    f"the limit is {limit:.4f} rad to either side",
+                    "Nothing was sent. Choose a smaller grid, or change the limit.",
+                )
+        # Adding zero turns -0.0 into 0.0, so that the wire never carries "-0.000000000".
+        x, y = (round(tan(angle) / TAN_PER_UNIT, 9) + 0.0 for angle in angles)
+        if hypot(x, y) > 1.0:
+            raise LimitError(
+                self.device,
+                f"point to ({angle_x_rad:.4f}, {angle_y_rad:.4f}) rad",
+                f"that is {hypot(x, y):.3f} of the mirror's range",
+                "Nothing was sent. Choose a smaller grid.",
+            )
+        return x, y
+
+
 class OptotuneMirror:
     """A two-axis mirror; a context manager that leaves the mirror at rest.
 
@@ -71,8 +120,8 @@ class OptotuneMirror:
         Serial address, e.g. ``/dev/ttyACM0`` (USB 0483:A31E).
     clock
         The time to wait by.
-    max_angle_rad
-        Largest optical deflection to either side, for x and y. A position outside is refused unsent.
+    limits
+        A position outside is refused unsent.
     expected_identity
         Text that the board's identification must contain, to tell two boards apart; None takes any.
     timeout_s
@@ -82,6 +131,8 @@ class OptotuneMirror:
 
     Attributes
     ----------
+    limits
+        As given.
     identity
         What the board answered to GETID.
     """
@@ -91,7 +142,7 @@ class OptotuneMirror:
         address: str,
         *,
         clock: Clock,
-        max_angle_rad: tuple[float, float] = (0.36, 0.28),
+        limits: OptotuneLimits | None = None,
         expected_identity: str | None = None,
         timeout_s: float = 0.5,
         poll_interval_s: float = 1e-3,
@@ -101,7 +152,7 @@ class OptotuneMirror:
             address, device="steering mirror", baudrate=256000, terminator=b"\r\n", timeout_s=timeout_s
         )
         self._clock = clock
-        self._max_angle_rad = max_angle_rad
+        self.limits = replace(limits or OptotuneLimits(), device=self._line.name)
         self._expected_identity = expected_identity
         self._poll_interval_s = poll_interval_s
         self._target_rad = (0.0, 0.0)
@@ -142,7 +193,7 @@ class OptotuneMirror:
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """
-        x, y = self._to_units(angle_x_rad, angle_y_rad)
+        x, y = self.limits.units(angle_x_rad, angle_y_rad)
         # Nine decimals are about 1 nrad, and 31 bytes of the 64 that the board takes.
         answer = self._line.ask(f"XY={x:.9f};{y:.9f}")
         if answer != "OK":
@@ -192,8 +243,8 @@ class OptotuneMirror:
             "identity": self.identity,
             "angle_x_rad": self._target_rad[0],
             "angle_y_rad": self._target_rad[1],
-            "max_angle_x_rad": self._max_angle_rad[0],
-            "max_angle_y_rad": self._max_angle_rad[1],
+            "max_angle_x_rad": self.limits.max_angle_rad[0],
+            "max_angle_y_rad": self.limits.max_angle_rad[1],
             "status": int(self.status()),
         }
 
@@ -202,27 +253,6 @@ class OptotuneMirror:
         if not _STATUS.fullmatch(answer):
             self._not_ok("tell its STATUS", answer)
         return int(answer, 16)
-
-    def _to_units(self, angle_x_rad: float, angle_y_rad: float) -> tuple[float, float]:
-        angles, limits = (angle_x_rad, angle_y_rad), self._max_angle_rad
-        for axis, angle, limit in zip("xy", angles, limits, strict=True):
-            if not isfinite(angle) or abs(angle) > min(limit, pi / 2):
-                raise LimitError(
-                    self._line.name,
-                    f"point {axis} to {angle:.4f} rad",
-                    f"the limit is {limit:.4f} rad to either side",
-                    "Nothing was sent. Choose a smaller grid, or change the limit.",
-                )
-        # Adding zero turns -0.0 into 0.0, so that the wire never carries "-0.000000000".
-        x, y = (round(tan(angle) / TAN_PER_UNIT, 9) + 0.0 for angle in angles)
-        if hypot(x, y) > 1.0:
-            raise LimitError(
-                self._line.name,
-                f"point to ({angle_x_rad:.4f}, {angle_y_rad:.4f}) rad",
-                f"that is {hypot(x, y):.3f} of the mirror's range",
-                "Nothing was sent. Choose a smaller grid.",
-            )
-        return x, y
 
     def _shake_hands(self) -> None:
         try:

@@ -4,7 +4,7 @@ Not implemented: T2, T3 and continuous mode, markers, external start and stop (C
 full bin; `HHLib` has their functions.
 """
 
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import TracebackType
@@ -20,6 +20,7 @@ from drivers.hydraharp.errors import ErrorCode, HydraHarpError
 from drivers.hydraharp.library import HHLib, histogram_buffers
 from drivers.hydraharp.limits import LIMITS, SAME, HydraHarpLimits
 from drivers.hydraharp.settings import HydraHarpSettings
+from drivers.leaving import leave
 
 #: How often the end of a measurement is asked for, and how late it may come [s]; in addition, the part of
 #: the exposure by which the clocks of instrument and computer may differ.
@@ -149,8 +150,8 @@ class HydraHarp:
             model, part, version = self._library.get_hardware_info(index)
             self._set_up(index)
             self._clock.sleep(hh.RATE_WAIT_S)
-        except BaseException:
-            self._close(index, quietly=True)
+        except BaseException as problem:
+            self._close(index, problem)
             raise
         self._identity = (
             f"PicoQuant {model}, part {part}, version {version}, serial {serial}, HHLib {hh.LIBRARY_VERSION}"
@@ -159,12 +160,12 @@ class HydraHarp:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Stop a measurement that still runs, and close."""
         index, self._open_index = self._open_index, None
         if index is not None:
-            self._close(index, quietly=error is not None)
+            self._close(index, problem)
 
     @property
     def identity(self) -> str:
@@ -317,12 +318,14 @@ class HydraHarp:
             )
         return tuple(text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit)
 
-    def _close(self, index: int, *, quietly: bool) -> None:
-        """Stop and close; quietly after an error, which must not be hidden by another."""
-        with suppress(HydraHarpError):
-            self._library.stop_meas(index)
-        with suppress(HydraHarpError) if quietly else nullcontext():
-            self._library.close_device(index)
+    def _close(self, index: int, problem: BaseException | None) -> None:
+        """Stop and close, whether or not something runs, and whatever ``problem`` is on its way."""
+
+        def stop() -> None:
+            with suppress(HydraHarpError):  # there may be nothing to stop
+                self._library.stop_meas(index)
+
+        leave([stop, lambda: self._library.close_device(index)], problem)
 
 
 def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:

@@ -9,16 +9,10 @@ from types import TracebackType
 from typing import Self
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import (
-    DeviceError,
-    DeviceNotFoundError,
-    LimitError,
-    LinkError,
-    ProtocolError,
-    RefusedError,
-)
+from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
 from drivers.katana.dialects import DIALECTS, Dialect
 from drivers.katana.line import KatanaLine
+from drivers.katana.settings import KatanaSettings
 from drivers.leaving import leave
 
 BEWARE = "Treat the laser as EMITTING: turn its key off by hand."
@@ -36,28 +30,17 @@ class KatanaLaser:
         Serial address, e.g. ``/dev/ttyUSB0``.
     clock
         The time to wait by.
-    power_setpoint
-        Power in the laser's own scale, 0 to 10.
-    repetition_hz
-        Pulses a second.
-    trigger
-        ``"internal"`` or ``"external"``.
+    settings
+        What it is set to when it is armed.
     emission_timeout_s
         Longest wait for the laser to confirm that it emits; its warning lamp must go first.
     timeout_s
         Longest wait for one answer.
-    dialects
-        Models to look for, in this order.
 
     Attributes
     ----------
     identity
         The model, as told from its dialect: the laser has no command that identifies it.
-
-    Raises
-    ------
-    LimitError
-        No model takes this power, repetition rate and trigger; nothing was sent.
     """
 
     def __init__(
@@ -65,27 +48,18 @@ class KatanaLaser:
         address: str,
         *,
         clock: Clock,
-        power_setpoint: float,
-        repetition_hz: float,
-        trigger: str = "internal",
+        settings: KatanaSettings,
         emission_timeout_s: float = 10.0,
         timeout_s: float = 0.5,
-        dialects: tuple[Dialect, ...] = DIALECTS,
     ) -> None:
         self._line = KatanaLine(address, clock=clock, timeout_s=timeout_s)
         self._clock = clock
-        self._power = power_setpoint
-        self._repetition_hz = repetition_hz
-        self._trigger = trigger
+        self._settings = settings
         self._emission_timeout_s = emission_timeout_s
-        self._dialects = dialects
         self._found: Dialect | None = None
         self.identity = ""
         self._armed = False
         self._lit = False
-        objections = [self._objection(dialect) for dialect in dialects]
-        if all(objections):
-            raise self._outside(objections[0])
 
     def __enter__(self) -> Self:
         self._line.open()
@@ -121,9 +95,8 @@ class KatanaLaser:
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """
-        names = self._dialect
-        if objection := self._objection(names):
-            raise self._outside(objection)
+        names, wanted = self._dialect, self._settings
+        wanted.check([names], self._line.name)
         self._armed = False
         if self.emitting():
             self.stop()
@@ -132,13 +105,13 @@ class KatanaLaser:
             )
         if names.remote:
             self._line.set(names.remote, "1", expected=1, within=0)
-        source = names.triggers[self._trigger]
+        source = names.triggers[wanted.trigger]
         self._line.set(names.trigger, str(source), expected=source, within=0)
         # The laser may round: the rate to what its divider can do, the power to its two decimals.
-        rate = self._repetition_hz
+        rate = wanted.repetition_hz
         self._line.set(names.repetition, f"{rate:.0f}", expected=rate, within=rate * 1e-3)
-        power = names.power_format.format(self._power)
-        self._line.set(names.power, power, expected=self._power, within=0.0051)
+        power = names.power_format.format(wanted.power_setpoint)
+        self._line.set(names.power, power, expected=wanted.power_setpoint, within=0.0051)
         self._armed = True
 
     def emit(self) -> None:
@@ -240,7 +213,7 @@ class KatanaLaser:
     def _probe(self) -> bool:
         """Find the dialect by asking for emission, which changes nothing; return the emission."""
         heard = []
-        for dialect in self._dialects:
+        for dialect in DIALECTS:
             try:
                 emitting = self._line.emission(dialect)
             except (LinkError, ProtocolError, RefusedError) as problem:
@@ -258,28 +231,6 @@ class KatanaLaser:
 
     def _says_emitting(self) -> bool:
         return self._line.emission(self._dialect)
-
-    def _objection(self, dialect: Dialect) -> str:
-        """Return why a model does not take what is asked for; empty if it does."""
-        low, high = dialect.power_range
-        if not low <= self._power <= high:
-            return f"the power set point {self._power:g} is not within {low:g} to {high:g}"
-        slowest, fastest = dialect.repetition_range_hz or (1.0, float("inf"))
-        if not slowest <= self._repetition_hz <= fastest or self._repetition_hz == float("inf"):
-            return (
-                f"the repetition rate {self._repetition_hz:g} Hz is not within {slowest:g} to {fastest:g} Hz"
-            )
-        if self._trigger not in dialect.triggers:
-            return f"the trigger {self._trigger!r} is none of {', '.join(dialect.triggers)}"
-        return ""
-
-    def _outside(self, objection: str) -> LimitError:
-        return LimitError(
-            self._line.name,
-            f"run at power {self._power:g}, {self._repetition_hz:g} Hz, {self._trigger} trigger",
-            objection,
-            "Nothing was sent. Correct the configuration.",
-        )
 
     def _end(self) -> None:
         """Make the laser dark; only one that is dark gets its power control back to the front panel.

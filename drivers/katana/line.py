@@ -12,7 +12,7 @@ from drivers.lines.serial import SerialLine
 COMPLAINT_S = 0.05
 
 #: An answer may follow other lines; after so many without it, it is not going to come.
-MOST_LINES = 8
+MAX_LINES = 8
 
 #: Error number that means: the key switch is off.
 KEY_SWITCH_OFF = 100
@@ -86,7 +86,7 @@ class KatanaLine:
         """Ask ``name?`` and return what ``parse`` finds in the answer, past any other lines."""
         asked, heard = f"answer '{name}?'", ""
         self._line.tell(f"{name}?")
-        for _ in range(MOST_LINES):
+        for _ in range(MAX_LINES):
             line = self._line.receive(asked).decode("ascii", "backslashreplace")
             value = parse(line)
             if value is not None:

@@ -10,10 +10,10 @@ from serial.serialutil import Timeout
 from drivers.errors import DeviceNotFoundError, LinkError
 
 #: No answer of the devices here is longer; more bytes without a terminator are garbage.
-LONGEST_LINE = 4096
+MAX_LINE_BYTES = 4096
 
 #: After something went wrong, at most this many pieces of garbage are thrown away before giving up.
-MOST_GARBAGE = 16
+MAX_GARBAGE = 16
 
 
 class SerialLine:
@@ -108,7 +108,7 @@ class SerialLine:
         """
         late = Timeout(self._timeout_s)  # so that a device that trickles bytes cannot hold us for ever
         with self._mapped(asked) as port:
-            while self._terminator not in self._unread and len(self._unread) < LONGEST_LINE:
+            while self._terminator not in self._unread and len(self._unread) < MAX_LINE_BYTES:
                 piece = port.read(port.in_waiting or 1)
                 self._unread += piece
                 if not piece or late.expired():
@@ -155,8 +155,8 @@ class SerialLine:
 
     def _drain(self, port: serial.SerialBase) -> None:
         """Read until nothing comes for one timeout."""
-        for _ in range(MOST_GARBAGE):
-            if not port.read(LONGEST_LINE):
+        for _ in range(MAX_GARBAGE):
+            if not port.read(MAX_LINE_BYTES):
                 self._in_step = True
                 return
         raise LinkError(

@@ -4,8 +4,10 @@ Source: USBTMC specification 1.0 and its USB488 subclass 1.0.
 """
 
 import errno
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from math import ceil
 
 import usb.core
@@ -13,15 +15,6 @@ import usb.util
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, LinkError, ProtocolError
-from drivers.lines.usbtmc_frames import (
-    HEADER_SIZE,
-    FrameError,
-    announced_size,
-    message_out,
-    next_tag,
-    parse_answer,
-    request_in,
-)
 
 APPLICATION_CLASS = 0xFE
 TMC_SUBCLASS = 0x03
@@ -40,12 +33,92 @@ STATUS_PENDING = 2
 TO_INTERFACE = 0xA1
 TO_ENDPOINT = 0xA2
 
+# Frames: 12-byte headers, tags, and padding to four bytes.
+HEADER_SIZE = 12
+
+DEV_DEP_MSG_OUT = 1
+DEV_DEP_MSG_IN = 2
+
+END_OF_MESSAGE = 0x01
+
+_HEADER = struct.Struct("<BBBxIB3x")
+
 #: Asked for in one request; a longer answer comes in several frames.
-MOST_BYTES = 4096
+MAX_BYTES = 4096
 
 #: How often a pending clear or abort is asked about, and how long between.
-MOST_CHECKS = 50
+MAX_CHECKS = 50
 CHECK_EVERY_S = 0.01
+
+
+class FrameError(ValueError):
+    """Raised when bytes are not the frame they should be; the text says what is wrong."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One bulk-in frame: its payload, and whether the message ends with it."""
+
+    payload: bytes
+    end_of_message: bool
+
+
+def next_tag(tag: int) -> int:
+    """Return the tag after ``tag``: 1 to 255, then 1 again."""
+    return tag % 255 + 1
+
+
+def message_out(tag: int, payload: bytes, *, end_of_message: bool = True) -> bytes:
+    """Frame ``payload`` for the bulk-out endpoint."""
+    attributes = END_OF_MESSAGE if end_of_message else 0
+    header = _HEADER.pack(DEV_DEP_MSG_OUT, tag, ~tag & 0xFF, len(payload), attributes)
+    return header + payload + bytes(-len(payload) % 4)
+
+
+def request_in(tag: int, most: int) -> bytes:
+    """Frame the request for at most ``most`` bytes of answer."""
+    return _HEADER.pack(DEV_DEP_MSG_IN, tag, ~tag & 0xFF, most, 0)
+
+
+def announced_size(frame: bytes) -> int:
+    """Return the payload size that the header of a bulk-in frame announces.
+
+    Raises
+    ------
+    FrameError
+        The bytes are too few for a header.
+    """
+    if len(frame) < HEADER_SIZE:
+        raise FrameError(f"{len(frame)} bytes are too few for a header")
+    return int(_HEADER.unpack_from(frame)[3])
+
+
+def parse_answer(frame: bytes, tag: int) -> Answer:
+    """Take a whole bulk-in frame apart.
+
+    Parameters
+    ----------
+    frame
+        Header, payload and any padding.
+    tag
+        Tag of the request that it answers.
+
+    Raises
+    ------
+    FrameError
+        It is cut short, or it answers another request.
+    """
+    size = announced_size(frame)
+    kind, came, inverted, _, attributes = _HEADER.unpack_from(frame)
+    if kind != DEV_DEP_MSG_IN:
+        raise FrameError(f"message type {kind} came instead of {DEV_DEP_MSG_IN}")
+    if inverted != ~came & 0xFF:
+        raise FrameError(f"tag {came} came with {inverted} for its inverse")
+    if came != tag:
+        raise FrameError(f"it answers request {came} instead of {tag}")
+    if len(frame) < HEADER_SIZE + size:
+        raise FrameError(f"it announces {size} bytes and has {len(frame) - HEADER_SIZE}")
+    return Answer(frame[HEADER_SIZE : HEADER_SIZE + size], bool(attributes & END_OF_MESSAGE))
 
 
 def tmc_interface(device: usb.core.Device) -> usb.core.Interface | None:
@@ -150,7 +223,7 @@ class UsbTmc:
         with self._mapped(asked, abort=self._abort_in):
             while True:
                 self._tag = next_tag(self._tag)
-                self._device.write(self._out, request_in(self._tag, MOST_BYTES), self._timeout_ms)
+                self._device.write(self._out, request_in(self._tag, MAX_BYTES), self._timeout_ms)
                 try:
                     answer = parse_answer(self._read_frame(), self._tag)
                     if not answer.payload and not answer.end_of_message:
@@ -175,7 +248,7 @@ class UsbTmc:
             status = self._control(TO_INTERFACE, INITIATE_CLEAR, 0, self._interface, 1)
             if status[0] != STATUS_SUCCESS:
                 raise self._nonsense(asked, f"status 0x{status[0]:02X} came")
-            for _ in range(MOST_CHECKS):
+            for _ in range(MAX_CHECKS):
                 status = self._control(TO_INTERFACE, CHECK_CLEAR_STATUS, 0, self._interface, 2)
                 if status[0] != STATUS_PENDING:
                     break
@@ -210,7 +283,7 @@ class UsbTmc:
     def _read_frame(self) -> bytes:
         """Read transfers until the frame is as long as its header says."""
         # A whole number of packets, so that no packet can overflow the buffer.
-        most = ceil((HEADER_SIZE + MOST_BYTES + 3) / self._packet) * self._packet
+        most = ceil((HEADER_SIZE + MAX_BYTES + 3) / self._packet) * self._packet
         frame = bytes(self._device.read(self._in, most, self._timeout_ms))
         while len(frame) < HEADER_SIZE + announced_size(frame):
             piece = bytes(self._device.read(self._in, most, self._timeout_ms))
@@ -228,7 +301,7 @@ class UsbTmc:
     def _abort_out(self) -> None:
         if self._control(TO_ENDPOINT, INITIATE_ABORT_BULK_OUT, self._tag, self._out, 2)[0] != STATUS_SUCCESS:
             return
-        for _ in range(MOST_CHECKS):
+        for _ in range(MAX_CHECKS):
             status = self._control(TO_ENDPOINT, CHECK_ABORT_BULK_OUT_STATUS, 0, self._out, 8)[0]
             if status != STATUS_PENDING:
                 break
@@ -239,7 +312,7 @@ class UsbTmc:
         if self._control(TO_ENDPOINT, INITIATE_ABORT_BULK_IN, self._tag, self._in, 2)[0] != STATUS_SUCCESS:
             return
         self._empty_in()
-        for _ in range(MOST_CHECKS):
+        for _ in range(MAX_CHECKS):
             status = self._control(TO_ENDPOINT, CHECK_ABORT_BULK_IN_STATUS, 0, self._in, 8)
             if status[0] != STATUS_PENDING:
                 break

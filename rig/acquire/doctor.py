@@ -10,7 +10,7 @@ from typing import Literal
 
 from rig.model.config import HydraHarpConfig, RigConfig
 
-#: Where to read what a check says.
+#: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
 
 _PACKAGES = ("numpy", "scipy", "h5py", "matplotlib", "numba", "ducc0", "pyserial", "pyusb")
@@ -30,7 +30,7 @@ def examine(config: RigConfig, folder: Path) -> list[Finding]:
     """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
     findings = [*_software(), _disk(folder)]
     if not config.simulated:
-        findings += [*_ports(config), _detector(), _timing_library(config)]
+        findings += [*_ports(config), _detector(config), _timing_library(config)]
     return findings
 
 
@@ -74,18 +74,23 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
             )
 
 
-def _detector() -> Finding:
-    import usb.core
-
+def _detector(config: RigConfig) -> Finding:
+    from drivers.errors import DeviceError
     from drivers.id120 import ID120
+    from drivers.lines.usb_finder import find_instrument
 
     what = f"detector on USB ({ID120[0]:04x}:{ID120[1]:04x})"
     try:
-        device = usb.core.find(idVendor=ID120[0], idProduct=ID120[1])
-    except usb.core.NoBackendError:
-        return Finding(what, "missing", "libusb is not installed", "Install it: pip install 'nlos-rig[usb]'")
-    if device is None:
-        return Finding(what, "missing", "not connected", "Plug it in and switch it on")
+        device = find_instrument("detector", vendor_product=ID120, serial=config.detector.serial)
+    except DeviceError as error:
+        return Finding(what, "missing", error.answered, error.remedy)
+    if (device.idVendor, device.idProduct) != ID120:
+        return Finding(
+            what,
+            "warning",
+            f"another instrument is there, {device.idVendor:04x}:{device.idProduct:04x}",
+            "Plug the detector in, unless this is it; it is asked for its name when a scan opens it",
+        )
     return Finding(what, "ok", f"bus {device.bus}, address {device.address}")
 
 

@@ -13,9 +13,10 @@ from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
 from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.id120 import Id120Spad
+from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
-from drivers.optotune import OptotuneMirror
+from drivers.katana.settings import KatanaSettings
+from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.acquire.playback import Playback
 from rig.files.scan import ScanFile
 from rig.model.config import (
@@ -95,8 +96,8 @@ class TimingKind:
 
 def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManager[Galvo]:
     """Return the steering mirror, to be entered."""
-    limits_rad = (config.max_angle_x_rad, config.max_angle_y_rad)
-    return OptotuneMirror(wires.galvo, clock=wires.clock, max_angle_rad=limits_rad)
+    limits = OptotuneLimits((config.max_angle_x_rad, config.max_angle_y_rad))
+    return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits)
 
 
 def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[GatedSpad]:
@@ -105,22 +106,20 @@ def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[Gate
         serial=config.serial,
         backend=wires.usb_backend,
         clock=wires.clock,
-        gated=config.gated,
-        gate_delay_s=config.gate_delay_s,
-        gate_width_s=config.gate_width_s,
-        hold_off_s=config.hold_off_s,
-        excess_bias_v=config.excess_bias_v,
+        settings=Id120Settings(
+            gated=config.gated,
+            gate_delay_s=config.gate_delay_s,
+            gate_width_s=config.gate_width_s,
+            hold_off_s=config.hold_off_s,
+            excess_bias_v=config.excess_bias_v,
+        ),
     )
 
 
 def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[Laser]:
     """Return the laser, to be entered."""
-    return KatanaLaser(
-        wires.laser,
-        clock=wires.clock,
-        power_setpoint=config.power_setpoint,
-        repetition_hz=config.repetition_hz,
-    )
+    settings = KatanaSettings(power_setpoint=config.power_setpoint, repetition_hz=config.repetition_hz)
+    return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:

@@ -187,6 +187,8 @@ def test_stopped_after_an_error_which_stays_the_one_raised(code):
     with pytest.raises(HydraHarpError, match="HH_CTCStatus") as caught:
         play([*OPEN, *lines, *closing], lambda harp: harp.measure(10e-3))
     assert caught.value.code == code
+    (note,) = caught.value.__notes__
+    assert "CLOSE_FAIL" in note
 
 
 def test_stopped_when_interrupted():

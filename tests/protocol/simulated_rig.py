@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 
-from drivers.id120 import Id120Spad
+from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
+from drivers.katana.settings import KatanaSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
@@ -29,6 +31,11 @@ class WatchedBench(Bench):
         return any(change.get("emitting") for change in self.changes)
 
 
+def settings_in(options: dict, kind: type) -> dict:
+    """Take those options out that are settings of this kind."""
+    return {field.name: options.pop(field.name) for field in fields(kind) if field.name in options}
+
+
 class Rig:
     def __init__(self) -> None:
         self.bench = WatchedBench()
@@ -43,11 +50,14 @@ class Rig:
         return OptotuneMirror(self.galvo_address, clock=self.bench.clock, **options)
 
     def laser(self, **options) -> KatanaLaser:
-        asked = {"power_setpoint": 7.5, "repetition_hz": 10e6, **options}
-        return KatanaLaser(self.laser_address, clock=self.bench.clock, **asked)
+        asked = {"power_setpoint": 7.5, "repetition_hz": 10e6, **settings_in(options, KatanaSettings)}
+        return KatanaLaser(
+            self.laser_address, clock=self.bench.clock, settings=KatanaSettings(**asked), **options
+        )
 
     def spad(self, **options) -> Id120Spad:
-        return Id120Spad(backend=self.usb, clock=self.bench.clock, **options)
+        settings = Id120Settings(**settings_in(options, Id120Settings))
+        return Id120Spad(backend=self.usb, clock=self.bench.clock, settings=settings, **options)
 
     def unplug_all(self) -> None:
         protocol_sim.detach(self.galvo_address)

@@ -4,6 +4,7 @@ import pytest
 
 from drivers.errors import LinkError, RefusedError
 from drivers.katana.laser import KatanaLaser
+from drivers.katana.settings import KatanaSettings
 from drivers.lines.serial import SerialLine
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
@@ -75,7 +76,9 @@ def test_a_laser_that_echoes_what_it_is_told_cannot_confirm_by_its_echo(plug, de
     bench = Bench()
     address = plug(Slow(Echoing(bench), bench.clock, delay_s), bench.clock)
     with (
-        KatanaLaser(address, clock=bench.clock, power_setpoint=7.5, repetition_hz=10e6) as laser,
+        KatanaLaser(
+            address, clock=bench.clock, settings=KatanaSettings(power_setpoint=7.5, repetition_hz=10e6)
+        ) as laser,
         pytest.raises(RefusedError, match=r"set lp=7\.50, but it kept lp=0"),
     ):
         laser.arm()

@@ -91,23 +91,25 @@ def test_a_bias_error_is_refused_and_the_bias_removed(rig):
         assert spad.settings()["running"] is False
 
 
-def test_the_gate_follows_the_laser(rig):
-    with rig.laser() as laser, rig.spad() as spad:
-        spad.enable()
-        assert spad.gate_rate_hz() == 0.0
-        laser.arm()
-        laser.emit()
-        assert spad.gate_rate_hz() == 10e6
+def test_the_instrument_says_what_it_can_be_set_to(rig):
+    """In SI units; a limit itself is taken, one step further is refused."""
+    with rig.spad() as spad:
+        hold_off = spad.range_of("hold_off_s")
+        assert (hold_off.low, hold_off.high, hold_off.step) == pytest.approx((40e-9, 100e-6, 1e-9))
+        spad.set_hold_off(hold_off.low)
+        assert rig.bench.light.hold_off_s == pytest.approx(40e-9)
+        with pytest.raises(LimitError, match=r"hold_off_s = 3\.9e-08, but its range is 4e-08 to 0\.0001"):
+            spad.set_hold_off(hold_off.low - hold_off.step)
 
 
 def test_a_lost_answer_is_told_and_the_next_question_works(rig):
     with rig.spad(timeout_s=2.0) as spad:
         rig.instrument.drop_answers = 1
         before_s = rig.bench.clock.now_s()
-        with pytest.raises(LinkError, match=r"'GATE:RATE\?', but nothing came in 2 s"):
-            spad.gate_rate_hz()
+        with pytest.raises(LinkError, match=r"'HOLDOFF:CAPABILITY\?', but nothing came in 2 s"):
+            spad.range_of("hold_off_s")
         assert rig.bench.clock.now_s() - before_s >= 2.0
-        assert spad.gate_rate_hz() == 0.0
+        assert spad.range_of("hold_off_s").low == pytest.approx(40e-9)
 
 
 def test_unplugged_in_the_middle(rig):

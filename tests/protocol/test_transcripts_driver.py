@@ -15,9 +15,10 @@ from drivers.errors import (
     ProtocolError,
     RefusedError,
 )
-from drivers.id120 import Id120Spad
+from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
-from drivers.optotune import MirrorStatus, OptotuneMirror
+from drivers.katana.settings import KatanaSettings
+from drivers.optotune import MirrorStatus, OptotuneLimits, OptotuneMirror
 
 USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
 
@@ -129,7 +130,7 @@ def test_mirror_refuses_what_is_outside_the_unit_circle(play):
     angle = radians(40.2)
     with (
         play(HANDSHAKE + PARK) as address,
-        OptotuneMirror(address, clock=StepClock(), max_angle_rad=(0.8, 0.8)) as mirror,
+        OptotuneMirror(address, clock=StepClock(), limits=OptotuneLimits((0.8, 0.8))) as mirror,
         pytest.raises(LimitError, match="range"),
     ):
         mirror.point(angle, angle)
@@ -139,7 +140,9 @@ def test_laser_session(play):
     clock = StepClock()
     with (
         play(read_transcript("laser_session.txt")) as address,
-        KatanaLaser(address, clock=clock, power_setpoint=7.5, repetition_hz=10e6) as laser,
+        KatanaLaser(
+            address, clock=clock, settings=KatanaSettings(power_setpoint=7.5, repetition_hz=10e6)
+        ) as laser,
     ):
         laser.arm()
         laser.emit()
@@ -148,7 +151,9 @@ def test_laser_session(play):
 def test_laser_with_its_key_off(play):
     with (
         play(read_transcript("laser_key_off.txt")) as address,
-        KatanaLaser(address, clock=StepClock(), power_setpoint=7.5, repetition_hz=10e6) as laser,
+        KatanaLaser(
+            address, clock=StepClock(), settings=KatanaSettings(power_setpoint=7.5, repetition_hz=10e6)
+        ) as laser,
     ):
         laser.arm()
         with pytest.raises(RefusedError, match=r"Error 100.*key switch on"):
@@ -158,7 +163,9 @@ def test_laser_with_its_key_off(play):
 def test_laser_of_the_other_model(play):
     with (
         play(read_transcript("laser_775.txt")) as address,
-        KatanaLaser(address, clock=StepClock(), power_setpoint=2.0, repetition_hz=40e6) as laser,
+        KatanaLaser(
+            address, clock=StepClock(), settings=KatanaSettings(power_setpoint=2.0, repetition_hz=40e6)
+        ) as laser,
     ):
         assert "775" in laser.identity
         laser.arm()
@@ -171,7 +178,7 @@ def test_laser_that_does_not_go_dark_is_told_twice_then_dimmed_and_then_the_pers
     with (
         play(found + bright + bright + dimmed) as address,
         pytest.raises(RefusedError, match="turn its key off by hand"),
-        KatanaLaser(address, clock=StepClock(), power_setpoint=1, repetition_hz=1e7),
+        KatanaLaser(address, clock=StepClock(), settings=KatanaSettings(power_setpoint=1, repetition_hz=1e7)),
     ):
         pytest.fail("connected to a laser that emits")
 
@@ -180,16 +187,29 @@ def test_laser_that_does_not_go_dark_is_told_twice_then_dimmed_and_then_the_pers
     "wrong",
     [{"power_setpoint": 10.1}, {"power_setpoint": float("nan")}, {"repetition_hz": 0.0}, {"trigger": "x"}],
 )
-def test_laser_limits_refuse_before_anything_is_sent(play, wrong):
+def test_laser_limits_refuse_before_there_is_a_laser(wrong):
     good = {"power_setpoint": 5.0, "repetition_hz": 10e6}
-    with play([]) as address, pytest.raises(LimitError, match="Nothing was sent"):
-        KatanaLaser(address, clock=StepClock(), **{**good, **wrong})
+    with pytest.raises(LimitError, match="Nothing was sent"):
+        KatanaSettings(**{**good, **wrong})
+
+
+def test_what_the_model_found_cannot_do_is_refused_before_anything_is_sent(play):
+    """The green laser pulses at 10 MHz, the other one only from 18 MHz on."""
+    settings = KatanaSettings(power_setpoint=2.0, repetition_hz=10e6)
+    with (
+        play(
+            read_transcript("laser_775.txt")[:4] + lines((b"le=0\n", b""), (b"le?\n", b"status: 0\n"))
+        ) as address,
+        KatanaLaser(address, clock=StepClock(), settings=settings) as laser,
+        pytest.raises(LimitError, match=r"laser at .*1e\+07 Hz is not within 1\.8e\+07"),
+    ):
+        laser.arm()
 
 
 def test_spad_session():
     message_script = framed(read_transcript("spad_session.txt"))
     backend = ScriptedUsb([*OPENING, *message_script])
-    with Id120Spad(backend=backend, clock=StepClock(), gate_delay_s=20e-9) as spad:
+    with Id120Spad(backend=backend, clock=StepClock(), settings=Id120Settings(gate_delay_s=20e-9)) as spad:
         assert spad.identity == "ID Quantique,ID120 simulated,SIM0001,1.0"
         spad.enable()
     backend.finish()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.katana.dialects import parse_emission, parse_refusal, parse_value
-from drivers.lines.usbtmc_frames import (
+from drivers.lines.usbtmc import (
     FrameError,
     announced_size,
     message_out,
