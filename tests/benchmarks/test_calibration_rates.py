@@ -1,6 +1,6 @@
 """How well dark counts, gate and bin widths are found with every fault on, over 20 benches.
 
-Run with ``pytest tests/benchmarks/test_calibration_rates.py --benchmark-only -s``: a quarter of an hour.
+Run with ``pytest tests/benchmarks/test_calibration_rates.py -n 0 --benchmark-only -s``: a quarter of an hour.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Time zero and response against the bench's truth, 20 seeds, all faults and misalignment on.
 
-    pytest tests/benchmarks/test_calibration_timing.py --benchmark-only -s
+    pytest tests/benchmarks/test_calibration_timing.py -n 0 --benchmark-only -s
 
 prints a table; nothing is asserted.
 """

@@ -1,6 +1,6 @@
 """How long walls and volumes off any grid take, beside the grid's own, and how time grows.
 
-Run with ``pytest tests/benchmarks/test_geometry_speed.py --benchmark-only -s``.
+Run with ``pytest tests/benchmarks/test_geometry_speed.py -n 0 --benchmark-only -s``.
 """
 
 from time import perf_counter

@@ -3,7 +3,7 @@
 The floor is what an FFT solver with a kernel for each plane and frequency pays if it does nothing else: a
 transform of the kernel and an inverse one of the field, complex64, padded to twice the wall, by the same
 library on the same threads.
-Run with ``pytest tests/benchmarks --benchmark-only -s``.
+Run with ``pytest tests/benchmarks -n 0 --benchmark-only -s``.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""What a simulated position costs in computer time; run with ``--benchmark-only``."""
+"""What a simulated position costs in computer time; run with ``-n 0 --benchmark-only``."""
 
 from itertools import count
 
