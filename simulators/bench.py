@@ -4,9 +4,10 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import dist
+from math import dist, radians, tan
 from typing import Protocol
 
 import numpy as np
@@ -16,9 +17,35 @@ from simulators.clock import BenchClock
 from simulators.motion.mirror import SteeringMirror
 from simulators.motion.mount import MirrorMount
 
-#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [mirror units],
-#: about 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
-MOVEMENT_STEP = 5e-4
+#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [rad], about
+#: 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
+MOVEMENT_STEP_RAD = 6e-4
+
+#: Tangent in which mirror positions are counted, in single precision, where photons are drawn for them. Any
+#: will do; this one has been used from the beginning, and another one would draw other photons.
+SEED_TANGENT = tan(radians(50.0))
+
+
+Spot = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One pixel of the detector, from the spot it looks at to the input that counts it.
+
+    Attributes
+    ----------
+    spot_m
+        The spot on the wall that it looks at [m].
+    input
+        The input of the timing instrument that its cable leads to, counted from 0.
+    delay_s
+        What it takes from detection to that input more than `BenchGeometry.electronics_delay_s` says [s].
+    """
+
+    spot_m: Spot = (0.0, 0.0, 0.0)
+    input: int = 0
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -30,33 +57,43 @@ class BenchGeometry:
     galvo_m
         The mirror, from which the beam leaves.
     detector_head_m
-        The detector's lens.
-    detector_spot_m
-        The spot on the wall that the detector looks at.
+        The detector's lens, which all channels share.
+    channels
+        The detector's channels; a single detector is a list of one.
     electronics_delay_s
         From the sync pulse to light leaving the mirror, plus from detection to the timing input.
     mount
         How the mirror stands there, and how it obeys.
+
+    Raises
+    ------
+    ValueError
+        If two channels are at the same input.
     """
 
-    galvo_m: tuple[float, float, float] = (-0.2, 0.0, 2.5)
-    detector_head_m: tuple[float, float, float] = (0.2, 0.0, 2.5)
-    detector_spot_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    galvo_m: Spot = (-0.2, 0.0, 2.5)
+    detector_head_m: Spot = (0.2, 0.0, 2.5)
+    channels: tuple[Channel, ...] = (Channel(),)
     electronics_delay_s: float = 12.3e-9
     mount: MirrorMount = field(default_factory=MirrorMount)
 
-    def laser_spot_m(self, mirror: tuple[float, float]) -> tuple[float, float, float]:
-        """Where the beam meets the wall z = 0 when the mirror points at ``mirror`` [mirror units].
+    def __post_init__(self) -> None:
+        inputs = [channel.input for channel in self.channels]
+        if len(set(inputs)) < len(inputs):
+            raise ValueError(f"each detector channel needs an input of its own, not {inputs}")
+
+    def laser_spot_m(self, mirror_rad: tuple[float, float]) -> Spot:
+        """Return where the beam meets the wall z = 0 when the mirror is commanded to these optical angles.
 
         Raises
         ------
         ValueError
             If the beam goes away from the wall.
         """
-        start_m, direction = self.mount.ray(mirror)
+        start_m, direction = self.mount.ray(mirror_rad)
         start_m = start_m + self.galvo_m
         if not direction[2] < 0:
-            raise ValueError(f"the mirror at {mirror} sends the beam away from the wall")
+            raise ValueError(f"the mirror at {mirror_rad} rad sends the beam away from the wall")
         x, y, _ = start_m - direction * (start_m[2] / direction[2])
         return float(x), float(y), 0.0
 
@@ -140,51 +177,80 @@ def no_detections() -> Detections:
 
 
 class Photons(Protocol):
-    """The physics of what is detected while nothing changes."""
+    """The physics of what one channel detects while nothing changes."""
 
     def detections(
-        self,
-        laser_spot_m: tuple[float, float, float],
-        light: LightState,
-        duration_s: float,
-        rng: np.random.Generator,
+        self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> Detections:
         """Draw the detections of ``duration_s``, times after sync folded into one period."""
         ...
 
-    def rate_hz(self, laser_spot_m: tuple[float, float, float], light: LightState) -> float:
+    def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second."""
         ...
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """A time in which nothing changes: where the laser points, how long, and the first sync pulse."""
+
+    spot_m: Spot
+    light: LightState
+    duration_s: float
+    first_pulse: int
+
+
+def _drawn(
+    photons: Photons, delay_s: float, stretches: Sequence[_Stretch], rng: np.random.Generator
+) -> Detections:
+    """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
+    pieces = [no_detections()]
+    for one in stretches:
+        piece = photons.detections(one.spot_m, one.light, one.duration_s, rng)
+        pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
+    return Detections(
+        np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
+    )
 
 
 class Bench:
     """The physical state behind all simulated devices.
 
-    Photon statistics are drawn from the seed, the commanded mirror position and how often that position has
-    been measured, so that a resumed scan equals an uninterrupted one.
+    Photon statistics are drawn from the seed, the commanded mirror position, how often that position has been
+    measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
+    draw.
 
     Parameters
     ----------
     photons
-        The physics of detection.
+        The physics of detection of each of the geometry's channels; none where nobody asks for photons.
     geometry
-        Where mirror, detector and detector spot are.
+        Where mirror, detector and detector spots are.
     seed
         Seed of all photon statistics.
     clock
         The one clock; by default it runs as fast as the computer can.
+
+    Raises
+    ------
+    ValueError
+        If there are photons of more or fewer channels than the geometry has.
     """
 
     def __init__(
         self,
-        photons: Photons,
+        photons: Sequence[Photons] = (),
         geometry: BenchGeometry | None = None,
         *,
         seed: int = 0,
         clock: BenchClock | None = None,
     ) -> None:
-        self.photons = photons
         self.geometry = geometry or BenchGeometry()
+        if photons and len(photons) != len(self.geometry.channels):
+            raise ValueError(
+                f"photons of {len(photons)} channels for a detector of {len(self.geometry.channels)}"
+            )
+        self.photons = tuple(photons)
         self.seed = seed
         self.clock = clock or BenchClock()
         self.mirror = SteeringMirror()
@@ -200,42 +266,54 @@ class Bench:
         """Change fields of `LightState` from now on."""
         self._light.append((self.clock.now_s(), replace(self.light, **changes)))  # type: ignore[arg-type]
 
-    def steer(self, x: float, y: float) -> None:
-        """Command the mirror to (x, y) in mirror units, from now on."""
-        self.mirror.command(x, y, self.clock.now_s())
+    def steer(self, x_rad: float, y_rad: float) -> None:
+        """Command the mirror to optical angles, from now on."""
+        self.mirror.command(x_rad, y_rad, self.clock.now_s())
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
         return self.light.repetition_hz if self.light.emitting else 0.0
 
-    def count_rate_hz(self) -> float:
-        """Return the expected detections a second in the present state."""
+    def count_rate_hz(self, channel: int) -> float:
+        """Return the expected detections a second of a channel, by its number, in the present state."""
         spot = self.geometry.laser_spot_m(self.mirror.position(self.clock.now_s()))
-        return self.photons.rate_hz(spot, self.light)
+        return self.photons[channel].rate_hz(spot, self.light)
 
-    def detections(self, start_s: float, stop_s: float) -> Detections:
-        """Draw what the detector saw between two bench times, the mirror and all switches followed.
+    def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
+        """Draw what each channel saw between two bench times, the mirror and all switches followed.
 
         At each change, and at each step of a moving mirror, the detector begins anew, ready.
         """
+        stretches = self._stretches(start_s, stop_s)
+        seen = tuple(
+            _drawn(photons, channel.delay_s, stretches, rng)
+            for photons, channel, rng in zip(
+                self.photons, self.geometry.channels, self._generators(), strict=True
+            )
+        )
+        self._forget_before(start_s)
+        return seen
+
+    def _generators(self) -> list[np.random.Generator]:
+        """Return the random numbers of each channel for the present visit to the mirror's target."""
         target = self.mirror.target
         visit = self._visits.get(target, 0)
         self._visits[target] = visit + 1
-        entropy = (self.seed, *struct.unpack("<2I", struct.pack("<2f", *target)), visit)
-        rng = np.random.default_rng(np.random.SeedSequence(entropy))
-        edges = [start_s, *self._changes_between(start_s, stop_s), stop_s]
-        pieces = []
-        for begin_s, end_s in pairwise(edges):
+        position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
+        entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        first = np.random.SeedSequence(entropy)  # the channels after the first are its children
+        return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
+
+    def _stretches(self, start_s: float, stop_s: float) -> list[_Stretch]:
+        """Cut a time into stretches in which nothing changes and the mirror hardly moves."""
+        stretches = []
+        for begin_s, end_s in pairwise([start_s, *self._changes_between(start_s, stop_s), stop_s]):
             light = self._light_at(begin_s)
             for middle_s, duration_s in self._steps(begin_s, end_s):
                 spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
-                piece = self.photons.detections(spot, light, duration_s, rng)
                 first = round((middle_s - duration_s / 2 - start_s) * light.repetition_hz)
-                pieces.append((piece.pulse + first, piece.time_s))
-        self._forget_before(start_s)
-        if not pieces:
-            return no_detections()
-        return Detections(*(np.concatenate(part) for part in zip(*pieces, strict=True)))
+                stretches.append(_Stretch(spot, light, duration_s, first))
+        return stretches
 
     def _changes_between(self, start_s: float, stop_s: float) -> list[float]:
         switches = [at for at, _ in self._light if start_s < at < stop_s]
@@ -250,13 +328,13 @@ class Bench:
             del self._light[0]
 
     def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP` in each piece."""
+        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP_RAD` in each piece."""
         middle_s, duration_s = (begin_s + end_s) / 2, end_s - begin_s
         if duration_s <= 0:
             return []
         moved = max(
             dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
         )
-        if moved <= MOVEMENT_STEP or duration_s < 10e-6:
+        if moved <= MOVEMENT_STEP_RAD or duration_s < 10e-6:
             return [(middle_s, duration_s)]
         return self._steps(begin_s, middle_s) + self._steps(middle_s, end_s)

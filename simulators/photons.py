@@ -1,20 +1,16 @@
-"""What the detector of the bench sees: light of a hidden scene, stray light and background."""
+"""What one channel of the detector sees: light of a hidden scene, stray light and background."""
 
 from math import dist
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import BenchGeometry, Detections, LightState
+from simulators.bench import BenchGeometry, Detections, LightState, Spot
 from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.optics.light import Optics
-from simulators.scenes import Scene
-from simulators.transport.geometry import cut
-from simulators.transport.renderer import Transport
-
-Spot = tuple[float, float, float]
+from simulators.transport.light_paths import Renderer
 
 #: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
 PULSE_SPAN = np.linspace(-3, 3, 13)
@@ -35,45 +31,39 @@ class HiddenScenePhotons:
 
     Parameters
     ----------
-    scene
+    renderer
         What is hidden.
     geometry
-        Where galvo, detector head and detector spot are; the delay of the electronics.
+        Where galvo and detector head are; the delay of the electronics.
     optics
         Laser, wall and lens.
     detector
         Detector and electronics.
     first_bounce
         What the first bounce leaves in the record although the gate is closed; by default nothing.
-    bounces
-        3, 4 or 5, see `simulators.transport.renderer.Transport`.
-
-    Raises
-    ------
-    ValueError
-        If so many bounces cannot be followed.
+    detector_spot_m
+        The spot on the wall that the channel looks at [m].
     """
 
     def __init__(
         self,
-        scene: Scene,
+        renderer: Renderer,
         geometry: BenchGeometry | None = None,
         optics: Optics | None = None,
         detector: Detector | None = None,
         first_bounce: FirstBounce | None = None,
         *,
-        bounces: int = 3,
+        detector_spot_m: Spot = (0.0, 0.0, 0.0),
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         self.optics = optics or Optics()
         self.detector = detector or Detector()
         self.first_bounce = first_bounce or FirstBounce()
-        albedo = self.optics.wall_albedo
-        light = Transport(cut(scene), scene.triangles_m, bounces=bounces, wall_albedo=albedo)
-        self._ways = light.towards(self.geometry.detector_spot_m)
-        per_photon_m2 = self.optics.collection_m2(self.geometry) * self.detector.efficiency
+        self.detector_spot_m = detector_spot_m
+        self._light_paths = renderer.light_paths(detector_spot_m)
+        collection_m2 = self.optics.collection_m2(self.geometry.detector_head_m, detector_spot_m)
+        per_photon_m2 = collection_m2 * self.detector.efficiency
         self._detections_m2_hz = self.optics.photons_per_s * per_photon_m2
-        self._lit: tuple[Spot, list[NDArray[np.float64]]] | None = None
 
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -97,16 +87,16 @@ class HiddenScenePhotons:
 
     def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         seen_per_m2 = 0.0
-        for way in self._ways:
-            weight_per_m2, path_m = way.arrivals(laser_spot_m)
-            arrival_s = self._legs_s(laser_spot_m) + path_m / C_M_PER_S
+        for paths in self._light_paths:
+            weight_per_m2, path_m = paths.arrivals(laser_spot_m)
+            arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
         stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
         light_hz = light.received * (self._detections_m2_hz * seen_per_m2 + stray_hz)
         if light.gated:
             light_hz += self.first_bounce.rate_hz(
-                laser_spot_m, self.geometry, light, self.detector.sensitivity
+                laser_spot_m, self.detector_spot_m, self.geometry, light, self.detector.sensitivity
             )
         return light_hz
 
@@ -127,19 +117,19 @@ class HiddenScenePhotons:
     ) -> NDArray[np.float64]:
         """Draw the first bounce where the gate fails."""
         pulses = duration_s * light.repetition_hz * light.received
-        early_s = self.first_bounce.passing_the_gate(spot_m, self.geometry, pulses, rng)
+        early_s = self.first_bounce.passing_the_gate(spot_m, self.detector_spot_m, self.geometry, pulses, rng)
         return early_s + self._pulse_s(len(early_s), rng)
 
     def _hidden_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Light of the hidden scene, bounce by bounce."""
-        paths_m = []
-        for way, weight_per_m2 in zip(self._ways, self._from_spot(spot_m), strict=True):
-            expected = self._detections_m2_hz * light.received * duration_s * float(weight_per_m2.sum())
-            paths_m.append(way.random_paths(spot_m, weight_per_m2, rng.poisson(expected), rng))
-        path_m = np.concatenate(paths_m)
-        return self._legs_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
+        drawn_m = []
+        for paths in self._light_paths:
+            expected = self._detections_m2_hz * light.received * duration_s * paths.flux(spot_m)
+            drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
+        path_m = np.concatenate(drawn_m)
+        return self._outside_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
 
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -156,16 +146,10 @@ class HiddenScenePhotons:
     def _pulse_s(self, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
         return self.optics.pulse_fwhm_s / FWHM_PER_SIGMA * rng.standard_normal(number)
 
-    def _from_spot(self, spot_m: Spot) -> list[NDArray[np.float64]]:
-        """Weights of each way's patches; the last spot is remembered, for exposures without movement."""
-        if self._lit is None or self._lit[0] != spot_m:
-            self._lit = (spot_m, [way.from_spot(spot_m)[0] for way in self._ways])
-        return self._lit[1]
-
-    def _legs_s(self, spot_m: Spot) -> float:
+    def _outside_s(self, spot_m: Spot) -> float:
         """Time from sync to laser spot, and from detector spot to timing input [s]."""
         there_m = dist(self.geometry.galvo_m, spot_m)
-        back_m = dist(self.geometry.detector_spot_m, self.geometry.detector_head_m)
+        back_m = dist(self.detector_spot_m, self.geometry.detector_head_m)
         return self.geometry.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:

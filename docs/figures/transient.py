@@ -25,8 +25,8 @@ from recon.wave import VirtualPulse
 from rig.show.volume import draw_front, save
 from simulators.scenes.mesh import Scene
 from simulators.scenes.solids import quads_mesh
-from simulators.threads import each
 from simulators.transport.geometry import cut
+from simulators.transport.light_paths import transients
 from simulators.transport.renderer import Transport
 
 SPACING_M, COLUMNS, ROWS = 0.04, 45, 33
@@ -68,13 +68,8 @@ def simulate(hidden: Scene) -> tuple[Capture, Capture]:
     transport = Transport(cut(hidden, PATCH_M), hidden.triangles_m, bounces=5)
     laser_m, edges_s = wall(), BIN_S * np.arange(BINS + 1)
     captures = []
-    for way in transport.towards(tuple(DETECTOR_M[0])):
-        light = np.zeros((len(laser_m), BINS), np.float32)
-
-        def row(index: int, way=way, light=light) -> None:  # type: ignore[no-untyped-def]
-            light[index] = way.transient(tuple(laser_m[index]), edges_s)
-
-        each(row, len(laser_m))
+    for paths in transport.light_paths(tuple(DETECTOR_M[0])):
+        light = transients((paths,), laser_m, edges_s).astype(np.float32)
         captures.append(Capture(ArrayHistograms(light), BIN_S, np.zeros(1), laser_m, DETECTOR_M))
     return captures[0], captures[1]
 

@@ -1,13 +1,12 @@
 """PicoQuant HydraHarp 400 through the vendor's library HHLib 3.0.
 
-library = load_library()
-with HydraHarp(library, clock=SystemClock(), serial="1000001") as tcspc:
-exposure = tcspc.measure(10e-3)
+    from drivers.hydraharp.device import HydraHarp
+    from drivers.hydraharp.loading import load_library
+    from drivers.hydraharp.settings import HydraHarpSettings
+
+    with HydraHarp(load_library(), clock=SystemClock(), settings=HydraHarpSettings(inputs=(0, 1))) as tcspc:
+        exposure = tcspc.measure(10e-3)
+
+`drivers.hydraharp.limits` and `drivers.hydraharp.settings` can be imported where neither instrument, library
+nor numpy is at hand; therefore nothing is imported here.
 """
-
-from drivers.hydraharp.device import Exposure, HydraHarp, Rates
-from drivers.hydraharp.errors import ErrorCode, HydraHarpError
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.loading import load_library
-
-__all__ = ["ErrorCode", "Exposure", "HHLib", "HydraHarp", "HydraHarpError", "Rates", "load_library"]

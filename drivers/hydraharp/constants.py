@@ -1,27 +1,16 @@
-"""Modes, limits, flags and warnings of HHLib 3.0 (source of every value: the vendor's hhdefin.h, v3.0)."""
+"""Modes, flags, warnings and sizes of HHLib 3.0 (source of every value: the vendor's hhdefin.h, v3.0)."""
 
 from enum import IntEnum, IntFlag
 
 LIBRARY_VERSION = "3.0"
 MAX_DEVICES = 8
-MAX_INPUTS = 8
-
-MAX_HISTOGRAM_BINS = 65536
-MAX_LENGTH_CODE = 6
-SHORTEST_HISTOGRAM_BINS = 1024
 
 MAX_CONTINUOUS_BLOCK_BYTES = 262272
 MAX_FIFO_RECORDS = 131072
 FIFO_RECORDS_STEP = 128
 
-SYNC_DIVIDERS = (1, 2, 4, 8, 16)
-CFD_ZERO_CROSS_MV = (0, 40)
-CFD_LEVEL_MV = (0, 1000)
-CHANNEL_OFFSET_PS = (-99999, 99999)
-#: The header's comment on the lower limit says ps; the function takes nanoseconds.
-OFFSET_NS = (0, 500000)
-ACQUISITION_MS = (1, 360_000_000)
-STOP_COUNT = (1, 4294967295)
+#: The count that ends a measurement where that is switched on; the largest that the function takes.
+MAX_STOP_COUNT = 4294967295
 
 #: Rates are valid this long after Initialize or SetSyncDiv; the manual asks for 100 ms, the vendor's
 #: histogram demos wait 400 ms.

@@ -4,7 +4,7 @@ Each method allocates the out-parameters, calls, raises `HydraHarpError` unless 
 returns Python values in the vendor's own units, which its name or docstring tells.
 """
 
-from ctypes import Array, byref, c_char, c_double, c_int, c_uint, create_string_buffer
+from ctypes import POINTER, Array, byref, c_char, c_double, c_int, c_uint, c_void_p, create_string_buffer
 from threading import Lock
 from typing import Any
 
@@ -16,7 +16,6 @@ from drivers.hydraharp.constants import (
     FIFO_RECORDS_STEP,
     MAX_CONTINUOUS_BLOCK_BYTES,
     MAX_FIFO_RECORDS,
-    MAX_HISTOGRAM_BINS,
     Edge,
     Feature,
     Flag,
@@ -26,15 +25,69 @@ from drivers.hydraharp.constants import (
     Warn,
 )
 from drivers.hydraharp.errors import HydraHarpError
-from drivers.hydraharp.prototypes import PROTOTYPES
+from drivers.hydraharp.limits import MAX_BINS
 
 #: The library is not re-entrant, not even for two instruments: one thread at a time.
 _ONE_THREAD = Lock()
 
+# Text is POINTER(c_char) rather than c_char_p, because the library writes into it.
+_TEXT = POINTER(c_char)
+_INT_OUT = POINTER(c_int)
+_UINT_OUT = POINTER(c_uint)
+_DOUBLE_OUT = POINTER(c_double)
 
-def histogram_buffer() -> "Array[c_uint]":
-    """Allocate a buffer that holds the longest histogram, for `HHLib.get_histogram`."""
-    return (c_uint * MAX_HISTOGRAM_BINS)()
+#: The 44 functions with the types of their arguments (source: the vendor's hhlib.h); all return int.
+PROTOTYPES: dict[str, tuple[Any, ...]] = {
+    "HH_GetLibraryVersion": (_TEXT,),
+    "HH_GetErrorString": (_TEXT, c_int),
+    "HH_OpenDevice": (c_int, _TEXT),
+    "HH_CloseDevice": (c_int,),
+    "HH_Initialize": (c_int, c_int, c_int),
+    "HH_GetHardwareInfo": (c_int, _TEXT, _TEXT, _TEXT),
+    "HH_GetSerialNumber": (c_int, _TEXT),
+    "HH_GetFeatures": (c_int, _INT_OUT),
+    "HH_GetBaseResolution": (c_int, _DOUBLE_OUT, _INT_OUT),
+    "HH_GetHardwareDebugInfo": (c_int, _TEXT),
+    "HH_GetNumOfInputChannels": (c_int, _INT_OUT),
+    "HH_GetNumOfModules": (c_int, _INT_OUT),
+    "HH_GetModuleInfo": (c_int, c_int, _INT_OUT, _INT_OUT),
+    "HH_GetModuleIndex": (c_int, c_int, _INT_OUT),
+    "HH_Calibrate": (c_int,),
+    "HH_SetSyncDiv": (c_int, c_int),
+    "HH_SetSyncCFD": (c_int, c_int, c_int),
+    "HH_SetSyncChannelOffset": (c_int, c_int),
+    "HH_SetInputCFD": (c_int, c_int, c_int, c_int),
+    "HH_SetInputChannelOffset": (c_int, c_int, c_int),
+    "HH_SetInputChannelEnable": (c_int, c_int, c_int),
+    "HH_SetStopOverflow": (c_int, c_int, c_uint),
+    "HH_SetBinning": (c_int, c_int),
+    "HH_SetOffset": (c_int, c_int),
+    "HH_SetHistoLen": (c_int, c_int, _INT_OUT),
+    "HH_SetMeasControl": (c_int, c_int, c_int, c_int),
+    "HH_ClearHistMem": (c_int,),
+    "HH_StartMeas": (c_int, c_int),
+    "HH_StopMeas": (c_int,),
+    "HH_CTCStatus": (c_int, _INT_OUT),
+    "HH_GetHistogram": (c_int, _UINT_OUT, c_int, c_int),
+    "HH_GetResolution": (c_int, _DOUBLE_OUT),
+    "HH_GetSyncPeriod": (c_int, _DOUBLE_OUT),
+    "HH_GetSyncRate": (c_int, _INT_OUT),
+    "HH_GetCountRate": (c_int, c_int, _INT_OUT),
+    "HH_GetFlags": (c_int, _INT_OUT),
+    "HH_GetElapsedMeasTime": (c_int, _DOUBLE_OUT),
+    "HH_GetWarnings": (c_int, _INT_OUT),
+    "HH_GetWarningsText": (c_int, _TEXT, c_int),
+    "HH_SetMarkerHoldoffTime": (c_int, c_int),
+    "HH_SetMarkerEdges": (c_int, c_int, c_int, c_int, c_int),
+    "HH_SetMarkerEnable": (c_int, c_int, c_int, c_int, c_int),
+    "HH_ReadFiFo": (c_int, _UINT_OUT, c_int, _INT_OUT),
+    "HH_GetContModeBlock": (c_int, c_void_p, _INT_OUT),
+}
+
+
+def histogram_buffers(inputs: int) -> "Array[Array[c_uint]]":
+    """Allocate one block of memory with a row for each input, each as long as the longest histogram."""
+    return (c_uint * MAX_BINS * inputs)()
 
 
 class HHLib:
@@ -245,7 +298,7 @@ class HHLib:
         return self._int("HH_CTCStatus", index) != 0
 
     def get_histogram(self, index: int, channel: int, into: "Array[c_uint]", *, clear: bool = False) -> None:
-        """Copy a channel's histogram into a buffer made by `histogram_buffer`, as many bins as are set."""
+        """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set."""
         self._call("HH_GetHistogram", index, into, channel, int(clear))
 
     def get_resolution(self, index: int) -> float:

@@ -1,1 +1,4 @@
-"""Measuring: devices opened, a plan run, the photons handed on."""
+"""Measuring: devices opened by their kind, a plan run, photons recorded, scans taken up again.
+
+Nothing here draws or images.
+"""

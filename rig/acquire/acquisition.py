@@ -1,6 +1,5 @@
 """One whole scan: devices opened, the plan run, the photons on disk."""
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,18 +15,18 @@ from rig.acquire.engine import (
     Event,
     LineDone,
     Outcome,
-    PositionDone,
     Ready,
     ScanEngine,
+    StepDone,
 )
 from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
-from rig.model import state as use
-from rig.model.config import RigConfig, recorded
+from rig.model.config import RigConfig
+from rig.model.devices import Operator
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: What is left open where the program ended between the last position and its end.
 UNSEEN_END = (
@@ -80,17 +79,17 @@ class Recorder:
     def __call__(self, event: Event) -> None:
         """Record what belongs in the file."""
         match event:
-            case Ready(warnings=warnings, settings=settings):
+            case Ready(pass_index=pass_index, warnings=warnings, settings=settings):
                 self._note(warnings)
-                self._writer.record_devices(settings)
-            case PositionDone(exposure=exposure):
+                self._writer.record_devices(settings, pass_index)
+            case StepDone(exposure=exposure):
                 self._note(exposure.warnings)
                 self._writer.append(exposure.counts, exposure.live_time_s)
-                self.photons += int(exposure.counts.sum(dtype=np.int64))
+                self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
             case LineDone():
                 self._writer.checkpoint()
-            case Ended(outcome=outcome, positions_done=trusted, reason=reason):
+            case Ended(outcome=outcome, steps_done=trusted, reason=reason):
                 self._writer.withdraw(trusted)
                 self._writer.close(outcome.value, reason, list(self._warnings))
 
@@ -98,40 +97,39 @@ class Recorder:
         self._warnings.update(dict.fromkeys(warnings))
 
 
-def describe(
-    plan: ScanPlan, config: RigConfig, devices: Devices, calibrations: Calibrations
-) -> ScanDescription:
+def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
     """Say all that is known before the first photon."""
-    legs = calibrations.legs(config)
-    detector_m = np.array([plan.detector_spot_m])
+    detector_m = np.array([[channel.spot_m for channel in state.channels]])
     gate_start_s = gate_stop_s = fade_from_s = None
-    if config.spad.gated:
-        gate_start_s, width_s = calibrations.gate_s(config)
+    gates = {one.gate_s for one in plan.passes}
+    if state.gate and len(gates) == 1:
+        gate_start_s, width_s = gates.pop() or (state.gate.delay_s, state.gate.width_s)
         gate_stop_s = gate_start_s + width_s
-        # one time after the sync pulse; in rectified time the latest opening is where the legs are shortest
-        fade_from_s = gate_start_s - float(legs.delay_s(plan.spots_m, detector_m).min())
+        # one time after the sync pulse; in rectified time the latest opening is where the path is shortest
+        fade_from_s = gate_start_s - float(state.delays.delay_s(plan.spots_m[:, None], detector_m).min())
+    config = state.config
     return ScanDescription(
         laser_m=plan.spots_m,
         detector_m=detector_m,
-        bins=plan.bins,
+        bins=devices.tcspc.bins,
         bin_width_s=devices.tcspc.bin_width_s,
         first_bin_s=devices.tcspc.first_bin_s,
-        legs=legs,
-        plan=json.dumps(plan.as_dict()),
-        configuration=config.model_dump_json(),
-        simulated=config.simulated,
+        delays=state.delays,
+        channels=state.channels,
+        plan=plan,
+        state=state,
+        simulated=config.simulated or config.tcspc.kind == "playback",
         command=" ".join(["rig", *sys.argv[1:]]),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
-        instrument_response_s=calibrations.instrument_response_s(config),
-        mirror_rad=calibrations.pointing(config).angles_rad(plan.spots_m),
-        calibrations=calibrations.documents(),
+        instrument_response_s=state.response_s,
+        mirror_rad=state.pointing.angles_rad(plan.spots_m),
     )
 
 
-def acquire(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None = None) -> ScanResult:
-    """Run a plan on the rig that a configuration names, into a new scan file.
+def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
+    """Run a plan on a rig, into a new scan file.
 
     Raises
     ------
@@ -142,30 +140,29 @@ def acquire(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None
     rig.errors.RefusedError
         If the plan goes beyond what was calibrated.
     """
-    with open_devices(config) as devices:
-        return record(plan, config, devices, target, watch, use.choose(config, devices.identities()))
+    with open_devices(state.config) as devices:
+        return record(plan, state.of_devices(devices.identities()), devices, target, watch)
 
 
 def record(
     plan: ScanPlan,
-    config: RigConfig,
+    state: RigState,
     devices: Devices,
     target: Path,
     watch: Watch | None = None,
-    calibrations: Calibrations | None = None,
+    operator: Operator | None = None,
 ) -> ScanResult:
-    """Run a plan on open devices, into a new scan file; see `acquire`."""
-    calibrations = calibrations or Calibrations()
-    with ScanWriter.create(target, describe(plan, config, devices, calibrations)) as writer:
-        return _run(plan, config, devices, writer, calibrations, watch or Watch())
+    """Run a plan on open devices, into a new scan file; ``operator`` is asked for what passes need."""
+    with ScanWriter.create(target, describe(plan, state, devices)) as writer:
+        return _run(plan, state, devices, writer, watch or Watch(), operator)
 
 
-def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigConfig, Calibrations]:
-    """Return plan and calibrations of a scan that was interrupted, and the configuration to go on with.
+def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:
+    """Return the plan of a scan that was interrupted, and the state of the rig to go on with.
 
     A file is data, never an order: which library is loaded, which ports are opened and how far a mirror may
-    turn is said by the configuration of this rig, not by the file. Only a simulated rig, which has none of
-    these, is taken from the file.
+    turn is said by the configuration of this rig, not by the file. Only a wholly simulated rig, which has
+    none of these, is taken from the file. Calibrations are those that the scan began with.
 
     Parameters
     ----------
@@ -186,26 +183,27 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
     with ScanFile(target) as scan:
         if scan.status == "complete":
             raise UsageError(f"{target} is complete: there is nothing to resume")
-        if not (scan.plan and scan.configuration):
+        if scan.plan is None or scan.state is None:
             raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
-        plan, began_with = ScanPlan(**scan.plan), recorded(json.dumps(scan.configuration))
-        calibrations = use.recorded(scan.calibrations, target)
+        scan.passes()  # a plan that does not fit its file is refused
+        plan, began = scan.plan, scan.state
     if mine is None:
-        if not began_with.simulated:
+        if not began.config.simulated or began.config.tcspc.kind == "playback":
             raise UsageError(
-                f"{target} was measured on a real rig ({began_with.name}). Which devices are opened is not "
-                f"taken from a file: name the rig's configuration, rig resume {target} --config FILE"
+                f"{target} was not measured on the simulated rig alone ({began.config.name}). Which devices "
+                "are opened is not taken from a file: name the rig's configuration, "
+                f"rig resume {target} --config FILE"
             )
-        return plan, began_with, calibrations
-    if others := mine.differences(began_with):
+        return plan, began
+    if others := mine.differences(began.config):
         raise RefusedError(
             f"{target} was measured with other settings than this configuration gives: {'; '.join(others)}. "
             "Set them as they were, or begin a new scan"
         )
-    return plan, mine, calibrations
+    return plan, RigState(mine, began.calibrations)
 
 
-def resume(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None = None) -> ScanResult:
+def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
     Raises
@@ -218,18 +216,18 @@ def resume(plan: ScanPlan, config: RigConfig, target: Path, watch: Watch | None 
     with ScanFile(target) as scan:
         if scan.done.all():
             return _end(target)
-        calibrations = use.recorded(scan.calibrations, target)
-    with open_devices(config) as devices:
+        measured = int(scan.done.argmin())
+    with open_devices(state.config, first=measured) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
         with ScanWriter.resume(target) as writer:
-            return _run(plan, config, devices, writer, calibrations, watch or Watch())
+            return _run(plan, state, devices, writer, watch or Watch(), None)
 
 
 def _end(target: Path) -> ScanResult:
     """Give a scan its end that measured all positions and then failed or was killed; no device is needed."""
     with ScanWriter.resume(target) as writer:
-        ended = Ended(Outcome.COMPLETE, writer.positions, "all positions measured")
+        ended = Ended(Outcome.COMPLETE, writer.steps, "all positions measured")
         writer.close(ended.outcome.value, ended.reason, [UNSEEN_END])
     with ScanFile(target) as scan:
         return ScanResult(ended, scan.photons, float(np.nansum(scan.live_time_s)))
@@ -237,30 +235,24 @@ def _end(target: Path) -> ScanResult:
 
 def _run(
     plan: ScanPlan,
-    config: RigConfig,
+    state: RigState,
     devices: Devices,
     writer: ScanWriter,
-    calibrations: Calibrations,
     watch: Watch,
+    operator: Operator | None,
 ) -> ScanResult:
     recorder = Recorder(writer)
     everyone: tuple[Consumer, ...] = (recorder, *watch.consumers)
+    doubts = list(state.doubts)
 
     def consume(event: Event) -> None:
         if isinstance(event, Ready):
-            event = replace(event, warnings=(*event.warnings, *calibrations.warnings))
+            event = replace(event, warnings=(*event.warnings, *doubts))
+            doubts.clear()  # said once
         for consumer in everyone:
             consumer(event)
 
-    if calibrations.gate and config.spad.gated:
-        devices.spad.set_gate(*calibrations.gate_s(config))
-    engine = ScanEngine(
-        devices,
-        plan,
-        calibrations.pointing(config),
-        settle_timeout_s=config.galvo.settle_timeout_s,
-        first=writer.appended,
-    )
+    engine = ScanEngine(devices, plan, state, first=writer.appended, operator=operator)
     ended = engine.run(consume, watch.should_stop)
     return ScanResult(ended, recorder.photons, recorder.live_time_s)
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from drivers.hydraharp import HHLib, HydraHarp, load_library
-from drivers.id120 import Id120Spad
-from drivers.katana.laser import KatanaLaser
-from drivers.optotune import OptotuneMirror
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.loading import load_library
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
-from rig.model.config import RigConfig
-from rig.model.devices import Clock, Operator, WallCamera
+from rig.acquire.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
+from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.devices import Operator, WallCamera
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -29,8 +28,15 @@ class Station:
 
 
 @contextmanager
-def open_devices(config: RigConfig) -> Iterator[Devices]:
+def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
+
+    Parameters
+    ----------
+    config
+        Names them.
+    first
+        Step of the plan with which the scan begins.
 
     Raises
     ------
@@ -39,7 +45,7 @@ def open_devices(config: RigConfig) -> Iterator[Devices]:
     """
     with ExitStack() as stack:
         wires = stack.enter_context(_simulated(config))[0] if config.simulated else _real(config)
-        yield _open(config, wires, stack)
+        yield _open(config, wires, stack, first)
 
 
 @contextmanager
@@ -61,91 +67,47 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
         else:
             wires = _real(config)
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
-        yield Station(_open(config, wires, stack), operator, cameras)
+        yield Station(_open(config, wires, stack, 0), operator, cameras)
 
 
-@dataclass(frozen=True)
-class _Wires:
-    """Where each driver finds its device."""
+def _real(config: RigConfig) -> Wires:
+    def hhlib() -> HHLib:
+        return load_library(config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None)
 
-    galvo: str
-    laser: str
-    usb_backend: object
-    hhlib: HHLib
-    clock: Clock
-
-
-def _real(config: RigConfig) -> _Wires:
-    return _Wires(
+    return Wires(
         galvo=config.galvo.address or "",
         laser=config.laser.address or "",
         usb_backend=None,
-        hhlib=load_library(config.hydraharp.library),
+        hhlib=hhlib,
         clock=SystemClock(),
     )
 
 
 @contextmanager
-def _simulated(config: RigConfig) -> "Iterator[tuple[_Wires, Bench]]":
+def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.simulated import rack as build
 
     bench, rack = build(config)
     with rack:
         yield (
-            _Wires(
+            Wires(
                 galvo=rack.galvo_url,
                 laser=rack.laser_url,
                 usb_backend=rack.usb_backend,
-                hhlib=HHLib(rack.hhlib),
+                hhlib=lambda: HHLib(rack.hhlib),
                 clock=bench.clock,
             ),
             bench,
         )
 
 
-def _open(config: RigConfig, wires: _Wires, stack: ExitStack) -> Devices:
+def _open(config: RigConfig, wires: Wires, stack: ExitStack, first: int) -> Devices:
     """Enter the devices; the laser last, so that it is the first to be made safe."""
-    galvo = stack.enter_context(
-        OptotuneMirror(
-            wires.galvo,
-            clock=wires.clock,
-            max_angle_rad=(config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad),
-        )
+    return Devices(
+        galvo=stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires)),
+        spad=stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires)),
+        tcspc=stack.enter_context(TIMING[config.tcspc.kind].open(config, wires, first)),
+        laser=stack.enter_context(LASERS[config.laser.kind](config.laser, wires)),
+        clock=wires.clock,
     )
-    spad = stack.enter_context(
-        Id120Spad(
-            serial=config.spad.serial,
-            backend=wires.usb_backend,
-            clock=wires.clock,
-            gated=config.spad.gated,
-            gate_delay_s=config.spad.gate_delay_s,
-            gate_width_s=config.spad.gate_width_s,
-            hold_off_s=config.spad.hold_off_s,
-            excess_bias_v=config.spad.excess_bias_v,
-        )
-    )
-    harp = config.hydraharp
-    tcspc = stack.enter_context(
-        HydraHarp(
-            wires.hhlib,
-            clock=wires.clock,
-            serial=harp.serial,
-            sync_divider=harp.sync_divider,
-            sync_cfd_mv=(round(harp.sync_level_v * 1e3), round(harp.sync_zero_cross_v * 1e3)),
-            input_channel=harp.input_channel,
-            input_cfd_mv=(round(harp.input_level_v * 1e3), round(harp.input_zero_cross_v * 1e3)),
-            bin_width_s=harp.bin_width_s,
-            bins=harp.bins,
-            offset_s=harp.offset_s,
-        )
-    )
-    laser = stack.enter_context(
-        KatanaLaser(
-            wires.laser,
-            clock=wires.clock,
-            power_setpoint=config.laser.power_setpoint,
-            repetition_hz=config.laser.repetition_hz,
-        )
-    )
-    return Devices(galvo=galvo, laser=laser, spad=spad, tcspc=tcspc, clock=wires.clock)

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import RigConfig
+from rig.model.config import HydraHarpConfig, RigConfig
 
 #: Where to read what a check says.
 Verdict = Literal["ok", "warning", "missing"]
@@ -91,10 +91,12 @@ def _detector() -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp import load_library
+    from drivers.hydraharp.loading import load_library
 
+    if not isinstance(config.tcspc, HydraHarpConfig):
+        return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")
     try:
-        library = load_library(config.hydraharp.library)
+        library = load_library(config.tcspc.library)
     except DeviceError as error:
         return Finding("HydraHarp library", "missing", error.answered, error.remedy)
     return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")

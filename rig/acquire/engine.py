@@ -6,9 +6,21 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rig.errors import RefusedError
-from rig.model.devices import Clock, Device, Exposure, Galvo, GatedSpad, Laser, Rates, Settings, Tcspc
-from rig.model.plan import ScanPlan
-from rig.model.pointing import Pointing
+from rig.model.devices import (
+    Clock,
+    Device,
+    Exposure,
+    Galvo,
+    GatedSpad,
+    Laser,
+    Operator,
+    Preparation,
+    Rates,
+    Settings,
+    Tcspc,
+)
+from rig.model.plan import Pass, ScanPlan, Step
+from rig.model.state import RigState
 
 #: Wait after emission begins before count rates are read: the instrument renews them every 100 ms, and the
 #: vendor's demos (HHLib 3.0) wait 400 ms after a change.
@@ -23,9 +35,11 @@ class Phase(Enum):
 
     ::
 
-        AIMING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
+        PREPARING -> AIMING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
+            ^---------- a pass with other settings ------'
     """
 
+    PREPARING = "preparing"
     AIMING = "aiming"
     LIGHTING = "lighting"
     CHECKING = "checking rates"
@@ -50,10 +64,12 @@ class PhaseChanged:
 
 @dataclass(frozen=True)
 class Ready:
-    """All is set for the first exposure.
+    """All is set for the first exposure of a pass.
 
     Attributes
     ----------
+    pass_index
+        Which pass of the plan.
     rates
         Sync and count rates.
     warnings
@@ -62,24 +78,25 @@ class Ready:
         What each device says of itself and its settings now, by device name.
     """
 
+    pass_index: int
     rates: Rates
     warnings: tuple[str, ...]
     settings: dict[str, Settings]
 
 
 @dataclass(frozen=True)
-class PositionDone:
-    """One position was measured. ``exposure.counts`` is valid only while the event is handled."""
+class StepDone:
+    """One step was measured. ``exposure.counts`` is valid only while the event is handled."""
 
-    index: int
+    step: Step
     exposure: Exposure
 
 
 @dataclass(frozen=True)
 class LineDone:
-    """All positions of a line were measured: a good moment to put data on disk."""
+    """All steps of a line were measured: a good moment to put data on disk."""
 
-    positions_done: int
+    steps_done: int
 
 
 @dataclass(frozen=True)
@@ -90,16 +107,16 @@ class Ended:
     ----------
     outcome, reason
         How and why.
-    positions_done
-        Positions that can be trusted; fewer than were measured where the laser went dark unnoticed.
+    steps_done
+        Steps that can be trusted; fewer than were measured where the laser went dark unnoticed.
     """
 
     outcome: Outcome
-    positions_done: int
+    steps_done: int
     reason: str
 
 
-Event = PhaseChanged | Ready | PositionDone | LineDone | Ended
+Event = PhaseChanged | Ready | StepDone | LineDone | Ended
 Consumer = Callable[[Event], None]
 
 
@@ -134,34 +151,40 @@ class ScanEngine:
     Parameters
     ----------
     devices
-        Opened devices.
+        Opened devices, set as the configuration says.
     plan
         What to measure.
-    pointing
-        From wall spots to mirror angles.
-    settle_timeout_s
-        Longest wait for the mirror at each position.
+    state
+        The rig: where a spot is for the mirror, and how detector and gate are set where a pass does not say.
     first
-        Position to begin with; those before it were measured earlier.
+        Step to begin with; those before it were measured earlier.
+    operator
+        Who is asked for what passes need; None where no pass asks.
     """
 
     def __init__(
         self,
         devices: Devices,
         plan: ScanPlan,
-        pointing: Pointing,
+        state: RigState,
         *,
-        settle_timeout_s: float,
         first: int = 0,
+        operator: Operator | None = None,
     ) -> None:
         self._devices = devices
         self._plan = plan
-        self._angles_rad = pointing.angles_rad(plan.spots_m)
-        self._settle_timeout_s = settle_timeout_s
+        self._state = state
+        self._angles_rad = state.pointing.angles_rad(plan.spots_m)
         self._done = first
+        self._operator = operator
+        detector = state.config.detector
+        self._gate_s = (detector.gate_delay_s, detector.gate_width_s)
+        self._hold_off_s = detector.hold_off_s
+        self._prepared: Preparation | None = None
+        self._lit = False
 
     def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
-        """Measure all positions, or stop after the one at which ``should_stop`` becomes true.
+        """Measure all steps, or stop after the one at which ``should_stop`` becomes true.
 
         The laser is dark and the detector unbiased when this returns or raises.
 
@@ -174,10 +197,8 @@ class ScanEngine:
         """
         outcome, reason = Outcome.FAILED, "a device failed"
         try:
-            self._light_up(consume)
-            consume(PhaseChanged(Phase.EXPOSING))
-            self._expose_all(consume, should_stop)
-            if self._done == self._plan.positions:
+            self._run_passes(consume, should_stop)
+            if self._done == len(self._plan):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
                 outcome, reason = Outcome.INTERRUPTED, "stopped by the operator"
@@ -196,11 +217,49 @@ class ScanEngine:
                 last.callback(consume, PhaseChanged(Phase.CLOSING))
         return ended
 
-    def _light_up(self, consume: Consumer) -> None:
+    def _run_passes(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
+        for number, one in enumerate(self._plan.passes):
+            steps = self._plan.range_of_pass(number)
+            if self._done >= steps.stop:
+                continue  # measured earlier
+            self._set_up(one, consume)
+            if not self._lit:
+                self._light_up(number, consume)
+            self._expose(steps, consume, should_stop)
+            if self._done < steps.stop or (self._done < len(self._plan) and should_stop()):
+                return
+
+    def _set_up(self, one: Pass, consume: Consumer) -> None:
+        """Set the rig as a pass wants it; in the dark, if anything has to change."""
+        gate = self._state.gate
+        gate_s = one.gate_s or (self._gate_s if gate is None else (gate.delay_s, gate.width_s))
+        hold_off_s = one.hold_off_s or self._state.config.detector.hold_off_s
+        asked = one.preparation if one.preparation is not self._prepared else None
+        if gate_s == self._gate_s and hold_off_s == self._hold_off_s and asked is None:
+            return
+        if self._lit:
+            self._devices.laser.stop()
+            self._devices.spad.disable()
+            self._lit = False
+        consume(PhaseChanged(Phase.PREPARING))
+        if asked is not None:
+            if self._operator is None:
+                raise RefusedError(f"somebody has to be at the rig for this: {asked.words}")
+            self._operator.prepare(asked)
+            self._prepared = asked
+        if gate_s != self._gate_s:
+            self._devices.spad.set_gate(*gate_s)
+            self._gate_s = gate_s
+        if hold_off_s != self._hold_off_s:
+            self._devices.spad.set_hold_off(hold_off_s)
+            self._hold_off_s = hold_off_s
+
+    def _light_up(self, pass_index: int, consume: Consumer) -> None:
         devices = self._devices
         consume(PhaseChanged(Phase.AIMING))
         self._aim(self._done)  # the beam is inside the plan before there is a beam
         consume(PhaseChanged(Phase.LIGHTING))
+        self._lit = True
         devices.laser.arm()
         devices.laser.emit()
         devices.spad.enable()
@@ -210,24 +269,25 @@ class ScanEngine:
         if rates.sync_hz <= 0:
             raise RefusedError(
                 "the timing instrument sees no sync pulses although the laser says that it emits. "
-                "Check the sync cable and hydraharp.sync_level, then scan again"
+                "Check the sync cable and tcspc.sync_level, then scan again"
             )
-        consume(Ready(rates, devices.tcspc.warnings(), devices.read_back()))
+        consume(Ready(pass_index, rates, devices.tcspc.warnings(), devices.read_back()))
+        consume(PhaseChanged(Phase.EXPOSING))
 
-    def _expose_all(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
-        lines = self._plan.line_of_position
+    def _expose(self, steps: range, consume: Consumer, should_stop: Callable[[], bool]) -> None:
         seen_s, seen_at = self._devices.clock.now_s(), self._done
-        while self._done < len(lines) and not should_stop():
-            index = self._done
-            self._aim(index)
+        for step in self._plan.steps(self._done):
+            if step.index == steps.stop or should_stop():
+                break
+            self._aim(step.index)
             if self._devices.clock.now_s() - seen_s > WATCH_INTERVAL_S:
                 self._require_light(seen_at)
-                seen_s, seen_at = self._devices.clock.now_s(), index
-            consume(PositionDone(index, self._devices.tcspc.measure(self._plan.exposure_s)))
+                seen_s, seen_at = self._devices.clock.now_s(), step.index
+            consume(StepDone(step, self._devices.tcspc.measure(step.exposure_s)))
             self._done += 1
-            if self._done == len(lines) or lines[self._done] != lines[index]:
+            if step.ends_line:
                 consume(LineDone(self._done))
-        self._require_light(seen_at)  # the positions since the last look, too
+        self._require_light(seen_at)  # the steps since the last look, too
 
     def _require_light(self, seen_at: int) -> None:
         """Raise if the laser went dark by itself, and tell since which position the data is in doubt."""
@@ -241,4 +301,4 @@ class ScanEngine:
 
     def _aim(self, index: int) -> None:
         self._devices.galvo.point(*self._angles_rad[index])
-        self._devices.galvo.wait_settled(self._settle_timeout_s)
+        self._devices.galvo.wait_settled(self._state.config.galvo.settle_timeout_s)

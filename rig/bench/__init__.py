@@ -1,1 +1,4 @@
-"""How the roof builds a simulated bench, and what it can do without devices."""
+"""The simulated bench that a configuration describes, and what it does without devices.
+
+The only room that imports `simulators`.
+"""

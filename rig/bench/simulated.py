@@ -1,5 +1,6 @@
 """The simulated bench that a configuration describes, and the truth of its scenes."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,10 +10,11 @@ from rig.errors import ConfigError, UsageError
 from rig.model.config import FaultsConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
-    from simulators.bench import Bench, BenchGeometry, LightState, Photons
+    from simulators.bench import Bench, BenchGeometry, Channel, LightState, Photons
     from simulators.detector import Detector
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
+    from simulators.transport.light_paths import Renderer
     from simulators.wire.rack import Rack
 
 #: The mean rate is taken over so many laser spots along x and y.
@@ -58,12 +60,12 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
     about_vertical, about_horizontal = wrong.wall_tilt_rad
     turn = turned(-about_horizontal, -about_vertical, 0.0)
     galvo_m = turn @ np.add(config.galvo.position_m, wrong.galvo_shift_m)
-    head_m = turn @ np.add(config.spad.position_m, wrong.spad_shift_m)
+    head_m = turn @ np.add(config.detector.position_m, wrong.spad_shift_m)
     rotation = turn @ turned(*wrong.mirror_turn_rad)
     return BenchGeometry(
         galvo_m=tuple(galvo_m.tolist()),
         detector_head_m=tuple(head_m.tolist()),
-        detector_spot_m=config.spad.spot_m,
+        channels=_channels(config),
         electronics_delay_s=config.timing.electronics_delay_s + wrong.cable_delay_s,
         mount=MirrorMount(
             rotation=tuple(map(tuple, rotation.tolist())),
@@ -72,6 +74,15 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
             mirrors=config.galvo.mirrors,
             separation_m=config.galvo.separation_m,
         ),
+    )
+
+
+def _channels(config: RigConfig) -> "tuple[Channel, ...]":
+    from simulators.bench import Channel
+
+    return tuple(
+        Channel(spot_m=channel.spot_m, input=channel.input, delay_s=channel.delay_s)
+        for channel in config.channels
     )
 
 
@@ -109,25 +120,48 @@ def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -
         raise UsageError(f"scene:{name}: {error}") from None
 
 
-def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Photons":
+def renderer(config: RigConfig) -> "Renderer":
+    """Return what follows the light in the hidden scene.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene.
+    """
+    from simulators.optics.light import Optics
+    from simulators.transport.renderer import Transport
+
+    bounces = (config.simulation or SimulationConfig()).bounces
+    return Transport.of_scene(hidden_scene(config), bounces=bounces, wall_albedo=Optics().wall_albedo)
+
+
+def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Sequence[Photons]":
+    """Return the physics of each detector channel."""
     from simulators.optics.brightness import tuned
     from simulators.optics.light import Optics
     from simulators.photons import HiddenScenePhotons
 
     simulation = config.simulation or SimulationConfig()
-    faults = simulation.faults
-    photons = HiddenScenePhotons(
-        hidden_scene(config),
-        geometry,
-        Optics(),
-        _detector(faults),
-        _first_bounce(faults, simulation.seed),
-        bounces=simulation.bounces,
-    )
+    rendered, first_bounce = renderer(config), _first_bounce(simulation.faults, simulation.seed)
+    photons = [
+        HiddenScenePhotons(
+            rendered,
+            geometry,
+            Optics(),
+            _detector(simulation.faults),
+            first_bounce,
+            detector_spot_m=channel.spot_m,
+        )
+        for channel in geometry.channels
+    ]
     if simulation.count_rate_hz is None:
         return photons
     # at a failed gate the first bounce is counted, by the million, and hides the light that is tuned
-    good_m = [spot for spot in _spots(config) if not photons.first_bounce.fails(spot, geometry)]
+    good_m = [
+        spot
+        for spot in _spots(config)
+        if not any(first_bounce.fails(spot, channel.spot_m) for channel in geometry.channels)
+    ]
     try:
         return tuned(photons, good_m or _spots(config), _light(config), simulation.count_rate_hz)
     except ValueError as error:
@@ -160,19 +194,24 @@ def _first_bounce(faults: FaultsConfig, seed: int) -> "FirstBounce":
 
 
 def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
-    """Return spots in the middles of equal parts of the scanned wall, those at the detector's left out."""
+    """Return spots in the middles of equal parts of the scanned wall, those at a channel's left out."""
     scan, (columns, rows) = config.scan, RATE_SPOTS
     x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
     y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
-    x_c, y_c, _ = config.spad.spot_m
+    looked_at_m = [channel.spot_m[:2] for channel in _channels(config)]
     away_m = scan.skip_m / 2
-    return [(float(x), float(y), 0.0) for x in x_m for y in y_m if np.hypot(x - x_c, y - y_c) > away_m]
+    return [
+        (float(x), float(y), 0.0)
+        for x in x_m
+        for y in y_m
+        if all(np.hypot(x - x_c, y - y_c) > away_m for x_c, y_c in looked_at_m)
+    ]
 
 
 def _light(config: RigConfig) -> "LightState":
     from simulators.bench import LightState
 
-    spad, laser = config.spad, config.laser
+    spad, laser = config.detector, config.laser
     return LightState(
         emitting=True,
         power=laser.power_setpoint / 10,

@@ -1,6 +1,5 @@
 """What the counting calibrations ask of raw data before they use it."""
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -8,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import CalibrationError, ConfigError
+from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
-from rig.model.config import RigConfig, recorded
+from rig.model.config import RigConfig
 from rig.model.quantities import show
+from rig.model.state import RigState
 
 #: What the timing instrument says where counts are missing; all else that it says is a matter of degree.
 SPOILT = ("sync was lost", "No sync pulses", "is full")
@@ -39,7 +39,8 @@ def _refuse_unsound(scan: ScanFile) -> None:
     for warning in scan.warnings:
         if any(sign in warning for sign in SPOILT):
             raise CalibrationError(f"{scan.path}: {warning} Mend that and measure it again")
-    lost = scan.live_time_s < 0.999 * float(scan.plan.get("exposure_s", 0.0))
+    asked_s = scan.plan.exposures_s if scan.plan else np.zeros(scan.steps)
+    lost = scan.live_time_s < 0.999 * asked_s
     if lost.any():
         raise CalibrationError(
             f"{scan.path}: {lost.sum()} of {len(lost)} exposures ended early, perhaps at a full bin: "
@@ -55,12 +56,9 @@ def settings_of(scan: ScanFile) -> RigConfig:
     CalibrationError
         If it does not say.
     """
-    try:
-        return recorded(json.dumps(scan.configuration))
-    except ConfigError as error:
-        raise CalibrationError(
-            f"{scan.path} does not say how it was measured ({error}): give files of this program"
-        ) from None
+    if scan.config is None:
+        raise CalibrationError(f"{scan.path} does not say how it was measured: give files of this program")
+    return scan.config
 
 
 def counts_of(scan: ScanFile) -> NDArray[np.float64]:
@@ -75,12 +73,12 @@ def live_s(scan: ScanFile) -> float:
 
 def period_s(config: RigConfig) -> float:
     """Return the time between the sync pulses that the timing instrument sees [s]."""
-    return config.hydraharp.sync_divider / config.laser.repetition_hz
+    return RigState(config).sync_period_s
 
 
 def hold_off_s(scan: ScanFile) -> float:
     """Return the detector's hold-off, as it said itself [s]."""
-    return float(scan.devices.get("spad", {}).get("hold_off_s", settings_of(scan).spad.hold_off_s))
+    return float(scan.devices.get("spad", {}).get("hold_off_s", settings_of(scan).detector.hold_off_s))
 
 
 def refuse_saturated(scan: ScanFile, rate_hz: float) -> None:

@@ -33,7 +33,7 @@ from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: Fewer counts make a rate of no use: its error is above 15 %.
 LEAST_COUNTS = 50
@@ -76,28 +76,27 @@ class DarkRoutine:
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a free-running detector, and bins over the whole time between slow pulses."""
-        period = config.hydraharp.sync_divider / self.repetition_hz
+        period = RigState(changed(config, laser={"repetition_hz": self.repetition_hz})).sync_period_s
         width_s = 64e-12
         while period / width_s > 65_536:
             width_s *= 2
         return changed(
             config,
-            spad={"gated": False},
+            detector={"gated": False},
             laser={"repetition_hz": self.repetition_hz},
-            hydraharp={
+            tcspc={
                 "offset_s": 0.0,
                 "bin_width_s": width_s,
                 "bins": int(np.ceil(period / width_s - 1e-6)),
             },
         )
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Count in the dark, in the room's light, and after the laser's pulses at each hold-off."""
+        config = state.config
         steps = [
-            (Preparation.COVER, config.spad.hold_off_s, self.dark_s, "covered"),
-            (Preparation.BLOCK, config.spad.hold_off_s, self.ambient_s, "uncovered"),
+            (Preparation.COVER, config.detector.hold_off_s, self.dark_s, "covered"),
+            (Preparation.BLOCK, config.detector.hold_off_s, self.ambient_s, "uncovered"),
         ]
         for hold_s in self.hold_offs_s:
             steps.append((Preparation.ATTENUATE, hold_s, self.afterpulse_s, f"pulsed-{hold_s * 1e9:.0f}ns"))
@@ -108,17 +107,18 @@ class DarkRoutine:
                 station.operator.prepare(preparation)
                 prepared = preparation
             station.devices.spad.set_hold_off(hold_s)
-            plan = ScanPlan.from_config(
+            plan = ScanPlan.grid(
                 config, columns=PARTS, rows=1, exposure_s=max(round(exposure_s / PARTS, 3), 1e-3), skip_m=0.0
             )
             path = folder / f"dark-{len(files)}-{name}.h5"
-            record(plan, changed(config, spad={"hold_off_s": hold_s}), station.devices, path, watch)
+            held = RigState(changed(config, detector={"hold_off_s": hold_s}))
+            record(plan, held, station.devices, path, watch)
             files.append(path)
             if watch.should_stop():
                 break
         return files
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return rates and afterpulses; files in the order in which they are measured."""
         if len(files) < 3:
             raise CalibrationError(
@@ -199,7 +199,7 @@ def _ambient(dark: Rate, both: Rate, covered: ScanFile, uncovered: ScanFile) -> 
 
 
 def _refuse_gated(scan: ScanFile) -> None:
-    if settings_of(scan).spad.gated:
+    if settings_of(scan).detector.gated:
         raise CalibrationError(
             f"{scan.path} was measured through the gate: let the detector run freely (spad.gated = false)"
         )

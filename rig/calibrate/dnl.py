@@ -26,7 +26,7 @@ from rig.model.calibrations.kinds import BinWidths
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: Fewer counts a bin say nothing: their noise of 10 % is far above any instrument's non-linearity.
 LEAST_COUNTS = 100
@@ -52,20 +52,18 @@ class DnlRoutine:
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the scan's own bins, the detector free running: a gate follows the sync pulses."""
-        return changed(config, spad={"gated": False})
+        return changed(config, detector={"gated": False})
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Count a steady lamp."""
         station.operator.prepare(Preparation.LAMP)
         each_s = max(round(self.exposure_s / self.exposures, 3), 1e-3)
-        plan = ScanPlan.from_config(config, columns=self.exposures, rows=1, exposure_s=each_s, skip_m=0.0)
+        plan = ScanPlan.grid(state.config, columns=self.exposures, rows=1, exposure_s=each_s, skip_m=0.0)
         path = folder / "dnl-lamp.h5"
-        record(plan, config, station.devices, path, watch)
+        record(plan, state.nominal, station.devices, path, watch)
         return [path]
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the widths of the bins, counts of several files taken together."""
         with sound_scans(files) as scans:
             first = scans[0]
@@ -118,7 +116,7 @@ def _covered(scan: ScanFile) -> NDArray[np.bool_]:
 
 
 def _counts(scan: ScanFile, first: ScanFile) -> NDArray[np.float64]:
-    if settings_of(scan).spad.gated:
+    if settings_of(scan).detector.gated:
         raise CalibrationError(
             f"{scan.path} was measured through the gate, which shapes the counts: let the detector run freely"
         )

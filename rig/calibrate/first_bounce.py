@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
+from rig.acquire.preflight import check
 from rig.calibrate import peaks
-from rig.calibrate.routine import changed
+from rig.calibrate.counts import settings_of
+from rig.calibrate.routine import changed, histogram_settings
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: What is fitted, from the highest point on: too short for light of a hidden scene, long enough for a tail.
 WINDOW_S = (-0.4e-9, 0.8e-9)
@@ -95,14 +97,13 @@ class FirstBounces:
 def free_running(config: RigConfig) -> RigConfig:
     """Return a configuration in which the detector runs free and the histogram holds the whole period."""
     period_s = 1 / config.laser.repetition_hz
-    bins = min(ceil(period_s / config.hydraharp.bin_width_s - 1e-6), MOST_BINS)
-    return changed(config, spad={"gated": False}, hydraharp={"offset_s": 0.0, "bins": bins})
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), MOST_BINS)
+    return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
 
 
 def record_first_bounces(
     station: Station,
-    config: RigConfig,
-    known: Calibrations,
+    state: RigState,
     path: Path,
     watch: Watch,
     *,
@@ -114,10 +115,8 @@ def record_first_bounces(
 
     Parameters
     ----------
-    config
-        As `free_running` gave it, and as the devices were opened with.
-    known
-        Steers the mirror; with ``Calibrations()`` the mirror is taken as the configuration has it.
+    state
+        With the configuration that `free_running` gave, and the devices were opened with.
 
     Raises
     ------
@@ -125,16 +124,16 @@ def record_first_bounces(
         If the mirror does not reach the grid.
     """
     station.operator.prepare(Preparation.ATTENUATE)
-    scan = config.scan
+    scan = state.config.scan
     spacing_m = min(
         (scan.columns - 1) * scan.spacing_m / max(columns - 1, 1),
         (scan.rows - 1) * scan.spacing_m / max(rows - 1, 1),
     )
-    plan = ScanPlan.from_config(
-        config, columns=columns, rows=rows, spacing_m=spacing_m, exposure_s=exposure_s, skip_m=0.0
+    plan = ScanPlan.grid(
+        state.config, columns=columns, rows=rows, spacing_m=spacing_m, exposure_s=exposure_s, skip_m=0.0
     )
-    plan.check(config, path.parent, known.pointing(config))
-    record(plan, config, station.devices, path, watch, known)
+    check(plan, state, path.parent)
+    record(plan, state, station.devices, path, watch)
 
 
 def first_bounces(scan: ScanFile) -> FirstBounces:
@@ -162,7 +161,7 @@ def first_bounces(scan: ScanFile) -> FirstBounces:
             "run freely and attenuate the laser, as rig calibrate does"
         )
     counts = np.concatenate([block for _, block in scan.capture().histograms.blocks()])
-    pulses = scan.live_time_s[scan.done].astype(float) * _setting(scan, "laser", "repetition_hz")
+    pulses = scan.live_time_s[scan.done].astype(float) * settings_of(scan).laser.repetition_hz
     live, left_out = _live(scan, counts, pulses), {}
     starts = np.zeros(len(counts), np.int64)
     size = round((WINDOW_S[1] - WINDOW_S[0]) / scan.bin_width_s)
@@ -209,15 +208,6 @@ def _chi2(seen: NDArray[np.float64], model: NDArray[np.float64]) -> float:
     return float(squares.sum() / free) if free > 0 else 1.0
 
 
-def _setting(scan: ScanFile, section: str, name: str) -> float:
-    try:
-        return float(scan.configuration[section][name])
-    except KeyError:
-        raise CalibrationError(
-            f"{scan.path} does not say {section}.{name}: it was not measured by this program"
-        ) from None
-
-
 def _live(
     scan: ScanFile, counts: NDArray[np.unsignedinteger], pulses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -228,8 +218,8 @@ def _live(
     tells how often it was (Isbaner et al., Opt. Express 24, 9429, 2016). A hold-off of one period costs all
     times alike.
     """
-    period = round(1 / (_setting(scan, "laser", "repetition_hz") * scan.bin_width_s))
-    hold = _setting(scan, "spad", "hold_off_s") / scan.bin_width_s
+    period = round(1 / (settings_of(scan).laser.repetition_hz * scan.bin_width_s))
+    hold = settings_of(scan).detector.hold_off_s / scan.bin_width_s
     whole, rest = floor(hold / period + 1e-9), round(hold % period) % period
     per_pulse = np.zeros((len(counts), max(period, scan.bins)))
     per_pulse[:, : scan.bins] = counts / pulses[:, None]

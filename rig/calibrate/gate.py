@@ -20,7 +20,7 @@ from rig.calibrate.counts import sound_scans
 from rig.calibrate.gate_edge import MIDDLE, Edge
 from rig.calibrate.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
 from rig.calibrate.peaks import FWHM_PER_SIGMA
-from rig.calibrate.routine import changed, origin
+from rig.calibrate.routine import changed, histogram_settings, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
@@ -29,7 +29,7 @@ from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_length
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: Part of the first bounce that may pass where it comes latest. It is 1e4 to 1e5 times the hidden scene's
 #: light, so that this position keeps about as much of it as there is hidden light, and those where it comes
@@ -77,35 +77,33 @@ class GateRoutine:
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a gated detector, and bins over the whole time between pulses."""
-        period = config.hydraharp.sync_divider / config.laser.repetition_hz
+        period = RigState(config).sync_period_s
         width_s = 8e-12
         while period / width_s > 65_536:
             width_s *= 2
         return changed(
             config,
-            spad={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},
-            hydraharp={"offset_s": 0.0, "bin_width_s": width_s, "bins": int(period / width_s + 1e-6)},
+            detector={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},
+            tcspc={"offset_s": 0.0, "bin_width_s": width_s, "bins": int(period / width_s + 1e-6)},
         )
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Measure with the gate wide open, then at each delay."""
         station.operator.prepare(Preparation.ATTENUATE)
+        config = state.config
         # an earlier opening must not be set again
-        pointing = Calibrations(
-            {kind: one for kind, one in known.records.items() if kind != GateOpening.kind}
-        )
+        others = state.calibrations.without(GateOpening.kind)
         plan = self._plan(config)
 
         def scan(name: str, delay_s: float, width_s: float) -> Path:
             station.devices.spad.set_gate(delay_s, width_s)
             path = folder / name
             gate = {"gate_delay_s": delay_s, "gate_width_s": width_s}
-            record(plan, changed(config, spad=gate), station.devices, path, watch, pointing)
+            opened = RigState(changed(config, detector=gate), others)
+            record(plan, opened, station.devices, path, watch)
             return path
 
-        files = [scan("gate-open.h5", config.spad.gate_delay_s, config.spad.gate_width_s)]
+        files = [scan("gate-open.h5", config.detector.gate_delay_s, config.detector.gate_width_s)]
         if watch.should_stop():
             return files
         with ScanFile(files[0]) as wide:
@@ -116,19 +114,21 @@ class GateRoutine:
                 break
         return files
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the opening; the file with the widest gate says what passes it when it is open."""
         with sound_scans(files) as scans:
             sweep = read_sweep(scans, self.sigma_s)
             about = origin(GateOpening, scans)
-        edge, legs = sweep.edge, known.legs(config)
+        config, legs, edge = state.config, state.delays, sweep.edge
+        spot_m = state.channels[0].spot_m
+        spot_m = state.channels[0].spot_m
         blocked_s, open_s = edge.blocks_from_s(MAY_PASS), edge.open_until_s(MAY_PASS)
-        wanted_m = ScanPlan.from_config(config).spots_m
+        wanted_m = ScanPlan.grid(config).spots_m
         spots_m = np.concatenate([sweep.spots_m, wanted_m])
         arrival_s, error_s = smooth_arrivals(sweep, spots_m, legs)
         measured = len(sweep.spots_m)
         earliest_s = arrival_s + blocked_s
-        latest_s = arrival_s + open_s + nearest_after_s(spots_m, legs, config.spad.spot_m, self.nearest_m)
+        latest_s = arrival_s + open_s + nearest_after_s(spots_m, legs, spot_m, self.nearest_m)
         failed = np.append(sweep.failed, np.zeros(len(wanted_m), bool))
         limit_s = latest_s[~failed].min()
         can = ~failed & (earliest_s <= limit_s)
@@ -174,7 +174,7 @@ class GateRoutine:
         wide_m, high_m = (scan.columns - 1) * scan.spacing_m, (scan.rows - 1) * scan.spacing_m
         spacing_m = wide_m / max(self.columns - 1, 1)
         rows = int(high_m / spacing_m + 1e-9) + 1
-        return ScanPlan.from_config(
+        return ScanPlan.grid(
             config, columns=self.columns, rows=rows, spacing_m=spacing_m, exposure_s=self.exposure_s
         )
 
@@ -188,12 +188,12 @@ class GateRoutine:
 
 def _width_s(config: RigConfig, edge: Edge, delay_s: float, first_arrival_s: float) -> float:
     """Return a width that ends with the histogram, but before the next pulse's first bounce."""
-    harp = config.hydraharp
+    harp = histogram_settings(config)
     end_s = harp.offset_s + harp.bins * harp.bin_width_s
     next_s = first_arrival_s + edge.open_until_s(MAY_PASS) + 1 / config.laser.repetition_hz
     if end_s <= delay_s:
         raise CalibrationError(
             f"the histogram ends {show(end_s, 's', 4)} after the sync pulse, before the gate may open at "
-            f"{show(delay_s, 's', 4)}: choose more bins or a later hydraharp.offset"
+            f"{show(delay_s, 's', 4)}: choose more bins or a later tcspc.offset"
         )
     return round(min(end_s, next_s) - delay_s, 11)

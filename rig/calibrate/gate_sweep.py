@@ -213,7 +213,7 @@ def _centres_s(scan: ScanFile) -> NDArray[np.float64]:
 
 def _gate(scan: ScanFile) -> tuple[float, float]:
     """Return delay and width of the gate, as the detector said itself."""
-    settings = settings_of(scan).spad
+    settings = settings_of(scan).detector
     if not settings.gated:
         raise CalibrationError(
             f"{scan.path} was measured without the gate: give files of a sweep of its delay"

@@ -1,13 +1,13 @@
 """One fit of the rig's geometry: mirror, detector and delay, from what is known where and when.
 
-A first bounce arrives at delay + |g - x| / c + |x - h| / c: pivot g of the mirror, spot x(commanded angles) on
-the wall, head h of the detector. Arrivals, spots that cameras see and fiducials onto which a person steers
+A first bounce arrives at delay + |g - x| / c + |x - h| / c: pivot g of the mirror, spot x(commanded angles)
+on the wall, head h of the detector. Arrivals, spots that cameras see and fiducials onto which a person steers
 the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
 model has more: place, turn, offset and gain can in part stand for each other, and so can g, h and the delay.
-So the configuration's values take part in the fit, with honest standard deviations. What they leave open moves
-no spot and no arrival, and the covariance says so.
+So the configuration's values take part in the fit, with honest standard deviations. What they leave open
+moves no spot and no arrival, and the covariance says so.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.pointing import Pointing
-from rig.model.state import nominal_pointing
+from rig.model.state import RigState
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +38,8 @@ WIDTHS = np.repeat(
     [TILT_ERROR_RAD, TAPE_ERROR_M, np.radians(2.0), np.radians(1.0), 0.01, TAPE_ERROR_M, 10e-9],
     [3, 3, 3, 2, 2, 3, 1],
 )
+#: Most evaluations of a search; where the data fits it takes a tenth of them.
+MAX_EVALUATIONS = 100
 #: Beyond so many standard errors a residual counts by its size, not its square (Huber).
 ROBUST_FROM = 3.0
 #: What a fit counts, in standard errors, for a beam that misses the wall.
@@ -120,25 +122,25 @@ class FittedGeometry:
 
     def covariance_of(self, quantity: Callable[[RigGeometry], Floats]) -> Floats:
         """Return the (n, n) covariance of n numbers that the geometry gives."""
-        slopes = approx_fprime(self.unknowns, lambda at: quantity(geometry(at, self._config)), 1e-4)
+        slopes = np.atleast_2d(
+            approx_fprime(self.unknowns, lambda at: quantity(geometry(at, self._config)), 1e-4)
+        )
         return np.asarray(slopes @ self.covariance @ slopes.T)
 
 
 def geometry(unknowns: Floats, config: RigConfig) -> RigGeometry:
     """Return the rig for the unknowns in units of `WIDTHS`, all 0 as configured."""
-    tilt, place_m, turn, offset, gain, head_m, delay_s = np.split(
-        unknowns * WIDTHS, [3, 6, 9, 11, 13, 16]
-    )
+    tilt, place_m, turn, offset, gain, head_m, delay_s = np.split(unknowns * WIDTHS, [3, 6, 9, 11, 13, 16])
     rig_turn = Rotation.from_rotvec(tilt)
     mirror_m = rig_turn.apply(np.add(config.galvo.position_m, place_m))
     pointing = replace(
-        nominal_pointing(config),
+        RigState(config).pointing,
         mirror_m=tuple(mirror_m.tolist()),
         rotation_rad=tuple((rig_turn * Rotation.from_rotvec(turn)).as_rotvec().tolist()),
         offset_rad=tuple(offset.tolist()),
         gain=tuple((1 + gain).tolist()),
     )
-    head_m = rig_turn.apply(np.add(config.spad.position_m, head_m))
+    head_m = rig_turn.apply(np.add(config.detector.position_m, head_m))
     return RigGeometry(
         pointing, PathDelays(mirror_m, head_m, config.timing.electronics_delay_s + float(delay_s[0]))
     )
@@ -170,7 +172,15 @@ def fit_geometry(
     at = np.zeros(len(WIDTHS))
     for loss in ("linear", "huber")[: 2 if robust else 1]:  # a robust search from far away may get stuck
         fit = least_squares(
-            residuals, at, loss=loss, f_scale=ROBUST_FROM, x_scale="jac", xtol=1e-9, ftol=1e-9, gtol=1e-9
+            residuals,
+            at,
+            loss=loss,
+            f_scale=ROBUST_FROM,
+            x_scale="jac",
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-9,
+            max_nfev=MAX_EVALUATIONS,
         )
         at = fit.x
     left, slopes = residuals(at)[:number], fit.jac[:number]

@@ -20,7 +20,7 @@ from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import Response
 from rig.model.config import RigConfig
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 #: Fewest counts in all peaks together: the width is then known to half a per cent or so.
 FEWEST_COUNTS = 10_000
@@ -43,15 +43,12 @@ class ResponseRoutine:
         """Return the detector free running, and a histogram of the whole period."""
         return free_running(config)
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Record first bounces, the laser attenuated."""
         path = folder / "irf.h5"
         record_first_bounces(
             station,
-            config,
-            known,
+            state,
             path,
             watch,
             columns=self.columns,
@@ -60,7 +57,7 @@ class ResponseRoutine:
         )
         return [path]
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return width and tail.
 
         The width is that of the fitted shape, whose integrals over the bins were compared with the counts: so

@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.errors import CalibrationError
+from rig.errors import CalibrationError, UsageError
 from rig.model.calibrations.base import Calibration
-from rig.model.config import RigConfig
+from rig.model.config import HydraHarpConfig, RigConfig
 from rig.model.devices import Settings
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 
 class Routine(Protocol):
@@ -30,10 +30,10 @@ class Routine(Protocol):
         """Return the configuration with which the devices are opened for it."""
         ...
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
-        """Measure, and return the files of raw data, made in ``folder``. ``config`` is what `setup` gave.
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
+        """Measure, and return the files of raw data, made in ``folder``.
+
+        ``state`` has the configuration that `setup` gave.
 
         Raises
         ------
@@ -42,8 +42,8 @@ class Routine(Protocol):
         """
         ...
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
-        """Return what the raw data says. ``config`` is the rig's own; ``known`` was calibrated before.
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+        """Return what the raw data says; ``state`` is the rig's own, as far as it was calibrated before.
 
         Raises
         ------
@@ -62,12 +62,28 @@ class Routine(Protocol):
 def changed(config: RigConfig, **sections: Mapping[str, Any]) -> RigConfig:
     """Return a configuration with other values in some of its sections, in SI units.
 
-    ``changed(config, spad={"gated": False})``
+    ``changed(config, detector={"gated": False})``
     """
     update = {
         name: getattr(config, name).model_copy(update=dict(values)) for name, values in sections.items()
     }
     return config.model_copy(update=update)
+
+
+def histogram_settings(config: RigConfig) -> HydraHarpConfig:
+    """Return the settings of the timing instrument's histograms, which a calibration chooses.
+
+    Raises
+    ------
+    UsageError
+        If it is of a kind that has none.
+    """
+    if not isinstance(config.tcspc, HydraHarpConfig):
+        raise UsageError(
+            f"a calibration sets the timing instrument's bins, which the kind {config.tcspc.kind} does not "
+            "allow; give recorded raw data with --from, or the configuration of the rig itself"
+        )
+    return config.tcspc
 
 
 class Origin(TypedDict):
@@ -98,8 +114,8 @@ class RawData(Protocol):
         ...
 
     @property
-    def configuration(self) -> Mapping[str, Any]:
-        """The configuration with which it was measured."""
+    def config(self) -> RigConfig | None:
+        """The configuration with which it was measured; None where it does not say."""
         ...
 
     @property
@@ -126,7 +142,7 @@ def origin(kind: type[Calibration], scans: Sequence[RawData]) -> Origin:
                     f"'{devices[name]}': give files of one rig"
                 )
     return {
-        "rig_name": str(scans[0].configuration.get("name", "unknown rig")),
+        "rig_name": scans[0].config.name if scans[0].config else "unknown rig",
         "devices": devices,
         "measured_from": {scan.path.name: scan.digest for scan in scans},
         "simulated": scans[0].simulated,

@@ -7,11 +7,11 @@ from pathlib import Path
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import open_station
 from rig.calibrate.routine import Routine
-from rig.model import state as use
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
 from rig.model.devices import Operator, Preparation
+from rig.model.state import RigState
 from rig.show.volume import save
 
 
@@ -33,8 +33,8 @@ def measured(
     """
     setup = routine.setup(config)
     with open_station(setup, operator) as station:
-        known = use.choose(config, station.devices.identities())
-        files = routine.measure(station, setup, known, folder, watch)
+        state = RigState(setup).of_devices(station.devices.identities())
+        files = routine.measure(station, state, folder, watch)
         station.operator.prepare(Preparation.MEASURE)  # the laser is dark by now
         return files
 
@@ -47,7 +47,7 @@ def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibr
     CalibrationError
         If the data does not allow it; nothing is stored then.
     """
-    calibration = routine.fit(files, config, use.choose(config))
+    calibration = routine.fit(files, RigState.resolve(config))
     store = CalibrationStore(config.calibration.folder)
     figure = routine.figure(files, calibration)
     path = store.add(calibration)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
+from rig.acquire.preflight import check
 from rig.calibrate import peaks
 from rig.calibrate.counts import counts_of
 from rig.calibrate.first_bounce import WINDOW_S, highest
-from rig.calibrate.legs_fit import TAPE_ERROR_M, TILT_ERROR_RAD
+from rig.calibrate.geometry_fit import TAPE_ERROR_M, TILT_ERROR_RAD
 from rig.calibrate.routine import origin
-from rig.calibrate.time_zero import belief
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
@@ -26,7 +26,7 @@ from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
 from rig.model.quantities import parse, show, show_length
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 Point = tuple[float, float, float]
 
@@ -66,32 +66,32 @@ class TargetRoutine:
         """Return the configuration as it is: gated, as for a scan."""
         return config
 
-    def measure(
-        self, station: Station, config: RigConfig, known: Calibrations, folder: Path, watch: Watch
-    ) -> list[Path]:
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Scan a coarse grid."""
         station.operator.prepare(Preparation.MEASURE)
+        config = state.config
         spacing_m = min(
             config.scan.columns * config.scan.spacing_m / self.columns,
             config.scan.rows * config.scan.spacing_m / self.rows,
         )
-        plan = ScanPlan.from_config(
+        plan = ScanPlan.grid(
             config, columns=self.columns, rows=self.rows, spacing_m=spacing_m, exposure_s=self.exposure_s
         )
         path = folder / "time-zero-target.h5"
-        plan.check(config, folder, known.pointing(config))
-        record(plan, config, station.devices, path, watch, known)
+        check(plan, state, folder)
+        record(plan, state, station.devices, path, watch)
         return [path]
 
-    def fit(self, files: Sequence[Path], config: RigConfig, known: Calibrations) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the delay with which the target is where it is, the heads being as known.
 
         What an error of a head's place does to the delay, rectified time gets back at the wall's centre.
         """
+        known = state.calibrations
         with ScanFile(files[0]) as scan:
-            legs = belief(config, known).legs
+            legs = state.nominal.delays
             head_m = np.array(known.galvo.mirror_m) if known.galvo else legs.laser_head_m
-            spots_m = _spots_m(scan, config, known)
+            spots_m = _spots_m(scan, state)
             found = self._stack(scan, spots_m, head_m, legs.detector_head_m)
             head_error_m = TAPE_ERROR_M
             if known.galvo is None:
@@ -108,7 +108,7 @@ class TargetRoutine:
                 electronics_delay_error_s=float(np.hypot(own_s, 2**0.5 * head_error_m / C_M_PER_S)),
                 laser_head_m=_point(head_m),
                 detector_head_m=_point(legs.detector_head_m),
-                detector_spot_m=_point(scan.detector_m[0]),
+                detector_spot_m=_point(scan.detector_m[0, 0]),
                 rectified_error_s=float(np.median(errors_s)),
                 rectified_error_worst_s=float(errors_s.max()),
                 residual_s=None,
@@ -118,7 +118,7 @@ class TargetRoutine:
                 drift_per_minute_error_s=None,
                 spots_m=[(x_m, y_m) for x_m, y_m, _ in spots_m.tolist()],
                 residuals_s=[],
-                warnings=_warnings(known, float(errors_s.max())),
+                warnings=_warnings(state, float(errors_s.max())),
             )
 
     def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
@@ -149,7 +149,7 @@ class TargetRoutine:
         """
         counts = counts_of(scan)
         galvo_m, detector_m = heads_m
-        over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m, detector_m)
+        over_target = _way_m(galvo_m, spots_m, np.array(self.target_m), scan.detector_m[0, 0], detector_m)
         total, start_s = _aligned(scan, counts, over_target)
         direct, direct_start_s = _aligned(scan, counts, _way_m(galvo_m, spots_m, detector_m))
         width_s = scan.bin_width_s
@@ -200,14 +200,14 @@ def _aligned(
     return total, scan.first_bin_s - (int(whole.max()) + 1) * scan.bin_width_s
 
 
-def _spots_m(scan: ScanFile, config: RigConfig, known: Calibrations) -> NDArray[np.float64]:
+def _spots_m(scan: ScanFile, state: RigState) -> NDArray[np.float64]:
     if scan.mirror_rad is None:
         return scan.laser_m[scan.done]
-    return known.pointing(config).spots_m(scan.mirror_rad[scan.done])
+    return state.pointing.spots_m(scan.mirror_rad[scan.done])
 
 
-def _warnings(known: Calibrations, worst_s: float) -> list[str]:
-    if known.galvo:
+def _warnings(state: RigState, worst_s: float) -> list[str]:
+    if state.calibrations.galvo:
         return []
     return [
         "the galvo is not calibrated: time is right at the wall's centre if the target is where you say "

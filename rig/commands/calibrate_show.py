@@ -1,23 +1,17 @@
 """``rig calibrate show``: what the rig knows of itself, and whether it is still good."""
 
 from datetime import datetime
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
+from rig.commands.options import AsJson, Config
 
 if TYPE_CHECKING:
     from rig.model.calibrations.store import Stored
 
 
 def show(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    config: Config = None,
+    as_json: AsJson = False,
 ) -> None:
     """List the newest calibration of each kind: what it found, of which devices, and until when it holds.
 

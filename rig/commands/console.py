@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
-from rig.acquire.engine import Ended, Event, PhaseChanged, PositionDone, Ready
+from rig.acquire.engine import Ended, Event, PhaseChanged, Ready, StepDone
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
@@ -147,11 +147,11 @@ class ScanProgress:
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
                     warn(sentence)
-            case PositionDone(index=index, exposure=exposure):
+            case StepDone(step=step, exposure=exposure):
                 self._measured += 1
-                self._photons += int(exposure.counts.sum())
+                self._photons += exposure.photons
                 self._live_time_s += exposure.live_time_s
-                self._advance(index + 1)
+                self._advance(step.index + 1)
             case Ended():
                 self._bar.stop()
 
@@ -203,7 +203,7 @@ class Counting:
     def __call__(self, event: Event) -> None:
         """Show what happened."""
         match event:
-            case PositionDone():
+            case StepDone():
                 self._positions += 1
                 self._status.update(f"{self._what}: {self._positions} positions")
             case Ready(warnings=warnings):

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 
 def doctor(
     config: Annotated[
@@ -13,7 +15,7 @@ def doctor(
             "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Tell what is installed and connected, what is missing, and what to do.
 

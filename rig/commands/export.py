@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 
 def export(
     source: Annotated[
@@ -13,7 +15,7 @@ def export(
     target: Annotated[
         Path, typer.Argument(metavar="FILE", help="The file to write; its ending names the layout.")
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a scan or a volume for other programs; the layout follows the ending.
 

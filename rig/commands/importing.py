@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 
 def import_(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A file from another lab or program.")],
@@ -35,7 +37,7 @@ def import_(
         str | None,
         typer.Option(metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[all][/dim]"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Turn a file from another lab into a scan file; the layout is detected by content.
 

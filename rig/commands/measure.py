@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 
 def measure(
     volume: Annotated[Path, typer.Argument(metavar="VOLUME.h5", help="A volume, as 'rig recon' writes it.")],
@@ -32,7 +34,7 @@ def measure(
     falloff: Annotated[
         float, typer.Option(metavar="POWER", help="Power of depth that undoes the fall-off of intensity.")
     ] = 4.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure an image: width of its brightest point, contrast, noise; with a truth, overlap and depth error.
 

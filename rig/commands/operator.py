@@ -26,7 +26,7 @@ class ConsoleOperator:
             If nobody can answer.
         """
         if preparation is not self._prepared:
-            _ask(f"{preparation.value}. Then press Enter")
+            _ask(f"{preparation.words}. Then press Enter")
             self._prepared = preparation
 
     def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -16,7 +18,7 @@ def plot(
     image: Annotated[
         Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[FILE-plot.png][/dim]")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Draw the raw data of scans, or the projections of a volume.
 

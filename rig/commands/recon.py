@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 if TYPE_CHECKING:
     from rig.image.result import Result
 
@@ -134,7 +136,7 @@ def recon(
     image: Annotated[
         Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png][/dim]")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Image what is hidden, from a scan.
 

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 
 def resume(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file that was interrupted.")],
@@ -14,7 +16,7 @@ def resume(
             "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Take up an interrupted scan where it stopped, with the plan and the settings that its file holds.
 
@@ -23,9 +25,10 @@ def resume(
     touched.
     """
     from rig.acquire import acquisition
+    from rig.acquire.preflight import check
     from rig.commands.running import run
     from rig.model.config import load
 
-    plan, rig_config, calibrations = acquisition.interrupted(scan, load(config) if config else None)
-    plan.check(rig_config, scan.parent, calibrations.pointing(rig_config))
-    run(lambda watch: acquisition.resume(plan, rig_config, scan, watch), plan, scan, as_json)
+    plan, state = acquisition.interrupted(scan, load(config) if config else None)
+    check(plan, state, scan.parent)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json)

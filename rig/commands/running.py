@@ -28,14 +28,14 @@ def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -
     began_s = time.monotonic()
     try:
         with StopRequest(console.say) as stop:
-            result = acquisition(Watch([console.ScanProgress(plan.positions)], stop))
+            result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
     except KeyboardInterrupt:
         console.say(f"Stopped at once. The lines finished before are safe. Go on with: rig resume {target}")
         raise typer.Exit(130) from None
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(
-            f"{target}: the scan was stopped after {result.ended.positions_done} of {plan.positions} "
+            f"{target}: the scan was stopped after {result.ended.steps_done} of {len(plan)} "
             f"positions; these are safe in the file and can be imaged. Go on with: rig resume {target}"
         )
 
@@ -46,7 +46,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
             {
                 "file": str(target),
                 "status": result.ended.outcome.value,
-                "positions": result.ended.positions_done,
+                "positions": result.ended.steps_done,
                 "photons": result.photons,
                 "live_time_s": result.live_time_s,
                 "took_s": round(took_s, 2),
@@ -57,7 +57,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
     console.print_facts(
         str(target),
         {
-            "positions": f"{result.ended.positions_done:,} of {plan.positions:,}",
+            "positions": f"{result.ended.steps_done:,} of {len(plan):,}",
             "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

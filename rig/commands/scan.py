@@ -5,29 +5,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import AsJson, Config, Grid, Seed, Spacing
+
 if TYPE_CHECKING:
+    from rig.acquire.preflight import Estimate
     from rig.model.config import RigConfig
     from rig.model.plan import ScanPlan
-    from rig.model.state import Calibrations
+    from rig.model.state import RigState
 
 
 def scan(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-        ),
-    ] = None,
+    config: Config = None,
     exposure: Annotated[
         str | None,
         typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
-    ] = None,
-    spacing: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
-    ] = None,
+    grid: Grid = None,
+    spacing: Spacing = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -39,9 +33,7 @@ def scan(
         str | None,
         typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")
-    ] = None,
+    seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -51,7 +43,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Scan the relay wall and store the photons of each position.
 
@@ -68,35 +60,35 @@ def scan(
     Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
     """
     from rig.acquire.acquisition import acquire
+    from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.running import run
-    from rig.model import state as use
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
+    from rig.model.state import RigState
 
     if preset == "list":
         _show_presets(as_json)
         return
-    rig_config = _configuration(config, preset, scene, seed)
+    state = RigState.resolve(_configuration(config, preset, scene, seed))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.from_config(
-        rig_config,
+    plan = ScanPlan.grid(
+        state.config,
         columns=columns,
         rows=rows,
         spacing_m=parse(spacing, "length") if spacing else None,
         exposure_s=parse(exposure, "time") if exposure else None,
     )
     target = out or Path(_default_name())
-    calibrations = use.choose(rig_config)
-    plan.check(rig_config, target.parent, calibrations.pointing(rig_config))
+    found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     if dry_run:
-        _show_plan(plan, rig_config, calibrations, as_json)
+        _show_plan(plan, state, found, as_json)
         return
-    if calibrations.records:
-        console.say(f"Calibrations: {calibrations.in_words()}")
-    run(lambda watch: acquire(plan, rig_config, target, watch), plan, target, as_json)
+    if state.calibrations.records:
+        console.say(f"Calibrations: {state.calibrations.in_words()}")
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json)
 
 
 def _show_presets(as_json: bool) -> None:
@@ -139,11 +131,13 @@ def columns_and_rows(text: str) -> tuple[int, int]:
     from rig.errors import UsageError
 
     columns, separator, rows = text.lower().partition("x")
-    if not (separator and columns.isdecimal() and rows.isdecimal() and int(columns) > 1 and int(rows) > 1):
+    numbers = [text.strip() for text in (columns, rows)]
+    plain = all(number.isascii() and number.isdecimal() and len(number) < 10 for number in numbers)
+    if not (separator and plain and min(map(int, numbers)) > 1):
         raise UsageError(
             f"'{text}' is not a grid; write columns and rows, each at least 2, e.g. --grid 180x130"
         )
-    return int(columns), int(rows)
+    return int(numbers[0]), int(numbers[1])
 
 
 def _default_name() -> str:
@@ -152,45 +146,51 @@ def _default_name() -> str:
     return datetime.now().strftime("scan-%Y%m%d-%H%M%S.h5")
 
 
-def _show_plan(plan: "ScanPlan", config: "RigConfig", calibrations: "Calibrations", as_json: bool) -> None:
-    import numpy as np
+def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: bool) -> None:
+    from math import degrees
 
     from rig.commands import console
+    from rig.model.plan import Grid
     from rig.model.quantities import show, show_duration, show_length
 
-    angles = np.degrees(np.abs(calibrations.pointing(config).angles_rad(plan.spots_m)).max(axis=0))
-    limits = np.degrees([config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad])
+    config, (one,) = state.config, plan.passes
+    grid = one.positions
+    assert isinstance(grid, Grid)
+    angles = [degrees(angle) for angle in found.mirror_rad]
+    limits = [degrees(config.galvo.max_angle_x_rad), degrees(config.galvo.max_angle_y_rad)]
     if as_json:
         console.print_json(
             {
                 "rig": config.name,
                 "simulated": config.simulated,
-                "plan": plan.as_dict(),
-                "positions": plan.positions,
-                "skipped": plan.skipped,
+                "plan": plan.model_dump(mode="json"),
+                "positions": len(plan),
+                "skipped": grid.skipped,
                 "exposure_total_s": plan.exposure_total_s,
                 "duration_s": plan.duration_s(config),
-                "bytes_in_memory": plan.bytes_in_memory,
-                "bytes_on_disk": plan.bytes_on_disk,
-                "mirror_angle_deg": angles.tolist(),
-                "mirror_limit_deg": limits.tolist(),
-                "calibrations": sorted(calibrations.records),
+                "bytes_in_memory": found.bytes_in_memory,
+                "bytes_on_disk": found.bytes_on_disk,
+                "mirror_angle_deg": angles,
+                "mirror_limit_deg": limits,
+                "calibrations": sorted(state.calibrations.records),
             }
         )
         return
-    width_m, height_m = (plan.columns - 1) * plan.spacing_m, (plan.rows - 1) * plan.spacing_m
+    width_m, height_m = (grid.columns - 1) * grid.spacing_m, (grid.rows - 1) * grid.spacing_m
+    channels = len(state.channels)
     console.print_facts(
         f"{config.name}: plan, nothing was moved",
         {
-            "positions": f"{plan.positions:,} of {plan.columns} x {plan.rows}, "
-            f"{show_length(plan.spacing_m)} apart; {plan.skipped} skipped around the detector's spot",
+            "positions": f"{len(plan):,} of {grid.columns} x {grid.rows}, "
+            f"{show_length(grid.spacing_m)} apart; {grid.skipped} skipped around the detector's spot",
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
-            "exposure": f"{show(plan.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
+            "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
             "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
-            "histogram": f"{plan.bins:,} bins of {show(plan.bin_width_s, 's')}",
-            "file": f"~{plan.bytes_on_disk / 1e6:.0f} MB compressed, "
-            f"{plan.bytes_in_memory / 1e6:.0f} MB of counts",
+            "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
+            + (f", {channels} channels" if channels > 1 else ""),
+            "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
+            f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
-            "calibrations": calibrations.in_words() or "none: as configured",
+            "calibrations": state.calibrations.in_words() or "none: as configured",
         },
     )

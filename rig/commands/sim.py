@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import AsJson, Grid, Spacing
+
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
 
@@ -24,12 +26,8 @@ def render(
     bounces: Annotated[
         int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
-    ] = None,
-    spacing: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
-    ] = None,
+    grid: Grid = None,
+    spacing: Spacing = None,
     roughness: Annotated[
         float | None,
         typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
@@ -38,7 +36,7 @@ def render(
         str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
     ] = None,
     bins: Annotated[int | None, typer.Option(min=1, help="Number of bins. [dim]\\[15000][/dim]")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Render what a scan of a hidden scene gives on average: no noise, no gate, no instrument.
 
@@ -52,6 +50,8 @@ def render(
     """
     import time
 
+    from rig.acquire.kinds import time_axis
+    from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
@@ -66,26 +66,26 @@ def render(
         raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
     rig_config = load(config, changes) if config else built_in_with(changes)
     columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.from_config(
+    plan = ScanPlan.grid(
         rig_config,
         columns=columns,
         rows=rows,
         spacing_m=parse(spacing, "length") if spacing else None,
-        bin_width_s=parse(bin_width, "time") if bin_width else None,
-        bins=bins,
     )
+    usual_bins, usual_width_s = time_axis(rig_config)
+    axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
     began_s = time.monotonic()
     with console.Working(f"rendering {scene}") as progress:
-        photons = rendered(plan, rig_config, out, progress)
+        photons = rendered(plan, rig_config, axis, out, progress)
     took_s = time.monotonic() - began_s
     if as_json:
-        result = {"file": str(out), "positions": plan.positions, "bins": plan.bins, "expected": photons}
+        result = {"file": str(out), "positions": len(plan), "bins": axis.bins, "expected": photons}
         console.print_json({**result, "took_s": round(took_s, 2)})
         return
     console.print_facts(
         str(out),
         {
-            "positions": f"{plan.positions:,}, {plan.bins:,} bins each",
+            "positions": f"{len(plan):,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
             "size": f"{out.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

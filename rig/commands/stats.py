@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import AsJson
+
 if TYPE_CHECKING:
     from rig.show.statistics import Statistics
 
@@ -19,7 +21,7 @@ def stats(
             help="Count from this time after the pulse on the wall on. [dim]\\[3.332ns, bin 833][/dim]",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Tell the photon statistics of scans, as the paper's Table 1 does.
 

@@ -42,7 +42,7 @@ def write(path: Path, scan: ScanFile) -> None:
         raise UsageError(
             f"{scan.path} has pairs of laser and detector spots, for which TAL has no form; export it to .mat"
         )
-    if len(capture.first_bin_s) > 1 and scan.legs is None:
+    if len(capture.first_bin_s) > 1 and scan.delays is None:
         raise UsageError(
             f"{scan.path} has a delay for each position, for which TAL has no form; export it to .mat"
         )
@@ -60,14 +60,15 @@ def write(path: Path, scan: ScanFile) -> None:
             _enum(file, f"{side}_grid_format", _GRID_FORMAT, "X_Y_3" if on_grid else "N_3")
         # y-tal's solvers want places for the heads even where they do not use them: the wall's centre then
         nowhere = (np.zeros(3), np.zeros(3))
-        heads_m = nowhere if scan.legs is None else (scan.legs.laser_head_m, scan.legs.detector_head_m)
+        heads_m = nowhere if scan.delays is None else (scan.delays.laser_head_m, scan.delays.detector_head_m)
         for side, head_m in zip(("sensor", "laser"), heads_m, strict=True):
             file[f"{side}_xyz"] = head_m.astype("<f8")
         file["volume_format"] = h5py.Empty(float)
         file["delta_t"] = capture.bin_width_s * C_M_PER_S
-        delay_s = 0.0 if scan.legs is None else scan.legs.electronics_delay_s
+        (channel,) = scan.channels
+        delay_s = 0.0 if scan.delays is None else scan.delays.electronics_delay_s + channel.delay_s
         file["t_start"] = (scan.first_bin_s - delay_s) * C_M_PER_S
-        file["t_accounts_first_and_last_bounces"] = scan.legs is not None
+        file["t_accounts_first_and_last_bounces"] = scan.delays is not None
         file["scene_info"] = json.dumps({"original_format": "rig-scan", "file": scan.path.name})
         _write_signal(file, capture, place, shape)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,8 @@ def reading(path: Path) -> Iterator[None]:
         raise DataFileError(f"{path} is damaged: {error}; copy it again, or measure again") from error
 
 
-def check_format(path: Path, file: h5py.File, name: str, version: int) -> None:
-    """Raise DataFileError unless the root attributes say ``name`` and ``version``."""
+def check_format(path: Path, file: h5py.File, name: str, versions: tuple[int, ...]) -> int:
+    """Return the version of a file; raise DataFileError unless it has this format and such a version."""
     found = plain(file.attrs.get("format"))
     if found != name:
         what = f"its format attribute is {found!r}" if found is not None else "it has no format attribute"
@@ -56,10 +57,12 @@ def check_format(path: Path, file: h5py.File, name: str, version: int) -> None:
             "Transients in other layouts are read with 'rig import'"
         )
     found = plain(file.attrs.get("version"))
-    if found != version:
+    if found not in versions:
+        known = " and ".join(map(str, versions))
         raise DataFileError(
-            f"{path} has version {found!r} of {name}; this program reads version {version}; update it"
+            f"{path} has version {found!r} of {name}; this program reads version {known}; update it"
         )
+    return int(found)
 
 
 def check_layout(path: Path, file: h5py.File, layout: Layout) -> dict[str, int]:
@@ -138,7 +141,15 @@ def _wrong_object(place: Any, entry: Entry, sizes: dict[str, int]) -> str:
         return "" if isinstance(place, h5py.Group) else "is not a group"
     if not isinstance(place, h5py.Dataset) or place.shape is None:
         return "is not a dataset"
-    kinds = {"counts": "uif", "unsigned": "ui", "float": "f", "bool": "bu", "document": "OSU"}[entry.type]
+    kinds = {
+        "counts": "uif",
+        "unsigned": "ui",
+        "float": "f",
+        "bool": "bu",
+        "document": "OSU",
+        "texts": "OSU",
+        "integer": "ui",
+    }[entry.type]
     if place.dtype.kind not in kinds:
         return f"has type {place.dtype}, not {TYPES[entry.type]}"
     if not _shape_fits(place.shape, entry.shape, sizes):
@@ -159,6 +170,10 @@ def _shape_fits(shape: tuple[int, ...], wanted: tuple[int | str, ...], sizes: di
     for size, want in zip(shape, wanted, strict=True):
         if isinstance(want, int):
             fits = size == want
+        elif "*" in want:
+            fits = size == prod(sizes.get(name, size) for name in want.removesuffix("+1").split("*")) + (
+                want.endswith("+1")
+            )
         elif "|" in want:
             either, name = want.split("|")
             fits = size in {int(either), sizes.get(name, size)}

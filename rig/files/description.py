@@ -1,12 +1,15 @@
-"""What a scan file says before its photons: geometry, time axis, plan, configuration, devices."""
+"""What a scan file says before its photons: geometry, channels, time axis, plan, the rig, devices."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from rig.model.delays import PathDelays
+from rig.model.plan import ScanPlan
+from rig.model.state import Channel, RigState
 
 #: A device's settings, as read back from it.
 Settings = Mapping[str, str | int | float | bool]
@@ -18,17 +21,23 @@ class ScanDescription:
 
     Attributes
     ----------
-    laser_m, detector_m
-        (P, 3) laser spots in the order of acquisition, and (1, 3) or (P, 3) detector spots; metres.
+    laser_m
+        (S, 3) laser spot of each step, in the order of acquisition; metres.
+    detector_m
+        (1, 3) or (S, 3) detector spots of one channel, (1, C, 3) or (S, C, 3) of several; metres.
     bins, bin_width_s, first_bin_s
         Number and width of the bins, and the left edge of bin 0.
-    legs
-        None where t = 0 is the pulse on the wall (time origin ``wall``); the legs where it is the pulse
-        leaving the laser (time origin ``laser``).
+    delays
+        None where t = 0 is the pulse on the wall (time origin ``wall``); the path delays where it is the
+        pulse leaving the laser (time origin ``laser``).
     delay_s
-        (P,) instead of the legs: what to subtract from each position's time, where that was measured.
-    plan, configuration
-        JSON texts.
+        (S,) or (S, C) instead of these: what to subtract from each step's time, where that was measured.
+    channels
+        The detector's pixels, where known.
+    plan
+        What was asked for; None where the steps come from elsewhere.
+    state
+        The rig as it was; None where it is not known.
     simulated
         Whether the photons were computed rather than measured.
     command
@@ -42,11 +51,9 @@ class ScanDescription:
     instrument_response_s
         Full width at half maximum.
     imported
-        JSON text: which file of another layout the photons come from; empty where they were measured here.
+        Which file of another layout the photons come from; None where they were measured here.
     mirror_rad
-        (P, 2) commanded mirror angles.
-    calibrations
-        JSON text of each calibration that the scan uses, by kind.
+        (S, 2) commanded mirror angles.
     dtype
         Type of the counts; a floating type says that they are expectations, not photons.
     """
@@ -56,9 +63,10 @@ class ScanDescription:
     bins: int
     bin_width_s: float
     first_bin_s: float
-    legs: PathDelays | None = None
-    plan: str = "{}"
-    configuration: str = "{}"
+    delays: PathDelays | None = None
+    channels: tuple[Channel, ...] = ()
+    plan: ScanPlan | None = None
+    state: RigState | None = None
     simulated: bool = False
     command: str = ""
     devices: Mapping[str, Settings] = field(default_factory=dict)
@@ -66,29 +74,40 @@ class ScanDescription:
     gate_start_s: float | None = None
     gate_stop_s: float | None = None
     instrument_response_s: float | None = None
-    imported: str = ""
+    imported: Mapping[str, Any] | None = None
     dtype: DTypeLike = "<u4"
     delay_s: NDArray[np.float64] | None = None
     mirror_rad: NDArray[np.float64] | None = None
-    calibrations: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        positions = len(self.laser_m)
-        if self.laser_m.shape != (positions, 3) or positions == 0:
-            raise ValueError(f"laser_m must be (positions, 3), not {self.laser_m.shape}")
-        if self.detector_m.shape not in {(1, 3), (positions, 3)}:
-            raise ValueError(f"detector_m must be (1, 3) or ({positions}, 3), not {self.detector_m.shape}")
+        steps = len(self.laser_m)
+        if self.laser_m.shape != (steps, 3) or steps == 0:
+            raise ValueError(f"laser_m must be (steps, 3), not {self.laser_m.shape}")
+        shape = self.detector_m.shape
+        if len(shape) not in (2, 3) or shape[0] not in (1, steps) or shape[-1] != 3 or 0 in shape:
+            raise ValueError(
+                f"detector_m must be (1 or {steps}, 3) or (1 or {steps}, channels, 3), not {shape}"
+            )
         if self.bins < 1 or not self.bin_width_s > 0:
             raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
-        if self.delay_s is not None and (self.legs is not None or self.delay_s.shape != (positions,)):
-            raise ValueError(f"delay_s must be ({positions},), and in place of the legs")
+        if self.channels and len(self.channels) != self.channel_count:
+            raise ValueError(f"{len(self.channels)} channels, but detector_m has {self.channel_count}")
+        if self.delay_s is not None and self.delays is not None:
+            raise ValueError("delay_s stands in place of the path delays; give one of them")
+        if self.delay_s is not None and self.delay_s.shape not in {(steps,), (steps, self.channel_count)}:
+            raise ValueError(f"delay_s must be ({steps},) or ({steps}, {self.channel_count})")
 
     @property
-    def positions(self) -> int:
-        """Number of positions P."""
+    def steps(self) -> int:
+        """Number of steps S."""
         return len(self.laser_m)
+
+    @property
+    def channel_count(self) -> int:
+        """Number of channels C."""
+        return 1 if self.detector_m.ndim == 2 else self.detector_m.shape[1]
 
     @property
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
-        return "wall" if self.legs is None and self.delay_s is None else "laser"
+        return "wall" if self.delays is None and self.delay_s is None else "laser"

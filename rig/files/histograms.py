@@ -1,4 +1,4 @@
-"""The photons of a scan file as histograms, read in blocks."""
+"""The photons of a scan file as histograms, read in blocks; here steps and channels become pairs."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.capture import Histograms
 from rig.errors import DataFileError
 from rig.files.check import reading
 
@@ -15,44 +16,90 @@ BLOCK_BYTES = 16 * 2**20
 
 
 class DenseHistograms:
-    """Histograms stored as such; of the positions that were measured.
+    """Histograms stored as such; of the steps that were measured, each step's channels one after the other.
 
     Parameters
     ----------
     path
         File name, for errors.
     counts
-        (positions, bins) dataset.
-    done
-        (positions,) which positions to give.
+        (steps, channels, bins) dataset, or (steps, bins) of one channel.
+    steps
+        (n,) which steps to give, in rising order.
     """
 
-    def __init__(self, path: Path, counts: h5py.Dataset, done: NDArray[np.bool_]) -> None:
+    def __init__(self, path: Path, counts: h5py.Dataset, steps: NDArray[np.int64]) -> None:
         self._path = path
         self._counts = counts
-        self._done = done
+        self._steps = steps
+        self._channels = counts.shape[1] if counts.ndim == 3 else 1
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of positions and number of bins."""
-        return int(np.count_nonzero(self._done)), self._counts.shape[1]
+        """Number of pairs of step and channel, and number of bins."""
+        return len(self._steps) * self._channels, self._counts.shape[-1]
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
-        """Yield (positions, counts) in order; the positions count those that were measured."""
-        rows = _rows_of_a_block(self._counts.shape[1] * self._counts.dtype.itemsize)
+        """Yield (pairs, counts) in order, counts being (n, bins)."""
         chunk = self._counts.chunks[0] if self._counts.chunks else 1
+        rows = _rows_of_a_block(self._channels * self._counts.shape[-1] * self._counts.dtype.itemsize)
         rows = max(chunk, rows // chunk * chunk)
         given = 0
-        for start in range(0, len(self._done), rows):
-            wanted = np.trim_zeros(self._done[start : start + rows], "b")
-            if not wanted.any():
+        for start in range(0, self._counts.shape[0], rows):
+            first, last = np.searchsorted(self._steps, (start, start + rows))
+            if first == last:
                 continue
             # no chunk after the last mark is touched: a killed writer may have left it half written
+            wanted = self._steps[first:last] - start
             with reading(self._path):
-                counts = self._counts[start : start + len(wanted), bins]
-            counts = counts if wanted.all() else counts[wanted]
+                counts = self._counts[start : start + wanted[-1] + 1, ..., bins]
+            counts = counts if len(counts) == len(wanted) else counts[wanted]
+            counts = counts.reshape(-1, counts.shape[-1])
             yield slice(given, given + len(counts)), counts
             given += len(counts)
+
+
+class RepeatedHistograms:
+    """Histograms of frames, added up where a step of each frame has the same spot.
+
+    Parameters
+    ----------
+    frames
+        Of equal shape.
+    """
+
+    def __init__(self, frames: list[Histograms]) -> None:
+        self._frames = frames
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of pairs of spot and channel, and number of bins."""
+        return self._frames[0].shape
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Yield (pairs, counts) in order, counts being (n, bins)."""
+        rows = _rows_of_a_block(self.shape[1] * 8)
+        streams = [_in_rows(frame.blocks(bins), rows) for frame in self._frames]
+        given = 0
+        for parts in zip(*streams, strict=True):
+            total = parts[0].astype(np.float32 if parts[0].dtype.kind == "f" else np.uint64)
+            for part in parts[1:]:
+                total += part
+            yield slice(given, given + len(total)), total
+            given += len(total)
+
+
+def _in_rows(blocks: Iterator[tuple[slice, NDArray]], rows: int) -> Iterator[NDArray]:
+    """Yield the same counts in pieces of equally many rows, but for the last."""
+    held: list[NDArray] = []
+    for _, block in blocks:
+        held.append(block)
+        while sum(map(len, held)) >= rows:
+            together = np.concatenate(held)
+            yield together[:rows]
+            held = [together[rows:]]
+    if sum(map(len, held)):
+        yield np.concatenate(held)
 
 
 class TaggedHistograms:
@@ -63,13 +110,13 @@ class TaggedHistograms:
     path
         File name, for errors.
     photons
-        (photons,) dataset of bin indices, position by position.
+        (photons,) dataset of bin indices, pair by pair.
     offset
-        (positions + 1,) first photon of each position, then the total.
+        (pairs + 1,) first photon of each pair of step and channel, then the total.
     bins
         Number of bins.
     done
-        (positions,) which positions to give.
+        (pairs,) which pairs to give.
     """
 
     def __init__(

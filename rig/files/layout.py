@@ -18,6 +18,8 @@ TYPES = {
     "counts": "unsigned integer, or float where `kind` is `expectation`",
     "unsigned": "unsigned integer",
     "float": "floating point",
+    "integer": "whole number",
+    "texts": "text",
     "bool": "true or false",
 }
 
@@ -33,7 +35,8 @@ class Entry:
     what
         Description with unit; written into the file beside the data.
     shape
-        Sizes, or their names, which must agree over the whole file; ``"1|positions"`` allows either.
+        Sizes, or their names, which must agree over the whole file; ``"1|steps"`` allows either, and
+        ``"steps*channels+1"`` is the number of pairs and one.
     required
         Whether a file without it is refused. This program writes the rest too.
     """
@@ -54,7 +57,7 @@ class Entry:
 Layout = dict[str, Entry]
 
 _ROOT: Layout = {
-    "/@version": Entry("whole", "version of the layout, 1", required=True),
+    "/@version": Entry("whole", "version of the layout", required=True),
     "/@software": Entry("text", "program and version that wrote the file"),
     "/@created": Entry("text", "when the file was created, UTC, ISO 8601"),
 }
@@ -63,8 +66,11 @@ SCAN: Layout = {
     "/@format": Entry("text", "`rig-scan`", required=True),
     **_ROOT,
     "/start": Entry("group", "what was asked for, written before the first photon"),
-    "/start@plan": Entry("json", "the scan plan"),
-    "/start@configuration": Entry("json", "the resolved configuration"),
+    "/start@plan": Entry("json", "the scan plan: its passes, of which steps are made"),
+    "/start@configuration": Entry(
+        "json", "the configuration; with the calibrations below it is the rig's state"
+    ),
+    "/start@doubts": Entry("json", "list of what speaks against the calibrations, as plain sentences"),
     "/start@simulated": Entry("flag", "whether the photons were computed rather than measured"),
     "/start@command": Entry("text", "the command that made the file"),
     "/start@resumed": Entry(
@@ -85,19 +91,19 @@ SCAN: Layout = {
         required=True,
     ),
     "/geometry/laser_m": Entry(
-        "float", "laser spot of each position on the wall [m]", ("positions", 3), required=True
+        "float", "laser spot of each step on the wall [m]", ("steps", 3), required=True
     ),
     "/geometry/detector_m": Entry(
         "float",
-        "spot that the detector sees [m]: one for all, or one for each position",
-        ("1|positions", 3),
+        "spot that each channel sees [m]: one for all steps, or one for each",
+        ("1|steps", "channels", 3),
         required=True,
     ),
     "/geometry/delay_s": Entry(
         "float",
-        "measured delay of each position [s], to be subtracted for rectified time; where time_origin is "
-        "laser, in place of the three attributes below",
-        ("positions",),
+        "measured delay of each step and channel [s], to be subtracted for rectified time; where time_origin "
+        "is laser, in place of the three attributes below and of /channels/delay_s",
+        ("steps", "channels"),
     ),
     "/geometry@laser_head_m": Entry(
         "number",
@@ -118,11 +124,29 @@ SCAN: Layout = {
         "float",
         "commanded optical angles of the steering mirror, right and up [rad], from which a later calibration "
         "can tell the spots again",
-        ("positions", 2),
+        ("steps", 2),
+    ),
+    "/channels": Entry("group", "the detector's pixels, one entry of each dataset for each of them"),
+    "/channels/name": Entry("texts", "name of the channel", ("channels",)),
+    "/channels/input": Entry("integer", "its input of the timing instrument, counted from 0", ("channels",)),
+    "/channels/delay_s": Entry(
+        "float",
+        "by how much its pulses come later than the attributes of /geometry say [s]; subtracted for "
+        "rectified time where time_origin is laser",
+        ("channels",),
+    ),
+    "/channels/response_s": Entry(
+        "float", "full width at half maximum of its response to a pulse [s]", ("channels",)
+    ),
+    "/channels/dark_hz": Entry(
+        "float", "its counts a second in the dark [Hz]; NaN where they were never measured", ("channels",)
+    ),
+    "/passes": Entry(
+        "group", "for each pass of the plan but the first, what the devices said before it, as under /devices"
     ),
     "/calibration": Entry("group", "the calibrations that the scan used, one dataset for each kind"),
     "/calibration/*": Entry("document", "the calibration as it was stored, with its own digest", ()),
-    "/transients": Entry("group", "photons of each position over time", required=True),
+    "/transients": Entry("group", "photons of each step and channel over time", required=True),
     "/transients@bin_width_s": Entry("number", "width of a bin [s]", required=True),
     "/transients@first_bin_s": Entry("number", "left edge of bin 0 [s]", required=True),
     "/transients@time_origin": Entry(
@@ -143,21 +167,25 @@ SCAN: Layout = {
     "/transients@instrument_response_s": Entry(
         "number", "full width at half maximum of the instrument response [s]"
     ),
-    "/transients/counts": Entry("counts", "photons in each bin", ("positions", "bins")),
+    "/transients/counts": Entry("counts", "photons in each bin", ("steps", "channels", "bins")),
     "/transients/counts@kind": Entry(
         "text", "`photons`, counted; or `expectation`, a rendered or processed signal in arbitrary units"
     ),
     "/transients/photons": Entry(
-        "unsigned", "time-tagged form: bin index of every photon, position by position", ("photons",)
+        "unsigned",
+        "time-tagged form: bin index of every photon, step by step, and in a step channel by channel",
+        ("photons",),
     ),
     "/transients/photon_offset": Entry(
-        "unsigned", "time-tagged form: first photon of each position, then the total", ("positions+1",)
+        "unsigned",
+        "time-tagged form: first photon of each step and channel, then the total",
+        ("steps*channels+1",),
     ),
-    "/transients/done": Entry("bool", "whether the position has been measured", ("positions",)),
+    "/transients/done": Entry("bool", "whether the step has been measured", ("steps",)),
     "/transients/live_time_s": Entry(
         "float",
-        "measurement time of the position as the instrument reports it [s]; NaN where unknown",
-        ("positions",),
+        "measurement time of the step as the instrument reports it [s]; NaN where unknown",
+        ("steps",),
     ),
     "/stop": Entry("group", "how the run ended; a file without it was interrupted"),
     "/stop@status": Entry("text", "`complete`, `interrupted` or `failed`"),
@@ -166,6 +194,32 @@ SCAN: Layout = {
     "/stop@photons": Entry("number", "sum of all counts"),
     "/stop@warnings": Entry("json", "list of what went less than well, as plain sentences"),
 }
+
+#: What is otherwise in a scan file of version 1: one channel, which has no axis, and positions for steps.
+SCAN_1: Layout = {
+    **{path: entry for path, entry in SCAN.items() if not path.startswith(("/channels", "/passes"))},
+    "/geometry/detector_m": Entry(
+        "float",
+        "spot that the detector sees [m]: one for all, or one for each position",
+        ("1|steps", 3),
+        required=True,
+    ),
+    "/geometry/delay_s": Entry(
+        "float",
+        "measured delay of each position [s], to be subtracted for rectified time; where time_origin is "
+        "laser, in place of the three attributes below",
+        ("steps",),
+    ),
+    "/transients/counts": Entry("counts", "photons in each bin", ("steps", "bins")),
+    "/transients/photon_offset": Entry(
+        "unsigned", "time-tagged form: first photon of each position, then the total", ("steps+1",)
+    ),
+}
+
+#: The layouts of scan files that can be read, by version.
+SCANS: dict[int, Layout] = {1: SCAN_1, 2: SCAN}
+SCAN_VERSION = 2
+VOLUME_VERSION = 1
 
 VOLUME: Layout = {
     "/@format": Entry("text", "`rig-volume`", required=True),

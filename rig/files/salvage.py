@@ -53,5 +53,6 @@ def _copy_transients(old: h5py.Group, new: h5py.Group) -> None:
     copied.attrs.update(counts.attrs)
     measured = int(np.flatnonzero(done)[-1]) + 1 if done.any() else 0
     for start in range(0, measured, counts.chunks[0]):
-        filter_mask, chunk = counts.id.read_direct_chunk((start, 0))
-        copied.id.write_direct_chunk((start, 0), chunk, filter_mask)
+        place = (start, *(0 for _ in counts.shape[1:]))
+        filter_mask, chunk = counts.id.read_direct_chunk(place)
+        copied.id.write_direct_chunk(place, chunk, filter_mask)

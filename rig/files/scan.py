@@ -2,7 +2,10 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
+from math import isnan
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,16 +14,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
-from rig.errors import DataFileError
+from rig.errors import ConfigError, DataFileError
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.description import Settings
-from rig.files.histograms import DenseHistograms, TaggedHistograms
-from rig.files.layout import SCAN
-from rig.files.summary import summarise
+from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
+from rig.files.layout import SCANS
+from rig.model.calibrations.chosen import Calibrations
+from rig.model.calibrations.chosen import recorded as recorded_calibrations
+from rig.model.config import RigConfig
+from rig.model.config import recorded as recorded_config
 from rig.model.delays import PathDelays
+from rig.model.plan import Pass, ScanPlan
+from rig.model.quantities import show, show_duration, show_length
+from rig.model.state import Channel, RigState
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
+
+
+@dataclass(frozen=True)
+class ScanPass:
+    """One pass of a scan: steps that were measured with the same settings.
+
+    Attributes
+    ----------
+    scan
+        The file, which must stay open.
+    asked
+        The pass of the plan; None where the file has no plan.
+    steps
+        Which steps of the file it is.
+    devices
+        What the devices said before it, by name.
+    """
+
+    scan: "ScanFile"
+    asked: Pass | None
+    steps: range
+    devices: Mapping[str, Settings]
+
+    @property
+    def counts(self) -> NDArray:
+        """(steps, channels, bins) counts, read now; for the few steps of a calibration."""
+        return self.scan.counts(self.steps)
+
+    @property
+    def live_time_s(self) -> NDArray[np.float64]:
+        """(steps,) measurement time of each step."""
+        return self.scan.live_time_s[self.steps.start : self.steps.stop].astype(np.float64)
+
+    @property
+    def laser_m(self) -> NDArray[np.float64]:
+        """(steps, 3) laser spots."""
+        return self.scan.laser_m[self.steps.start : self.steps.stop]
 
 
 class ScanFile:
@@ -30,17 +76,21 @@ class ScanFile:
     ----------
     path
         Where it is.
-    positions, bins
-        Positions planned P, and bins B.
+    version
+        Of its layout.
+    steps, bins
+        Steps planned S, and bins B.
     laser_m, detector_m
-        (P, 3) and (1 or P, 3) spots on the wall.
+        (S, 3) and (1 or S, C, 3) spots on the wall; C channels.
+    channels
+        The detector's pixels.
     bin_width_s, first_bin_s
         The time axis, in the file's time.
-    legs, delay_s
-        What to subtract for rectified time: the legs, or a measured (P,) delay; both None where the file is
-        rectified.
+    delays, delay_s
+        What to subtract for rectified time: the path delays, or a measured (S, C) delay; both None where the
+        file is rectified.
     done
-        (P,) which positions were measured.
+        (S,) which steps were measured.
 
     Raises
     ------
@@ -53,10 +103,11 @@ class ScanFile:
         self._file = open_hdf5(self.path)
         try:
             with reading(self.path):
-                check_format(self.path, self._file, "rig-scan", 1)
-                sizes = check_layout(self.path, self._file, SCAN)
+                self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
+                sizes = check_layout(self.path, self._file, SCANS[self.version])
                 self._read_geometry()
                 self._read_time()
+                self._read_channels()
                 self._read_photons(sizes)
         except BaseException:
             self._file.close()
@@ -66,12 +117,14 @@ class ScanFile:
         geometry = self._file["geometry"]
         self.laser_m: NDArray[np.float64] = geometry["laser_m"][()].astype(float)
         self.detector_m: NDArray[np.float64] = geometry["detector_m"][()].astype(float)
-        self.positions = len(self.laser_m)
+        if self.version == 1:
+            self.detector_m = self.detector_m[:, None]
+        self.steps = len(self.laser_m)
         if not (np.isfinite(self.laser_m).all() and np.isfinite(self.detector_m).all()):
             raise DataFileError(
                 f"{self.path} has a position that is not a number in /geometry; it cannot be used"
             )
-        if self.positions == 0:
+        if self.steps == 0 or self.detector_m.shape[1] == 0:
             raise DataFileError(f"{self.path} holds no positions; measure again")
 
     def _read_time(self) -> None:
@@ -88,10 +141,10 @@ class ScanFile:
                 f"{self.path} has time_origin = '{self.time_origin}' on /transients; "
                 f"it must be 'wall' or 'laser'"
             )
-        self.legs: PathDelays | None = None
+        self.delays: PathDelays | None = None
         self.delay_s: NDArray[np.float64] | None = None
         if self.time_origin == "laser" and "delay_s" in self._file["geometry"]:
-            self.delay_s = self._file["geometry/delay_s"][()].astype(float)
+            self.delay_s = self._file["geometry/delay_s"][()].astype(float).reshape(self.steps, -1)
             if not np.isfinite(self.delay_s).all():
                 raise DataFileError(f"{self.path} has a delay that is not a number in /geometry/delay_s")
         elif self.time_origin == "laser":
@@ -104,7 +157,32 @@ class ScanFile:
                     "the data and set time_origin to 'wall'"
                 )
             laser_head_m, detector_head_m, delay_s = (plain(geometry[name]) for name in names)
-            self.legs = PathDelays(laser_head_m.astype(float), detector_head_m.astype(float), float(delay_s))
+            self.delays = PathDelays(
+                laser_head_m.astype(float), detector_head_m.astype(float), float(delay_s)
+            )
+
+    def _read_channels(self) -> None:
+        group = self._file.get("channels", {})
+        count = self.detector_m.shape[1]
+        names = (
+            group["name"].asstr()[()].tolist() if "name" in group else ["spad", *map(str, range(1, count))]
+        )
+        inputs = group["input"][()].tolist() if "input" in group else list(range(count))
+        delay_s, response_s, dark_hz = (
+            _known(group[name][()].astype(float)) if name in group else [None] * count
+            for name in ("delay_s", "response_s", "dark_hz")
+        )
+        self.channels = tuple(
+            Channel(
+                name=str(names[number]),
+                input=int(inputs[number]),
+                spot_m=tuple(self.detector_m[0, number].tolist()),
+                delay_s=delay_s[number] or 0.0,
+                response_s=response_s[number],
+                dark_hz=dark_hz[number],
+            )
+            for number in range(count)
+        )
 
     def _read_photons(self, sizes: dict[str, int]) -> None:
         transients = self._file["transients"]
@@ -116,7 +194,7 @@ class ScanFile:
                 f"{self.path} must hold either /transients/counts, or /transients/photons with "
                 f"/transients/photon_offset; it has {found}"
             )
-        self.done: NDArray[np.bool_] = np.ones(self.positions, bool)
+        self.done: NDArray[np.bool_] = np.ones(self.steps, bool)
         if "done" in transients:
             self.done = transients["done"][()].astype(bool)
         if dense:
@@ -128,7 +206,6 @@ class ScanFile:
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._histograms: Histograms = DenseHistograms(self.path, counts, self.done)
         else:
             photons, offset = transients["photons"], transients["photon_offset"][()].astype(np.int64)
             if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
@@ -136,8 +213,8 @@ class ScanFile:
                     f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
                     f"it goes from {offset[0]} to {offset[-1]}"
                 )
+            self._offset = offset
             self.bins = self._tagged_bins(photons)
-            self._histograms = TaggedHistograms(self.path, photons, offset, self.bins, self.done)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
 
@@ -171,15 +248,40 @@ class ScanFile:
         """What went less than well."""
         return list(self._json("stop", "warnings", "[]"))
 
-    @property
-    def plan(self) -> dict[str, Any]:
-        """The scan plan; empty where the file does not say."""
-        return dict(self._json("start", "plan", "{}"))
+    @cached_property
+    def plan(self) -> ScanPlan | None:
+        """The scan plan; None where the file does not say.
+
+        Raises
+        ------
+        DataFileError
+            If it is damaged.
+        """
+        text = str(self._attribute("start", "plan", "{}"))
+        return None if text == "{}" else ScanPlan.from_json(text, self.path)
+
+    @cached_property
+    def state(self) -> RigState | None:
+        """The rig as it was; None where the file does not say.
+
+        Raises
+        ------
+        DataFileError
+            If it is damaged, or of a newer program.
+        """
+        text = str(self._attribute("start", "configuration", "{}"))
+        if text == "{}":
+            return None
+        try:
+            config = recorded_config(text)
+        except ConfigError as error:
+            raise DataFileError(f"{self.path}: its configuration cannot be read: {error}") from None
+        return RigState(config, self.calibrations)
 
     @property
-    def configuration(self) -> dict[str, Any]:
-        """The resolved configuration; empty where the file does not say."""
-        return dict(self._json("start", "configuration", "{}"))
+    def config(self) -> RigConfig | None:
+        """The configuration; None where the file does not say. Raises as `state`."""
+        return self.state.config if self.state else None
 
     @property
     def simulated(self) -> bool:
@@ -216,16 +318,60 @@ class ScanFile:
                 for name, group in groups.items()
             }
 
-    @property
-    def calibrations(self) -> dict[str, str]:
-        """JSON text of each calibration that the scan used, by kind."""
+    @cached_property
+    def calibrations(self) -> Calibrations:
+        """The calibrations that the scan used.
+
+        Raises
+        ------
+        DataFileError
+            If one is damaged.
+        """
         with reading(self.path):
             group = self._file.get("calibration", {})
-            return {kind: dataset.asstr()[()] for kind, dataset in group.items()}
+            documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
+        return recorded_calibrations(documents, self.path)
+
+    def passes(self) -> list[ScanPass]:
+        """Return the passes of the plan; a file without a plan is one.
+
+        Raises
+        ------
+        DataFileError
+            If the plan is damaged, or does not fit the steps.
+        """
+        if self.plan is None:
+            return [ScanPass(self, None, range(self.steps), self.devices)]
+        if len(self.plan) != self.steps:
+            raise DataFileError(
+                f"{self.path}: its plan has {len(self.plan)} steps, the file {self.steps}; it is damaged"
+            )
+        return [
+            ScanPass(self, one, self.plan.range_of_pass(number), self._devices_of_pass(number))
+            for number, one in enumerate(self.plan.passes)
+        ]
+
+    def _devices_of_pass(self, number: int) -> dict[str, Settings]:
+        with reading(self.path):
+            said = self._file.get(f"passes/{number}")
+            if said is None:
+                return self.devices
+            return {name: json.loads(value) for name, value in said.attrs.items() if name != "description"}
+
+    def counts(self, steps: range) -> NDArray:
+        """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""
+        with reading(self.path):
+            if not self.tagged:
+                counts = self._file["transients/counts"][steps.start : steps.stop]
+                return np.asarray(counts.reshape(len(steps), len(self.channels), self.bins))
+        wanted = np.zeros(self.steps, bool)
+        wanted[steps.start : steps.stop] = True
+        blocks = [block for _, block in self._histograms(wanted).blocks()]
+        return np.concatenate(blocks).reshape(len(steps), len(self.channels), self.bins)
 
     @property
     def mirror_rad(self) -> NDArray[np.float64] | None:
-        """(P, 2) commanded mirror angles; None where the file does not say."""
+        """(S, 2) commanded mirror angles; None where the file does not say."""
         with reading(self.path):
             angles = self._file.get("geometry/mirror_rad")
             return None if angles is None else angles[()].astype(float)
@@ -253,7 +399,7 @@ class ScanFile:
     @property
     def tagged(self) -> bool:
         """Whether the file holds the bin index of each photon rather than histograms."""
-        return isinstance(self._histograms, TaggedHistograms)
+        return "photons" in self._file["transients"]
 
     @property
     def expectation(self) -> bool:
@@ -263,9 +409,9 @@ class ScanFile:
 
     @property
     def live_time_s(self) -> NDArray[np.float32]:
-        """(P,) measurement time of each position; NaN where unknown."""
+        """(S,) measurement time of each step; NaN where unknown."""
         if "live_time_s" not in self._file["transients"]:
-            return np.full(self.positions, np.nan, np.float32)
+            return np.full(self.steps, np.nan, np.float32)
         with reading(self.path):
             return self._file["transients/live_time_s"][()].astype(np.float32)
 
@@ -276,34 +422,92 @@ class ScanFile:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def capture(self) -> Capture:
-        """Return the measured positions in rectified time; valid while the file is open.
+        """Return what was measured in rectified time, as pairs of laser and detector spot.
+
+        This is where steps and channels become pairs: the channels of a step follow one another, and frames
+        are added up. It is valid while the file is open.
 
         Raises
         ------
         DataFileError
-            If no position was measured.
+            If nothing was measured, or the passes differ in their settings.
         """
-        done = self.done
-        if not done.any():
+        steps, histograms = self.imaged
+        first_bin_s = np.array([self.first_bin_s])
+        if self.time_origin == "laser":
+            first_bin_s = self.first_bin_s - self.rectified_by_s()[steps].ravel()
+        laser_m, detector_m = self.laser_m[steps], self.detector_m
+        count = len(self.channels)
+        if len(detector_m) > 1:
+            detector_m = detector_m[steps].reshape(-1, 3)
+        else:
+            detector_m = detector_m[0] if count == 1 else np.tile(detector_m[0], (len(steps), 1))
+        return Capture(
+            histograms=histograms,
+            bin_width_s=self.bin_width_s,
+            first_bin_s=first_bin_s,
+            laser_m=np.repeat(laser_m, count, axis=0),
+            detector_m=detector_m,
+        )
+
+    @property
+    def imaged(self) -> tuple[NDArray[np.int64], Histograms]:
+        """(n,) steps whose spots are imaged (of frames those of the first), and the counts there.
+
+        Raises as `capture`.
+        """
+        done = np.flatnonzero(self.done)
+        if not len(done):
             raise DataFileError(
                 f"{self.path} holds no measured position: the scan ended before the first; resume it"
             )
-        first_bin_s = np.array([self.first_bin_s])
-        if self.delay_s is not None:
-            first_bin_s = self.first_bin_s - self.delay_s[done]
-        elif self.legs is not None:
-            first_bin_s = self.first_bin_s - self.legs.delay_s(self.laser_m, self.detector_m)[done]
-        return Capture(
-            histograms=self._histograms,
-            bin_width_s=self.bin_width_s,
-            first_bin_s=first_bin_s,
-            laser_m=self.laser_m[done],
-            detector_m=self.detector_m if len(self.detector_m) == 1 else self.detector_m[done],
+        passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
+        if not all(one.same_settings(passes[0]) and one.positions == passes[0].positions for one in passes):
+            raise DataFileError(
+                f"{self.path} holds {len(passes)} passes with other settings or positions each: they are no "
+                "one picture. It is raw data of a calibration"
+            )
+        frames = sum(one.frames for one in passes) or 1
+        size = self.steps // frames
+        whole = int(np.count_nonzero(self.done.reshape(frames, size).all(axis=1))) if frames > 1 else 0
+        if whole < 2:
+            steps = done if frames == 1 else done[done < size]
+            return steps, self._histograms(np.isin(np.arange(self.steps), steps))
+        each = np.arange(self.steps) // size
+        return np.arange(size), RepeatedHistograms(
+            [self._histograms(each == frame) for frame in range(whole)]
         )
+
+    def _histograms(self, wanted: NDArray[np.bool_]) -> Histograms:
+        """Return the counts of (S,) wanted steps."""
+        transients = self._file["transients"]
+        if not self.tagged:
+            return DenseHistograms(self.path, transients["counts"], np.flatnonzero(wanted))
+        pairs = np.repeat(wanted, len(self.channels))
+        return TaggedHistograms(self.path, transients["photons"], self._offset, self.bins, pairs)
+
+    def rectified_by_s(
+        self, delays: PathDelays | None = None, laser_m: NDArray | None = None
+    ) -> NDArray[np.float64]:
+        """Return (S, C) what to subtract from the file's time for rectified time.
+
+        Parameters
+        ----------
+        delays, laser_m
+            Path delays and (S, 3) spots in place of the file's own.
+        """
+        if delays is None and self.delay_s is not None:
+            return self.delay_s
+        delays = delays or self.delays
+        if delays is None:
+            return np.zeros((self.steps, len(self.channels)))
+        laser_m = self.laser_m if laser_m is None else laser_m
+        of_channel_s = np.array([channel.delay_s for channel in self.channels])
+        return delays.delay_s(laser_m[:, None], self.detector_m) + of_channel_s
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""
-        lines = summarise(self).items()
+        lines = _summary(self).items()
         return "\n".join([str(self.path), *(f"  {label:<12} {text}" for label, text in lines)])
 
     def close(self) -> None:
@@ -330,3 +534,44 @@ class ScanFile:
         with reading(self.path):
             owner: h5py.Group | None = self._file.get(group)
             return default if owner is None else plain(owner.attrs.get(name, default))
+
+
+def _known(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if isnan(value) else value for value in values.tolist()]
+
+
+def _summary(scan: "ScanFile") -> dict[str, str]:
+    """Return what a person wants to know at a glance, label by label."""
+    low, high = scan.laser_m.min(axis=0), scan.laser_m.max(axis=0)
+    measured = int(np.count_nonzero(scan.done))
+    last_s = scan.first_bin_s + scan.bins * scan.bin_width_s
+    kind = "time-tagged photons" if scan.tagged else "histograms"
+    lines = {
+        "status": scan.status + (f" ({scan.reason})" if scan.reason else ""),
+        "positions": f"{scan.steps:,}" + ("" if measured == scan.steps else f", {measured:,} measured"),
+        "wall": f"{show_length(high[0] - low[0])} x {show_length(high[1] - low[1])}",
+        "detector": ("one spot" if len(scan.detector_m) == 1 else "a spot for each position")
+        if len(scan.channels) == 1
+        else f"{len(scan.channels)} channels",
+        "bins": f"{scan.bins:,} of {show(scan.bin_width_s, 's', 4)}, from {show(scan.first_bin_s, 's', 4)} "
+        f"to {show(last_s, 's', 4)}",
+        "time origin": "pulse on the wall" if scan.time_origin == "wall" else "pulse leaves the laser",
+        "content": "expectation values" if scan.expectation else kind,
+    }
+    live_s = float(np.nansum(scan.live_time_s))
+    if live_s > 0:
+        lines["exposure"] = (
+            f"{show(live_s / max(1, measured), 's')} a position, {show_duration(live_s)} in all"
+        )
+    origin = ["simulated"] if scan.simulated else []
+    if scan.imported:
+        origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
+    elif scan.command:
+        origin.append(scan.command)
+    if origin:
+        lines["source"] = ", ".join(origin)
+    if scan.created:
+        lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
+    if scan.warnings:
+        lines["warnings"] = "; ".join(scan.warnings)
+    return lines

@@ -1,5 +1,6 @@
 """Writing what a scan file says before its first photon."""
 
+import json
 from datetime import UTC, datetime
 
 import h5py
@@ -7,10 +8,10 @@ import numpy as np
 
 import rig
 from rig.files.description import ScanDescription
-from rig.files.layout import SCAN, Layout
+from rig.files.layout import SCAN, SCAN_VERSION, Layout
 
-#: Positions in one chunk of the file: 1 MB of 15,000 bins.
-CHUNK_POSITIONS = 16
+#: Histograms in one chunk of the file: 1 MB of 15,000 bins.
+CHUNK_HISTOGRAMS = 16
 #: zlib's quickest level. Measured on sparse counts: level 4 takes nearly twice as long.
 COMPRESSION = 1
 
@@ -22,30 +23,38 @@ def utc_now() -> str:
 
 def write_start(file: h5py.File, description: ScanDescription) -> None:
     """Write all groups and datasets of a new scan file, the photons still to come."""
-    positions, bins = description.positions, description.bins
-    write_root(file, "rig-scan")
+    steps, channels, bins = description.steps, description.channel_count, description.bins
+    write_root(file, "rig-scan", SCAN_VERSION)
     start = file.create_group("start")
-    for name in ("plan", "configuration", "simulated", "command"):
-        start.attrs[name] = getattr(description, name)
+    if description.plan is not None:
+        start.attrs["plan"] = description.plan.model_dump_json()
+    if description.state is not None:
+        start.attrs["configuration"] = description.state.config.model_dump_json()
+        start.attrs["doubts"] = json.dumps(description.state.doubts)
+    start.attrs["simulated"] = description.simulated
+    start.attrs["command"] = description.command
     if description.imported:
-        start.attrs["imported"] = description.imported
+        start.attrs["imported"] = json.dumps(description.imported)
     devices = file.create_group("devices")
     for name, settings in description.devices.items():
         devices.create_group(name).attrs.update(settings)
     geometry = file.create_group("geometry")
     geometry["laser_m"] = np.asarray(description.laser_m, "<f8")
-    geometry["detector_m"] = np.asarray(description.detector_m, "<f8")
-    if description.legs is not None:
-        geometry.attrs["laser_head_m"] = np.asarray(description.legs.laser_head_m, "<f8")
-        geometry.attrs["detector_head_m"] = np.asarray(description.legs.detector_head_m, "<f8")
-        geometry.attrs["electronics_delay_s"] = float(description.legs.electronics_delay_s)
+    geometry["detector_m"] = np.asarray(description.detector_m, "<f8").reshape(-1, channels, 3)
+    if description.delays is not None:
+        geometry.attrs["laser_head_m"] = np.asarray(description.delays.laser_head_m, "<f8")
+        geometry.attrs["detector_head_m"] = np.asarray(description.delays.detector_head_m, "<f8")
+        geometry.attrs["electronics_delay_s"] = float(description.delays.electronics_delay_s)
     if description.delay_s is not None:
-        geometry["delay_s"] = np.asarray(description.delay_s, "<f8")
+        delay_s = np.asarray(description.delay_s, "<f8").reshape(steps, -1)
+        geometry["delay_s"] = np.broadcast_to(delay_s, (steps, channels))
     if description.mirror_rad is not None:
         geometry["mirror_rad"] = np.asarray(description.mirror_rad, "<f8")
-    if description.calibrations:
+    _write_channels(file, description)
+    documents = description.state.calibrations.documents() if description.state else {}
+    if documents:
         calibrations = file.create_group("calibration")
-        for kind, document in description.calibrations.items():
+        for kind, document in documents.items():
             calibrations[kind] = document
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
@@ -63,23 +72,38 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
             transients.attrs[name] = float(value)
     counts = transients.create_dataset(
         "counts",
-        (positions, bins),
+        (steps, channels, bins),
         description.dtype,
-        chunks=(min(CHUNK_POSITIONS, positions), bins),
+        chunks=(min(max(CHUNK_HISTOGRAMS // channels, 1), steps), channels, bins),
         compression="gzip",
         compression_opts=COMPRESSION,
         shuffle=True,
     )
     counts.attrs["kind"] = "expectation" if counts.dtype.kind == "f" else "photons"
-    transients.create_dataset("done", data=np.zeros(positions, bool))
-    transients.create_dataset("live_time_s", data=np.full(positions, np.nan, "<f4"))
+    transients.create_dataset("done", data=np.zeros(steps, bool))
+    transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"))
     describe(file, SCAN)
 
 
-def write_root(file: h5py.File, name: str) -> None:
+def _write_channels(file: h5py.File, description: ScanDescription) -> None:
+    """Write what is known of the channels; a channel of which nothing is known has a number for a name."""
+    group = file.create_group("channels")
+    count, known = description.channel_count, description.channels
+    names = [one.name for one in known] or [str(number) for number in range(count)]
+    group["name"] = np.array(names, dtype=h5py.string_dtype())
+    group["input"] = np.array([one.input for one in known] or range(count), "<i4")
+    group["delay_s"] = np.array([one.delay_s for one in known] or np.zeros(count), "<f8")
+    if known:
+        group["response_s"] = np.array(
+            [np.nan if one.response_s is None else one.response_s for one in known], "<f8"
+        )
+        group["dark_hz"] = np.array([np.nan if one.dark_hz is None else one.dark_hz for one in known], "<f8")
+
+
+def write_root(file: h5py.File, name: str, version: int) -> None:
     """Write the root attributes that all our files share."""
     file.attrs["format"] = name
-    file.attrs["version"] = 1
+    file.attrs["version"] = version
     file.attrs["software"] = f"nlos-rig {rig.__version__}"
     file.attrs["created"] = utc_now()
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.errors import DataFileError, RigError, UsageError
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
-from rig.files.layout import VOLUME
+from rig.files.layout import VOLUME, VOLUME_VERSION
 from rig.files.start import describe, write_root
 
 
@@ -134,7 +134,7 @@ def read_volume(path: str | Path) -> Volume:
     """
     path = Path(path)
     with open_hdf5(path) as file, reading(path):
-        check_format(path, file, "rig-volume", 1)
+        check_format(path, file, "rig-volume", (VOLUME_VERSION,))
         check_layout(path, file, VOLUME)
         group = file["volume"]
         volume = Volume(
@@ -163,7 +163,7 @@ def is_volume(path: Path) -> bool:
 
 
 def _write(file: h5py.File, volume: Volume) -> None:
-    write_root(file, "rig-volume")
+    write_root(file, "rig-volume", VOLUME_VERSION)
     file.attrs["parameters"] = json.dumps(dict(volume.parameters))
     file.attrs["scan"] = volume.scan
     file.attrs["scan_digest"] = volume.scan_digest

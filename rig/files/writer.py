@@ -5,7 +5,9 @@ import os
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
+from shutil import disk_usage
 from types import TracebackType
 from typing import Literal, Self
 
@@ -19,11 +21,14 @@ from rig.files.layout import SCAN
 from rig.files.salvage import salvage
 from rig.files.start import COMPRESSION, utc_now, write_start
 
+#: What is left free on the disk, so that a file can always be closed in order.
+RESERVE_BYTES = 16 * 2**20
+
 Status = Literal["complete", "interrupted", "failed"]
 
 
 class ScanWriter:
-    """Appends positions to a scan file, in the order of acquisition.
+    """Appends steps to a scan file, in the order of acquisition.
 
     Whole chunks go to the file as they fill. `checkpoint` makes all that was appended permanent: first the
     counts, then, after a flush, the marks that say they are there. So a reader of a killed file finds no mark
@@ -46,15 +51,14 @@ class ScanWriter:
         self._counts = file["transients/counts"]
         self._done = file["transients/done"]
         self._live_time_s = file["transients/live_time_s"]
-        self.positions, self.bins = self._counts.shape
+        self.steps, *self._shape = self._counts.shape  # in version 1 there is no axis of channels
         done = self._done[()]
-        self.appended = int(done.argmin()) if not done.all() else self.positions
+        self.appended = int(done.argmin()) if not done.all() else self.steps
         self._marked = self._maybe_marked = self.appended
-        self._photons = np.zeros(self.positions)
-        chunk_positions = self._counts.chunks[0]
-        self._buffer = np.zeros((chunk_positions, self.bins), self._counts.dtype)
-        self._first = 0  # position of the buffer's first row
-        self._live = np.full(self.positions, np.nan, "<f4")
+        self._photons = np.zeros(self.steps)
+        self._buffer = np.zeros((self._counts.chunks[0], *self._shape), self._counts.dtype)
+        self._first = 0  # step of the buffer's first row
+        self._live = np.full(self.steps, np.nan, "<f4")
         self._broken = False
 
     @classmethod
@@ -124,7 +128,9 @@ class ScanWriter:
         self._live[: self.appended] = self._live_time_s[: self.appended]
         for first in range(0, self.appended, size):
             rows = slice(first, min(first + size, self.appended))
-            self._photons[rows] = self._counts[rows].sum(axis=1, dtype=float)
+            self._photons[rows] = (
+                self._counts[rows].reshape(rows.stop - rows.start, -1).sum(axis=1, dtype=float)
+            )
         self._unmark_from(self._first)
         self._file.pop("stop", None)
         start_attributes = self._file["start"].attrs
@@ -133,38 +139,41 @@ class ScanWriter:
         self._file.flush()
 
     def append(self, counts: NDArray, live_time_s: float = float("nan")) -> None:
-        """Add the next position.
+        """Add the next step.
 
         Parameters
         ----------
         counts
-            (bins,) photons; copied.
+            (channels, bins) photons, or (bins,) of the only channel; copied.
         live_time_s
-            Measurement time of this position, NaN where unknown.
+            Measurement time of this step, NaN where unknown.
 
         Raises
         ------
         ValueError
-            If the shape or type does not fit, or all positions are there already.
+            If the shape or type does not fit, or all steps are there already.
         DataFileError
             If the file cannot be written, e.g. on a full disk; nothing more will be written then.
         """
-        if self.appended == self.positions:
-            raise ValueError(f"{self.path} has all its {self.positions} positions")
-        if np.shape(counts) != (self.bins,):
-            raise ValueError(f"counts must be ({self.bins},), not {np.shape(counts)}")
+        if self.appended == self.steps:
+            raise ValueError(f"{self.path} has all its {self.steps} steps")
+        shape = tuple(self._shape)
+        alone = prod(shape[:-1]) == 1
+        if np.shape(counts) != shape and not (alone and np.shape(counts) in {shape[-1:], (1, *shape[-1:])}):
+            raise ValueError(f"counts must be {shape}, not {np.shape(counts)}")
         if self.appended - self._first == len(self._buffer):
+            self._require_space()
             self._write_chunk()
             self._first = self.appended
-        np.copyto(self._buffer[self.appended - self._first], counts)
+        np.copyto(self._buffer[self.appended - self._first], np.reshape(counts, shape))
         self._live[self.appended] = live_time_s
         self._photons[self.appended] = np.sum(
             counts, dtype=np.float64 if self._buffer.dtype.kind == "f" else np.uint64
         )
         self.appended += 1
 
-    def record_devices(self, devices: Mapping[str, Settings]) -> None:
-        """Write what each device says of itself and its settings; what was there before is replaced.
+    def record_devices(self, devices: Mapping[str, Settings], pass_index: int = 0) -> None:
+        """Write what each device says of itself and its settings before a pass, in place of what was there.
 
         Raises
         ------
@@ -173,13 +182,16 @@ class ScanWriter:
         """
         assert self._file is not None
         with self._writing():
-            for name, settings in devices.items():
-                group = self._file["devices"].require_group(name)
-                group.attrs.update(settings)
+            if pass_index:
+                group = self._file.require_group("passes").require_group(str(pass_index))
+                group.attrs.update({name: json.dumps(dict(said)) for name, said in devices.items()})
+            else:
+                for name, settings in devices.items():
+                    self._file["devices"].require_group(name).attrs.update(settings)
             self._file.flush()
 
     def withdraw(self, first: int) -> None:
-        """Take back the positions from ``first`` on, because they turned out not to be trusted.
+        """Take back the steps from ``first`` on, because they turned out not to be trusted.
 
         Raises
         ------
@@ -205,11 +217,16 @@ class ScanWriter:
         Raises
         ------
         DataFileError
-            If the file cannot be written.
+            If the file cannot be written, or its disk is nearly full.
         """
-        assert self._file is not None
+        if self._marked != self.appended:
+            self._require_space()
+            self._save()
+
+    def _save(self) -> None:
         if self._marked == self.appended:
             return
+        assert self._file is not None
         self._write_chunk()
         with self._writing():
             new = slice(self._marked, self.appended)
@@ -239,7 +256,7 @@ class ScanWriter:
             return
         try:
             if not self._broken:
-                self.checkpoint()
+                self._save()
                 with self._writing():
                     stop = self._file.require_group("stop")
                     stop.attrs["description"] = SCAN["/stop"].what
@@ -264,7 +281,7 @@ class ScanWriter:
         packed = zlib.compress(shuffled.data, COMPRESSION)
         with self._writing():
             self._unmark_from(self._first)
-            self._counts.id.write_direct_chunk((self._first, 0), packed)
+            self._counts.id.write_direct_chunk((self._first, *(0 for _ in self._shape)), packed)
 
     def _unmark_from(self, position: int) -> None:
         assert self._file is not None
@@ -273,6 +290,15 @@ class ScanWriter:
             self._done[position : self._maybe_marked] = False
             self._file.flush()
             self._maybe_marked = position
+
+    def _require_space(self) -> None:
+        """Raise while there is still room to close the file in order: HDF5 does not survive a full disk."""
+        free = disk_usage(self.path.parent).free
+        if free < RESERVE_BYTES + 4 * self._buffer.nbytes:
+            raise DataFileError(
+                f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
+                "measured is in the file. Free some space, and go on with rig resume"
+            )
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -295,7 +321,7 @@ class ScanWriter:
     ) -> None:
         if error is not None:
             self.close("failed", f"{type(error).__name__}: {error}")
-        elif self.appended == self.positions:
+        elif self.appended == self.steps:
             self.close("complete", "all positions measured")
         else:
             self.close("interrupted", "closed before the last position")
@@ -308,7 +334,7 @@ def _written_here(file: h5py.File) -> bool:
         return False
     counts = transients["counts"]
     own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
-    return own_filters and counts.scaleoffset is None and counts.chunks[1] == counts.shape[1]
+    return own_filters and counts.scaleoffset is None and counts.chunks[1:] == counts.shape[1:]
 
 
 @contextmanager

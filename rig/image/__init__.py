@@ -1,1 +1,1 @@
-"""From a scan file to a volume: calibrations applied, a solver run, the result measured."""
+"""From a scan file to a volume: recalibrated, focused, measured. No device is touched."""

@@ -9,11 +9,11 @@ from recon.capture import Capture
 from rig.errors import DataFileError, UsageError
 from rig.files.scan import ScanFile
 from rig.image.even_bins import corrected
-from rig.model import state as use
+from rig.model.calibrations.chosen import Calibrations
+from rig.model.calibrations.kinds import KINDS
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.pointing import outside
 from rig.model.quantities import show, show_length
-from rig.model.state import Calibrations
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def from_store(scan: ScanFile, store: CalibrationStore) -> Calibrations:
         If there are none.
     """
     identities = {name: str(settings.get("identity", "")) for name, settings in scan.devices.items()}
-    found = [store.newest(kind, identities) for kind in use.KINDS]
+    found = [store.newest(kind, identities) for kind in KINDS]
     records = {one.calibration.kind: one.calibration for one in found if one}
     if not records:
         raise UsageError(f"{store.folder} holds no calibration of the devices of {scan.path}")
@@ -86,21 +86,23 @@ def recalibrated(scan: ScanFile, calibrations: Calibrations) -> Seen:
         if beyond:
             notes.append(f"galvo: {beyond} of {len(laser_m)} spots are outside the calibrated area")
     if calibrations.galvo or calibrations.time_zero:
-        legs = calibrations.time_zero.legs if calibrations.time_zero else scan.legs
-        if legs is None or scan.legs is None:
+        delays = calibrations.time_zero.legs if calibrations.time_zero else scan.delays
+        if delays is None or scan.delays is None:
             raise DataFileError(
                 f"{scan.path} holds rectified time, or a measured delay of each position: its legs cannot be "
                 "calibrated again"
             )
-        before_s = scan.legs.delay_s(scan.laser_m, scan.detector_m)
-        delay_s = legs.delay_s(laser_m, scan.detector_m)
+        before_s = scan.rectified_by_s()
+        delay_s = scan.rectified_by_s(delays, laser_m)
         first_bin_s = scan.first_bin_s - delay_s
         notes.append(f"time zero: later by {show(float(np.median(delay_s - before_s)), 's')} in the median")
         if scan.gate_start_s is not None:
             fade_from_s = scan.gate_start_s - float(delay_s.min())
     capture = seen.capture
     if first_bin_s is not None:
-        capture = dataclasses.replace(capture, laser_m=laser_m[scan.done], first_bin_s=first_bin_s[scan.done])
+        steps, _ = scan.imaged
+        pairs_m = np.repeat(laser_m[steps], len(scan.channels), axis=0)
+        capture = dataclasses.replace(capture, laser_m=pairs_m, first_bin_s=first_bin_s[steps].ravel())
     response_s = calibrations.response.fwhm_s if calibrations.response else seen.instrument_response_s
     return Seen(capture, fade_from_s, response_s, tuple(notes))
 

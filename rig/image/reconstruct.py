@@ -29,7 +29,6 @@ from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
-from rig.model.state import recorded
 from rig.show.sheet import frames_figure, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import save, volume_figure
@@ -170,7 +169,7 @@ def _seen_with(scan: ScanFile, request: Request) -> Seen:
     if request.calibrations is None and not request.even_bins:
         return as_recorded(scan)
     if request.calibrations is None:
-        calibrations = recorded(scan.calibrations, scan.path)
+        calibrations = scan.calibrations
         seen = as_recorded(scan)
     else:
         calibrations = from_store(scan, CalibrationStore(request.calibrations))

@@ -54,8 +54,8 @@ class Content:
         Type of the counts; floating where they are no photon numbers.
     blocks
         (n, bins) arrays that together give the P positions in order.
-    legs, delay_s
-        None where time is rectified; else the legs, or the (P,) delay of each position.
+    delays, delay_s
+        None where time is rectified; else the path delays, or the (P,) delay of each position.
     fade_from_s
         Rectified time before which the record holds the wall's own light.
     instrument_response_s
@@ -73,7 +73,7 @@ class Content:
     first_bin_s: float
     dtype: np.dtype
     blocks: Iterable[NDArray]
-    legs: PathDelays | None = None
+    delays: PathDelays | None = None
     fade_from_s: float | None = None
     instrument_response_s: float | None = None
     delay_s: NDArray[np.float64] | None = None

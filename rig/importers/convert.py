@@ -1,7 +1,6 @@
 """From a file of any known layout to a scan file."""
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,7 +109,7 @@ def import_scan(
         layout=layout.NAME,
         positions=len(content.laser_m),
         bins=content.bins,
-        time_origin="wall" if content.legs is None and content.delay_s is None else "laser",
+        time_origin="wall" if content.delays is None and content.delay_s is None else "laser",
         assumed=tuple(content.assumed),
     )
 
@@ -142,14 +141,14 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         bins=content.bins,
         bin_width_s=content.bin_width_s,
         first_bin_s=content.first_bin_s,
-        legs=content.legs,
+        delays=content.delays,
         delay_s=content.delay_s,
         simulated=content.simulated,
         command=f"rig import {source.name}",
         fade_from_s=fade_from_s,
         instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,
-        imported=json.dumps(imported),
+        imported=imported,
     )
     with appearing(target) as partial, ScanWriter.create(partial, description) as writer:
         for row in _rows(source, content):

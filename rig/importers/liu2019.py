@@ -67,7 +67,7 @@ def read(source: Source, options: Options) -> Content:
         first_bin_s=start_m / C_M_PER_S,
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
-        legs=PathDelays(frame.bring(laser_head_m), frame.bring(camera_head_m)),
+        delays=PathDelays(frame.bring(laser_head_m), frame.bring(camera_head_m)),
         assumed=("t0 is the left edge of the first bin", frame.in_words()),
     )
 

@@ -16,7 +16,7 @@ class Spots:
     ----------
     laser_m, detector_m
         (P, 3), and (1, 3) or (P, 3).
-    legs
+    delays
         With the heads on their sides; None where there are none.
     assumed
         What was taken for granted.
@@ -24,7 +24,7 @@ class Spots:
 
     laser_m: NDArray[np.float64]
     detector_m: NDArray[np.float64]
-    legs: PathDelays | None
+    delays: PathDelays | None
     assumed: tuple[str, ...]
 
 
@@ -64,12 +64,12 @@ def each_with_each(
             PathDelays(heads[1], heads[0]) if heads else None,
             ("by reciprocity, its sensor points are the scanned laser spots, and its laser is the detector",),
         )
-    legs = PathDelays(*heads) if heads else None
+    delays = PathDelays(*heads) if heads else None
     if len(sensor_m) == 1:
-        return Spots(laser_m, sensor_m, legs, ())
+        return Spots(laser_m, sensor_m, delays, ())
     said = f"each of {len(laser_m)} laser points with each of {len(sensor_m)} sensor points"
     if laser_outer:
         lit_m, seen_m = np.repeat(laser_m, len(sensor_m), axis=0), np.tile(sensor_m, (len(laser_m), 1))
     else:
         lit_m, seen_m = np.tile(laser_m, (len(sensor_m), 1)), np.repeat(sensor_m, len(laser_m), axis=0)
-    return Spots(lit_m, seen_m, legs, (said,))
+    return Spots(lit_m, seen_m, delays, (said,))

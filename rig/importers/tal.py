@@ -101,7 +101,7 @@ def read(source: Source, options: Options) -> Content:
         first_bin_s=0.0 if start_m is None else start_m[0] / C_M_PER_S,
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
-        legs=spots.legs,
+        delays=spots.delays,
         assumed=(*spots.assumed, frame.in_words()),
     )
 

@@ -80,7 +80,7 @@ def read(source: Source, options: Options) -> Content:
         first_bin_s=start_m / C_M_PER_S,
         dtype=np.dtype("<f4"),
         blocks=layout.blocks(),
-        legs=spots.legs,
+        delays=spots.delays,
         simulated=True,
         assumed=(
             f"all {ordered[0]} colours and the bounces {', '.join(str(one + 1) for one in bounces)} of "

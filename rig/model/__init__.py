@@ -1,1 +1,4 @@
-"""What a rig is: configuration, calibrations, the plan of a scan. Values only: no device, no data file."""
+"""What a rig is: configuration, calibrations, the state they resolve to, plans.
+
+Values only: nothing here opens a device or a data file.
+"""

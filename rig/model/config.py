@@ -5,11 +5,12 @@ and commented in ``configs/simulated.toml``.
 """
 
 import tomllib
+from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
@@ -30,9 +31,10 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", alias_generator=_key, populate_by_name=False)
 
 
-class GalvoConfig(_Section):
-    """The steering mirror: where it is connected and where it stands."""
+class OptotuneConfig(_Section):
+    """An Optotune MR-15-30 steering mirror, or another one behind the same electronics."""
 
+    kind: Literal["optotune"] = "optotune"
     address: str | None = None
     """Serial port or pyserial URL."""
     position_m: Point = (-0.15, 0.0, 2.5)
@@ -51,9 +53,10 @@ class GalvoConfig(_Section):
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
 
 
-class LaserConfig(_Section):
-    """The pulsed laser."""
+class KatanaConfig(_Section):
+    """A Onefive/NKT Katana HP pulsed laser."""
 
+    kind: Literal["katana"] = "katana"
     address: str | None = None
     """Serial port or pyserial URL."""
     power_setpoint: float = Field(10.0, ge=0, le=10)
@@ -62,15 +65,14 @@ class LaserConfig(_Section):
     """Pulses a second."""
 
 
-class SpadConfig(_Section):
-    """The gated single-photon detector."""
+class Id120Config(_Section):
+    """An ID Quantique ID120, gated."""
 
+    kind: Literal["id120"] = "id120"
     serial: str | None = None
     """Serial number, when several detectors are connected."""
     position_m: Point = (0.15, 0.0, 2.5)
     """The detector's lens."""
-    spot_m: Point = (0.0, 0.0, 0.0)
-    """The spot on the relay wall that the detector looks at."""
     gated: bool = True
     """False: free running, the first bounce is detected too."""
     gate_delay_s: Seconds = Field(31.5e-9, ge=0)
@@ -83,25 +85,67 @@ class SpadConfig(_Section):
     """Bias above breakdown."""
 
 
-class HydraHarpConfig(_Section):
-    """The timing instrument, in histogram mode."""
+class ChannelConfig(_Section):
+    """One pixel of the detector: what it looks at, and where its pulses go."""
 
+    name: str = "spad"
+    input: int = Field(0, ge=0)
+    """Input of the timing instrument, counted from 0."""
+    spot_m: Point = (0.0, 0.0, 0.0)
+    """The spot on the relay wall that it looks at."""
+    delay_s: Seconds = 0.0
+    """By how much its pulses come later than timing.electronics_delay says."""
+
+
+class HydraHarpConfig(_Section):
+    """A PicoQuant HydraHarp 400, in histogram mode."""
+
+    kind: Literal["hydraharp"] = "hydraharp"
     library: Path | None = None
     """The vendor's library; by default it is searched for in the usual places."""
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
-    sync_level_v: Volts = Field(0.05, ge=0, le=1)
-    sync_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
-    input_channel: int = Field(0, ge=0, le=7)
-    input_level_v: Volts = Field(0.05, ge=0, le=1)
-    input_zero_cross_v: Volts = Field(0.01, ge=0, le=0.04)
+    sync_level_v: Volts = Field(0.05, ge=0)
+    sync_zero_cross_v: Volts = Field(0.01, ge=0)
+    input_level_v: Volts = Field(0.05, ge=0)
+    """Of every input that a channel uses."""
+    input_zero_cross_v: Volts = Field(0.01, ge=0)
     bin_width_s: Seconds = Field(4e-12, gt=0)
-    bins: int = Field(15_000, ge=1, le=65_536)
+    bins: int = Field(15_000, ge=1)
     offset_s: Seconds = Field(28e-9, ge=0)
     """Start of the histogram after the sync pulse, whole nanoseconds."""
     readout_time_s: Seconds = Field(0.005, ge=0)
     """Time to clear, read and restart; used only to estimate how long a scan takes."""
+
+
+class PlaybackConfig(_Section):
+    """A scan file in place of a timing instrument: its counts, step by step, for rehearsals."""
+
+    kind: Literal["playback"] = "playback"
+    file: Path
+    """The scan file that is played; a relative path begins where the program is called."""
+    readout_time_s: Seconds = Field(0.0, ge=0)
+    """Time to read a histogram; used only to estimate how long a scan takes."""
+
+
+Detector = Id120Config
+
+
+def _kind_or(usual: str) -> Callable[[Any], str]:
+    """Return a function that tells a section's kind; one that does not say is of the usual one."""
+
+    def kind(section: Any) -> str:
+        found = section.get("kind", usual) if isinstance(section, dict) else getattr(section, "kind", usual)
+        return str(found)
+
+    return kind
+
+
+Tcspc = Annotated[
+    Annotated[HydraHarpConfig, Tag("hydraharp")] | Annotated[PlaybackConfig, Tag("playback")],
+    Discriminator(_kind_or("hydraharp")),
+]
 
 
 class TimingConfig(_Section):
@@ -176,7 +220,7 @@ class FaultsConfig(_Section):
     ambient_light_hz: Hertz = Field(500.0, ge=0)
     """Counts a second from room light while the detector is sensitive."""
     hold_off: bool = True
-    """Whether a detection keeps the detector off for spad.hold_off, and the next gate closed."""
+    """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
     afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
     afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
     gate_ringing: float = Field(0.07, ge=0, le=1)
@@ -223,16 +267,34 @@ class RigConfig(_Section):
     """The whole rig. All defaults together are the built-in rig, except for the simulation itself."""
 
     name: str = "simulated rig"
-    galvo: GalvoConfig = GalvoConfig()
-    laser: LaserConfig = LaserConfig()
-    spad: SpadConfig = SpadConfig()
-    hydraharp: HydraHarpConfig = HydraHarpConfig()
+    galvo: OptotuneConfig = OptotuneConfig()
+    laser: KatanaConfig = KatanaConfig()
+    detector: Detector = Id120Config()
+    tcspc: Tcspc = HydraHarpConfig()
+    channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
+    """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
     cameras: CamerasConfig = CamerasConfig()
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_older(cls, table: Any) -> Any:
+        return _with_kinds(table) if isinstance(table, dict) else table
+
+    @model_validator(mode="after")
+    def _channels_differ(self) -> "RigConfig":
+        if not self.channels:
+            raise ValueError("channels: there is none; a single detector has one")
+        for what in ("name", "input"):
+            values = [getattr(channel, what) for channel in self.channels]
+            twice = sorted({value for value in values if values.count(value) > 1})
+            if twice:
+                raise ValueError(f"channels: two have the {what} {twice[0]}; give each its own")
+        return self
 
     @model_validator(mode="after")
     def _addresses_are_given(self) -> "RigConfig":
@@ -243,9 +305,10 @@ class RigConfig(_Section):
                         f"{name}.address is missing: give the serial port, "
                         f'e.g. address = "/dev/ttyACM0", or add a [simulation] section'
                     )
-        if self.galvo.position_m[2] <= 0 or self.spad.position_m[2] <= 0:
+        if self.galvo.position_m[2] <= 0 or self.detector.position_m[2] <= 0:
             raise ValueError(
-                "galvo.position and spad.position stand in front of the wall: their third number is above 0"
+                "galvo.position and detector.position stand in front of the wall: "
+                "their third number is above 0"
             )
         return self
 
@@ -274,15 +337,37 @@ _NOT_MEASURED_WITH = (
     "galvo.max_angle",
     "galvo.settle_",
     "laser.address",
-    "spad.serial",
-    "hydraharp.library",
-    "hydraharp.serial",
-    "hydraharp.readout_time_s",
+    "detector.serial",
+    "tcspc.library",
+    "tcspc.serial",
+    "tcspc.readout_time_s",
+    "tcspc.file",
     "scan.",
     "calibration.",
     "cameras.",
     "simulation.real_time",
 )
+
+
+#: Sections as they were called before their kind was a choice, and keys that have gone to `channels` since.
+_OLDER_SECTIONS = {"hydraharp": "tcspc", "spad": "detector"}
+_OLDER_KEYS = {
+    ("tcspc", "input_channel"): "input",
+    ("detector", "spot"): "spot",
+    ("detector", "spot_m"): "spot_m",
+}
+
+
+def _with_kinds(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a configuration of an older program, as a file or a scan holds it, in the present sections."""
+    table = {_OLDER_SECTIONS.get(name, name): value for name, value in table.items()}
+    of_channel: dict[str, Any] = {}
+    for (section, key), channel_key in _OLDER_KEYS.items():
+        values = table.get(section)
+        if isinstance(values, dict) and key in values:
+            of_channel[channel_key] = values[key]
+            table[section] = {name: value for name, value in values.items() if name != key}
+    return {**table, "channels": [of_channel]} if of_channel and "channels" not in table else table
 
 
 def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
@@ -339,18 +424,46 @@ def load(path: Path, changes: Table | None = None) -> RigConfig:
         raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
 
 
+#: Sections of several kinds; pydantic puts the kind into the place of an error.
+_KINDS: dict[str, dict[str, type[BaseModel]]] = {
+    "tcspc": {"hydraharp": HydraHarpConfig, "playback": PlaybackConfig},
+}
+
+
 def _explain(problem: ErrorDetails) -> str:
-    where = ".".join(str(part) for part in problem["loc"])
+    place = problem["loc"]
+    parts = [part for before, part in zip(("", *place), place, strict=False) if not _is_kind(before, part)]
+    where = ".".join(str(part) for part in parts)
     if problem["type"] == "extra_forbidden":
-        near = get_close_matches(str(problem["loc"][-1]), _known_keys(problem["loc"][:-1]), n=1)
+        near = get_close_matches(str(place[-1]), _known_keys(place[:-1]), n=1)
         return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
     message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "union_tag_invalid":
+        message = f"there is no kind {problem['ctx']['tag']}; choose among {problem['ctx']['expected_tags']}"
     return f"{where}: {message}" if where else message
 
 
-def _known_keys(section: tuple) -> list[str]:
+def _is_kind(section: str | int, part: str | int) -> bool:
+    return part in _KINDS.get(str(section), {})
+
+
+def _known_keys(place: tuple[str | int, ...]) -> list[str]:
     model: type[BaseModel] = RigConfig
-    for part in section:
-        annotation = model.model_fields[part].annotation
-        model = SimulationConfig if part == "simulation" else annotation  # type: ignore[assignment]
+    for before, part in zip(("", *place), place, strict=False):
+        if isinstance(part, int):
+            continue
+        if part in _SECTIONS:
+            model = _SECTIONS[part]
+        elif _is_kind(before, part):
+            model = _KINDS[str(before)][part]
+        else:
+            model = model.model_fields[part].annotation  # type: ignore[assignment]
     return [field.alias or name for name, field in model.model_fields.items()]
+
+
+#: Sections whose type is not simply that of their field.
+_SECTIONS: dict[str, type[BaseModel]] = {
+    "simulation": SimulationConfig,
+    "channels": ChannelConfig,
+    "tcspc": HydraHarpConfig,
+}

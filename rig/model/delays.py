@@ -33,12 +33,12 @@ class PathDelays:
         Parameters
         ----------
         laser_m, detector_m
-            (P, 3) and (1 or P, 3) spots x_p and x_c on the wall.
+            (..., 3) spots x_p and x_c on the wall, which broadcast.
 
         Returns
         -------
-        (P,) delays in seconds.
+        (...) delays in seconds.
         """
-        to_wall_m = np.linalg.norm(laser_m - self.laser_head_m, axis=1)
-        from_wall_m = np.linalg.norm(detector_m - self.detector_head_m, axis=1)
-        return self.electronics_delay_s + (to_wall_m + from_wall_m) / C_M_PER_S
+        to_wall_m = np.linalg.norm(laser_m - self.laser_head_m, axis=-1)
+        from_wall_m = np.linalg.norm(detector_m - self.detector_head_m, axis=-1)
+        return np.asarray(self.electronics_delay_s + (to_wall_m + from_wall_m) / C_M_PER_S)

@@ -99,7 +99,12 @@ class Exposure(Protocol):
 
     @property
     def counts(self) -> NDArray[np.uint32]:
-        """(bins,) photons a bin; valid until the next measurement."""
+        """(channels, bins) photons a bin; valid until the next measurement."""
+        ...
+
+    @property
+    def photons(self) -> int:
+        """Sum of all counts."""
         ...
 
     @property
@@ -131,6 +136,11 @@ class Tcspc(Device, Protocol):
     """A time-correlated single-photon counter that makes histograms of start-stop times."""
 
     @property
+    def bins(self) -> int:
+        """Number of bins of a histogram."""
+        ...
+
+    @property
     def bin_width_s(self) -> float:
         """The bin width that the instrument really uses."""
         ...
@@ -154,13 +164,30 @@ class Tcspc(Device, Protocol):
 
 
 class Preparation(Enum):
-    """What calibrations ask of the person at the rig. The value says it in words."""
+    """What is asked of the person at the rig; `words` says it in full."""
 
-    MEASURE = "Take filter, beam stop and cover away, the lamp off: the rig as for a scan"
-    ATTENUATE = "Take beam stop and cover away, and put the filter (optical density 1 or more) into the beam"
-    BLOCK = "Take filter and cover away, and put the beam stop before the laser; its sync pulses go on"
-    COVER = "Put the beam stop before the laser, and cover the detector's lens"
-    LAMP = "Put the beam stop before the laser, uncover the lens, and light the wall with a steady lamp"
+    MEASURE = "measure"
+    ATTENUATE = "attenuate"
+    BLOCK = "block"
+    COVER = "cover"
+    LAMP = "lamp"
+
+    @property
+    def words(self) -> str:
+        """What is to be done, as a sentence."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Preparation.MEASURE: "Take filter, beam stop and cover away, the lamp off: the rig as for a scan",
+    Preparation.ATTENUATE: "Take beam stop and cover away, and put the filter (optical density 1 or more) "
+    "into the beam",
+    Preparation.BLOCK: "Take filter and cover away, and put the beam stop before the laser; its sync pulses "
+    "go on",
+    Preparation.COVER: "Put the beam stop before the laser, and cover the detector's lens",
+    Preparation.LAMP: "Put the beam stop before the laser, uncover the lens, and light the wall with a "
+    "steady lamp",
+}
 
 
 @dataclass(frozen=True)

@@ -1,173 +1,309 @@
-"""The scan plan: an immutable value that can be printed, timed and checked without hardware."""
+"""The scan plan: an immutable value that can be printed, timed and stored without hardware.
 
-from dataclasses import asdict, dataclass
+A plan is made of passes, a pass of steps. A step says where to aim and how long; a pass says what its steps
+have in common and how the rig is set for them. A grid is one way to make the steps of a pass, a list of spots
+another.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from shutil import disk_usage
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig.errors import RefusedError
+from rig.errors import DataFileError, UsageError
 from rig.model.config import RigConfig
-from rig.model.pointing import Pointing
-from rig.model.quantities import show_length
+from rig.model.devices import Preparation
 
-#: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
-BYTES_PER_PHOTON = 0.85
-#: Detections a second that the size estimate assumes (the paper's Table 1: 205 to 265 thousand).
-ASSUMED_RATE_HZ = 265e3
+Point = tuple[float, float, float]
+
+#: Spots of a list that are put on disk together, as those of a grid's line are.
+SPOTS_OF_A_LINE = 100
+#: More steps than this are no scan, but a slip in typing or a damaged file.
+MAX_STEPS = 10_000_000
 
 
-@dataclass(frozen=True)
-class ScanPlan:
-    """Which spots are lit, in which order, for how long.
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    The grid is centred on the wall's origin; lines run along x and alternate in direction, from the bottom up
-    (snake order), so that the mirror never jumps.
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values, checked again, without what was computed from the old ones."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**{**values, **(update or {})})
 
-    Attributes
-    ----------
-    columns, rows
-        Grid positions along x and y.
-    spacing_m
-        Distance between neighbours.
-    exposure_s
-        Measurement time at each position.
-    detector_spot_m
-        The spot that the detector looks at.
-    skip_m
-        Side of the square around that spot which is left out, because there the first bounce drowns the rest.
-    bins, bin_width_s
-        The histogram at each position.
-    """
 
-    columns: int
-    rows: int
-    spacing_m: float
-    exposure_s: float
-    detector_spot_m: tuple[float, float, float]
-    skip_m: float
-    bins: int
-    bin_width_s: float
+class Square(_Part):
+    """A square of the wall that a grid leaves out."""
 
-    @classmethod
-    def from_config(cls, config: RigConfig, **changes: Any) -> "ScanPlan":
-        """Take the configuration's scan, with ``changes`` from the command line where they are not None."""
-        plan: dict[str, Any] = {
-            "columns": config.scan.columns,
-            "rows": config.scan.rows,
-            "spacing_m": config.scan.spacing_m,
-            "exposure_s": config.scan.exposure_s,
-            "detector_spot_m": config.spad.spot_m,
-            "skip_m": config.scan.skip_m,
-            "bins": config.hydraharp.bins,
-            "bin_width_s": config.hydraharp.bin_width_s,
-        }
-        plan.update({name: value for name, value in changes.items() if value is not None})
-        return cls(**plan)
+    x_m: float
+    y_m: float
+    side_m: float = Field(gt=0)
+
+
+class Grid(_Part):
+    """A grid about the wall's origin; its lines run along x, from the bottom up."""
+
+    kind: Literal["grid"] = "grid"
+    columns: int = Field(ge=1)
+    rows: int = Field(ge=1)
+    spacing_m: float = Field(gt=0)
+    """Distance between neighbours."""
+    order: Literal["snake", "random"] = "snake"
+    """snake: lines alternate in direction, so that the mirror never jumps."""
+    seed: int = 0
+    """Of the random order."""
+    without: tuple[Square, ...] = ()
+    """What is left out, e.g. around a detector's spot, where the first bounce drowns the rest."""
+
+    @property
+    def places(self) -> int:
+        """Number of positions, those that are left out among them."""
+        return self.columns * self.rows
 
     @cached_property
-    def _grid(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        x_m = (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing_m
-        y_m = (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing_m
-        lines = [x_m if row % 2 == 0 else x_m[::-1] for row in range(self.rows)]
-        spots_m = np.zeros((self.rows * self.columns, 3))
-        spots_m[:, 0] = np.concatenate(lines)
-        spots_m[:, 1] = np.repeat(y_m, self.columns)
-        away_m = np.abs(spots_m[:, :2] - np.asarray(self.detector_spot_m)[:2]).max(axis=1)
-        kept = away_m > self.skip_m / 2 if self.skip_m > 0 else np.ones(len(spots_m), bool)
-        return spots_m[kept], np.repeat(np.arange(self.rows), self.columns)[kept]
-
-    @property
     def spots_m(self) -> NDArray[np.float64]:
         """(P, 3) laser spots in the order in which they are visited."""
-        return self._grid[0]
+        return self._visited[0]
 
-    @property
-    def line_of_position(self) -> NDArray[np.int64]:
-        """(P,) which line of the grid each position belongs to."""
-        return self._grid[1]
-
-    @property
-    def positions(self) -> int:
-        """Number of positions P that are measured."""
-        return len(self.spots_m)
+    @cached_property
+    def line_of_spot(self) -> NDArray[np.int64]:
+        """(P,) which line each spot belongs to, counted in the order of visits."""
+        return self._visited[1]
 
     @property
     def skipped(self) -> int:
-        """Number of grid positions left out around the detector's spot."""
-        return self.columns * self.rows - self.positions
+        """Number of grid positions left out."""
+        return self.places - len(self.spots_m)
+
+    @cached_property
+    def _visited(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        x_m = (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing_m
+        y_m = (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing_m
+        grid_m = np.zeros((self.rows, self.columns, 3))
+        grid_m[..., 0], grid_m[..., 1] = x_m, y_m[:, None]
+        grid_m[1::2] = grid_m[1::2, ::-1]
+        spots_m = grid_m.reshape(-1, 3)
+        lines = np.repeat(np.arange(self.rows), self.columns)
+        if self.order == "random":
+            spots_m = spots_m[np.random.default_rng(self.seed).permutation(len(spots_m))]
+        kept = np.ones(len(spots_m), bool)
+        for square in self.without:
+            away_m = np.abs(spots_m[:, :2] - (square.x_m, square.y_m)).max(axis=1)
+            kept &= away_m > square.side_m / 2
+        return spots_m[kept], lines[kept]
+
+
+class Spots(_Part):
+    """A list of spots, in the order in which they are visited."""
+
+    kind: Literal["spots"] = "spots"
+    spots: tuple[Point, ...] = Field(min_length=1)
+    """On the wall [m]."""
 
     @property
-    def exposure_total_s(self) -> float:
-        """Light on the wall over the whole scan."""
-        return self.positions * self.exposure_s
+    def places(self) -> int:
+        """Number of positions."""
+        return len(self.spots)
 
-    def duration_s(self, config: RigConfig) -> float:
-        """Estimate how long the scan takes on hardware: exposure, settling and readout of each position."""
-        each_s = self.exposure_s + config.galvo.settle_time_s + config.hydraharp.readout_time_s
-        return self.positions * each_s
+    @cached_property
+    def spots_m(self) -> NDArray[np.float64]:
+        """(P, 3) laser spots in the order in which they are visited."""
+        return np.array(self.spots, dtype=float)
 
-    @property
-    def bytes_in_memory(self) -> int:
-        """Size of all histograms, uncompressed."""
-        return self.positions * self.bins * 4
+    @cached_property
+    def line_of_spot(self) -> NDArray[np.int64]:
+        """(P,) which line each spot belongs to."""
+        return np.arange(len(self.spots)) // SPOTS_OF_A_LINE
 
-    @property
-    def bytes_on_disk(self) -> int:
-        """Estimate of the compressed scan file, at the paper's count rate."""
-        photons = self.exposure_total_s * ASSUMED_RATE_HZ
-        return int(min(self.bytes_in_memory, photons * BYTES_PER_PHOTON + self.positions * 500))
 
-    def check(self, config: RigConfig, folder: Path, pointing: Pointing) -> None:
-        """Refuse what the rig cannot do, before anything moves.
+class Pass(_Part):
+    """Steps that have exposure and settings in common; what is None is as the rig's state has it."""
+
+    name: str = ""
+    """What the pass is for, e.g. ``covered``."""
+    positions: Annotated[Grid | Spots, Field(discriminator="kind")]
+    exposure_s: float = Field(gt=0)
+    """Measurement time of each step."""
+    frames: int = Field(1, ge=1)
+    """How often all positions are visited."""
+    gate_s: tuple[float, float] | None = None
+    """Opening edge of the gate after the sync pulse, and its width."""
+    hold_off_s: float | None = None
+    """Time after a detection during which the detector stays off."""
+    preparation: Preparation | None = None
+    """What the person at the rig is asked before it."""
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.positions.spots_m) * self.frames
+
+    def same_settings(self, other: "Pass") -> bool:
+        """Return whether the rig is set alike for both."""
+        names = ("gate_s", "hold_off_s", "preparation")
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One measurement.
+
+    Attributes
+    ----------
+    index
+        Its place in the plan, and in the scan file.
+    spot_m
+        Where the laser is sent.
+    exposure_s
+        How long is measured.
+    pass_index
+        Which pass it belongs to.
+    ends_line
+        Whether a line of the wall ends with it: a good moment to put data on disk.
+    """
+
+    index: int
+    spot_m: Point
+    exposure_s: float
+    pass_index: int
+    ends_line: bool
+
+
+class ScanPlan(_Part):
+    """Which spots are lit, in which order, for how long, and how the rig is set meanwhile."""
+
+    passes: tuple[Pass, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_older(cls, plan: Any) -> Any:
+        return _with_passes(plan) if isinstance(plan, dict) and "columns" in plan else plan
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> "ScanPlan":
+        places = sum(one.positions.places * one.frames for one in self.passes)
+        if places > MAX_STEPS:
+            raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
+        return self
+
+    @classmethod
+    def grid(cls, config: RigConfig, **changes: Any) -> "ScanPlan":
+        """Return the configuration's scan, one pass over a grid.
 
         Parameters
         ----------
         config
-            The rig's limits.
-        folder
-            Where the scan file shall be.
-        pointing
-            The model of the mirror.
+            Names grid, exposure, and the spots of the detector, around which nothing is measured.
+        changes
+            ``columns``, ``rows``, ``spacing_m``, ``exposure_s``, ``skip_m``, ``order``, ``seed``, ``frames``
+            of the command line, where they are not None; and what else a `Pass` has.
 
         Raises
         ------
-        RefusedError
-            If a spot is outside the mirror's limits, the exposure does not suit the timing instrument, or the
-            disk would overflow.
+        UsageError
+            If a value is none that a plan can have.
         """
-        if not folder.is_dir():
-            raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
-        if not self.positions:
-            raise RefusedError(
-                "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
-            )
-        angles = np.abs(pointing.angles_rad(self.spots_m)).max(axis=0)
-        limits = (config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)
-        for axis, angle, limit in zip("xy", angles, limits, strict=True):
-            if angle > limit:
-                raise RefusedError(
-                    f"the grid of {self.columns} x {self.rows} at {show_length(self.spacing_m)} needs "
-                    f"{np.degrees(angle):.1f} deg of mirror angle in {axis}, {np.degrees(limit):.1f} deg is "
-                    "the limit. "
-                    f"Use a smaller grid or spacing, or raise galvo.max_angle_{axis} if the mirror can do it"
-                )
-        milliseconds = self.exposure_s * 1e3
-        if milliseconds < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
-            raise RefusedError(
-                f"an exposure of {milliseconds:g} ms is not possible: the timing instrument measures in "
-                f"whole milliseconds from 1 ms on. Use {max(round(milliseconds), 1)}ms"
-            )
-        free = disk_usage(folder).free
-        if self.bytes_on_disk > 0.95 * free:
-            raise RefusedError(
-                f"the scan needs about {self.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
-                "free. Free some space, or choose another place with --out"
+        wanted: dict[str, Any] = {
+            "columns": config.scan.columns,
+            "rows": config.scan.rows,
+            "spacing_m": config.scan.spacing_m,
+            "exposure_s": config.scan.exposure_s,
+            "skip_m": config.scan.skip_m,
+        }
+        wanted |= {name: value for name, value in changes.items() if value is not None}
+        skip_m = wanted.pop("skip_m")
+        of_grid = {name: wanted.pop(name) for name in tuple(wanted) if name in Grid.model_fields}
+        spots = [channel.spot_m for channel in config.channels] if skip_m > 0 else []
+        try:
+            without = tuple(Square(x_m=x_m, y_m=y_m, side_m=skip_m) for x_m, y_m, _ in spots)
+            return cls(passes=(Pass(positions=Grid(**of_grid, without=without), **wanted),))
+        except ValidationError as error:
+            raise UsageError(f"such a scan cannot be made: {_explain(error)}") from None
+
+    @classmethod
+    def from_json(cls, text: str, source: object) -> "ScanPlan":
+        """Read the plan that a scan file holds, of this or of an older program.
+
+        Raises
+        ------
+        DataFileError
+            If it is none; ``source`` is named.
+        """
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise DataFileError(f"{source}: its plan cannot be read: {_explain(error)}") from None
+
+    def __len__(self) -> int:
+        """Return the number of steps."""
+        return len(self.spots_m)
+
+    def steps(self, first: int = 0) -> Iterator[Step]:
+        """Yield the steps from ``first`` on."""
+        for index in range(first, len(self)):
+            x_m, y_m, z_m = self.spots_m[index].tolist()
+            yield Step(
+                index,
+                (x_m, y_m, z_m),
+                float(self.exposures_s[index]),
+                int(self.pass_of_step[index]),
+                bool(self._ends_line[index]),
             )
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the plan as plain values, for a file."""
-        return asdict(self)
+    @cached_property
+    def spots_m(self) -> NDArray[np.float64]:
+        """(S, 3) laser spot of each step."""
+        return np.concatenate([np.tile(one.positions.spots_m, (one.frames, 1)) for one in self.passes])
+
+    @cached_property
+    def exposures_s(self) -> NDArray[np.float64]:
+        """(S,) measurement time of each step."""
+        return np.repeat([one.exposure_s for one in self.passes], list(map(len, self.passes)))
+
+    @cached_property
+    def pass_of_step(self) -> NDArray[np.int64]:
+        """(S,) which pass each step belongs to."""
+        return np.repeat(np.arange(len(self.passes)), list(map(len, self.passes)))
+
+    @cached_property
+    def _ends_line(self) -> NDArray[np.bool_]:
+        ends = []
+        for one in self.passes:
+            lines = one.positions.line_of_spot
+            ends += [np.append(lines[1:] != lines[:-1], True)[: len(lines)]] * one.frames
+        return np.concatenate(ends)
+
+    def range_of_pass(self, index: int) -> range:
+        """Return the steps of a pass."""
+        first = sum(map(len, self.passes[:index]))
+        return range(first, first + len(self.passes[index]))
+
+    @property
+    def exposure_total_s(self) -> float:
+        """Measurement time of the whole scan."""
+        return float(sum(len(one) * one.exposure_s for one in self.passes))
+
+    def duration_s(self, config: RigConfig) -> float:
+        """Estimate how long the scan takes on hardware: exposure, settling and readout of each step."""
+        return self.exposure_total_s + len(self) * (config.galvo.settle_time_s + config.tcspc.readout_time_s)
+
+
+def _with_passes(older: dict[str, Any]) -> dict[str, Any]:
+    """Return a plan of an older program, a grid with one exposure, as one pass; as it is where it is none."""
+    try:
+        x_m, y_m, _ = older["detector_spot_m"]
+        square = {"x_m": x_m, "y_m": y_m, "side_m": older["skip_m"]}
+        grid = {name: older[name] for name in ("columns", "rows", "spacing_m")}
+        grid |= {"kind": "grid", "without": [square] if older["skip_m"] > 0 else []}
+        return {"passes": [{"positions": grid, "exposure_s": older["exposure_s"]}]}
+    except (KeyError, TypeError, ValueError):
+        return older
+
+
+def _explain(error: ValidationError) -> str:
+    return "; ".join(
+        f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
+        for problem in error.errors()
+    )

@@ -2,6 +2,7 @@
 
 import re
 from functools import cache
+from math import isfinite
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, ValidationInfo
@@ -69,14 +70,16 @@ def parse(text: str, kind: str) -> float:
     ):  # the registry would take a whole expression, and fail on some in its own ways
         raise unknown
     try:
-        value = float(number.group()) * _registry().Unit(symbol)
-        return float(f"{value.to(unit).magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
+        magnitude = (float(number.group()) * _registry().Unit(symbol)).to(unit).magnitude
     except pint.DimensionalityError:
         raise UsageError(
             f"'{text}' is not a {kind}; write it with a unit of {kind}, e.g. {example}"
         ) from None
-    except pint.UndefinedUnitError:
+    except (pint.PintError, AttributeError, OverflowError, TypeError):  # such as of logarithmic units
         raise unknown from None
+    if not isfinite(magnitude):
+        raise UsageError(f"'{text}' is too large; write a {kind} such as {example}")
+    return float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
 
 
 def example_unit(kind: str) -> str:

@@ -1,173 +1,179 @@
-"""Which calibrations a scan uses, and what they change."""
+"""The rig as it is: its configuration, corrected by what was calibrated; resolved once for a command."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TypeVar
+from functools import cached_property
 
 import numpy as np
 
-from rig.errors import DataFileError
-from rig.model.calibrations.base import Calibration
-from rig.model.calibrations.kinds import KINDS, BinWidths, GalvoModel, GateOpening, Response, TimeZero
-from rig.model.calibrations.store import CalibrationStore, doubts, parse
+from rig.model.calibrations.chosen import Calibrations, choose
+from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.pointing import Pointing
 from rig.model.quantities import show
-
-Kind = TypeVar("Kind", bound=Calibration)
 
 #: A calibrated delay that differs by more from the configuration's is told.
 WORTH_TELLING_S = 50e-12
 
 
 @dataclass(frozen=True)
-class Calibrations:
-    """At most one calibration of each kind; where there is none, the configuration's values hold.
+class Gate:
+    """When the detector is sensitive.
 
     Attributes
     ----------
-    records
-        By kind.
-    warnings
-        What speaks against them, as sentences.
+    delay_s, width_s
+        Opening edge after the sync pulse, and how long it stays open.
     """
 
-    records: Mapping[str, Calibration] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def galvo(self) -> GalvoModel | None:
-        """Where the beam meets the wall."""
-        return self._one(GalvoModel)
-
-    @property
-    def time_zero(self) -> TimeZero | None:
-        """When the pulse is on the wall."""
-        return self._one(TimeZero)
-
-    @property
-    def response(self) -> Response | None:
-        """The response of the system."""
-        return self._one(Response)
-
-    @property
-    def gate(self) -> GateOpening | None:
-        """When to open the gate."""
-        return self._one(GateOpening)
-
-    @property
-    def bin_widths(self) -> BinWidths | None:
-        """Real widths of the bins."""
-        return self._one(BinWidths)
-
-    def pointing(self, config: RigConfig) -> Pointing:
-        """Return the model of the mirror."""
-        return self.galvo.pointing() if self.galvo else nominal_pointing(config)
-
-    def legs(self, config: RigConfig) -> PathDelays:
-        """Return what to subtract for rectified time."""
-        if self.time_zero:
-            return self.time_zero.legs
-        return PathDelays(
-            np.array(self.galvo.mirror_m if self.galvo else config.galvo.position_m),
-            np.array(config.spad.position_m),
-            config.timing.electronics_delay_s,
-        )
-
-    def instrument_response_s(self, config: RigConfig) -> float:
-        """Return the full width at half maximum of the response [s]."""
-        return self.response.fwhm_s if self.response else config.timing.instrument_response_s
-
-    def gate_s(self, config: RigConfig) -> tuple[float, float]:
-        """Return opening after the sync pulse, and width [s]."""
-        if self.gate:
-            return self.gate.gate_delay_s, self.gate.gate_width_s
-        return config.spad.gate_delay_s, config.spad.gate_width_s
-
-    def documents(self) -> dict[str, str]:
-        """Return the JSON text of each, as a scan file holds it."""
-        return {kind: record.document() for kind, record in self.records.items()}
-
-    def in_words(self) -> str:
-        """Return a line about what is used; empty where nothing is."""
-        return ", ".join(
-            f"{kind} of {record.created:%Y-%m-%d %H:%M}" for kind, record in self.records.items()
-        )
-
-    def _one(self, kind: type[Kind]) -> Kind | None:
-        record = self.records.get(kind.kind)
-        return record if isinstance(record, kind) else None
+    delay_s: float
+    width_s: float
 
 
-def nominal_pointing(config: RigConfig) -> Pointing:
-    """Return the mirror as the configuration has it: facing the wall squarely, obeying exactly."""
-    galvo = config.galvo
-    return Pointing(galvo.position_m, mirrors=galvo.mirrors, separation_m=galvo.separation_m)
+@dataclass(frozen=True)
+class Channel:
+    """One pixel of the detector, as it is.
+
+    Attributes
+    ----------
+    name, input
+        Its name, and the input of the timing instrument that gets its pulses.
+    spot_m
+        The spot on the wall that it looks at.
+    delay_s
+        By how much its pulses come later than the path delays say.
+    response_s
+        Full width at half maximum of its response to a pulse; None where it is not known.
+    dark_hz
+        Its counts a second in the dark; None where they were never measured.
+    """
+
+    name: str
+    input: int
+    spot_m: tuple[float, float, float]
+    delay_s: float
+    response_s: float | None
+    dark_hz: float | None
 
 
-def choose(config: RigConfig, identities: Mapping[str, str] | None = None) -> Calibrations:
-    """Return the newest calibrations of a rig's store that belong to it: to its name and to its devices.
+@dataclass(frozen=True)
+class RigState:
+    """What the configuration says and the calibrations know better. All that follows from both is asked here.
 
-    Parameters
+    Attributes
     ----------
     config
-        Names the store, or forbids its use.
-    identities
-        Of the connected devices, by name; None where they are not known yet, and all are taken as the same.
-
-    Raises
-    ------
-    DataFileError
-        If a stored calibration is damaged.
+        The configuration.
+    calibrations
+        What was calibrated; none leaves the rig as configured.
     """
-    if not config.calibration.use:
-        return Calibrations()
-    store = CalibrationStore(config.calibration.folder)
-    records: dict[str, Calibration] = {}
-    warnings = []
-    for kind in KINDS:
-        newest = store.newest(kind, rig_name=config.name)
-        mine = store.newest(kind, dict(identities or {}), config.name)
-        if newest and newest.calibration.simulated != config.simulated:
-            newest = mine = None  # a rehearsal's results say nothing of the real rig
-        if newest and newest != mine:
-            strange = ", ".join(newest.calibration.strangers(dict(identities or {})))
-            warnings.append(
-                f"{newest.path} belongs to another {strange} and is not used: rig calibrate {kind}"
+
+    config: RigConfig
+    calibrations: Calibrations = field(default_factory=Calibrations)
+
+    @classmethod
+    def resolve(cls, config: RigConfig) -> "RigState":
+        """Return the state of a rig whose devices are not known yet: all calibrations are taken as theirs.
+
+        Raises
+        ------
+        DataFileError
+            If a stored calibration is damaged.
+        """
+        return cls(config).of_devices(None)
+
+    def of_devices(self, identities: Mapping[str, str] | None) -> "RigState":
+        """Return the state with the newest calibrations that belong to these devices.
+
+        The calibrations that are known fit as a rule, and then the store is not read again.
+
+        Raises
+        ------
+        DataFileError
+            If a stored calibration is damaged.
+        """
+        if not self.config.calibration.use:
+            return RigState(self.config)
+        known = self.calibrations.records.values()
+        if identities and known and not any(one.strangers(dict(identities)) for one in known):
+            return self
+        store = CalibrationStore(self.config.calibration.folder)
+        chosen = choose(store, self.config.name, self.config.simulated, identities)
+        return RigState(self.config, chosen)
+
+    @property
+    def nominal(self) -> "RigState":
+        """The rig as configured, without what was calibrated."""
+        return RigState(self.config)
+
+    @cached_property
+    def pointing(self) -> Pointing:
+        """The model of the mirror; as configured it faces the wall squarely and obeys exactly."""
+        if self.calibrations.galvo:
+            return self.calibrations.galvo.pointing()
+        galvo = self.config.galvo
+        return Pointing(galvo.position_m, mirrors=galvo.mirrors, separation_m=galvo.separation_m)
+
+    @cached_property
+    def delays(self) -> PathDelays:
+        """What to subtract for rectified time; a channel's own delay comes on top."""
+        if self.calibrations.time_zero:
+            return self.calibrations.time_zero.legs
+        galvo = self.calibrations.galvo
+        return PathDelays(
+            np.array(galvo.mirror_m if galvo else self.config.galvo.position_m),
+            np.array(self.config.detector.position_m),
+            self.config.timing.electronics_delay_s,
+        )
+
+    @property
+    def gate(self) -> Gate | None:
+        """When the detector is sensitive; None where it runs freely."""
+        detector, found = self.config.detector, self.calibrations.gate
+        if not detector.gated:
+            return None
+        if found:
+            return Gate(found.gate_delay_s, found.gate_width_s)
+        return Gate(detector.gate_delay_s, detector.gate_width_s)
+
+    @property
+    def response_s(self) -> float:
+        """Full width at half maximum of the response to a pulse."""
+        response = self.calibrations.response
+        return response.fwhm_s if response else self.config.timing.instrument_response_s
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The detector's pixels, in the order in which a scan file holds them."""
+        dark = self.calibrations.dark
+        return tuple(
+            Channel(
+                name=one.name,
+                input=one.input,
+                spot_m=one.spot_m,
+                delay_s=one.delay_s,
+                response_s=self.response_s,
+                dark_hz=dark.dark_hz if dark else None,
             )
-        if mine:
-            records[kind] = mine.calibration
-            warnings += filter(None, [doubts(mine.calibration)])
-            warnings += [f"the {kind} calibration: {sentence}" for sentence in mine.calibration.warnings]
-    return Calibrations(records, (*warnings, *_differences(records, config)))
+            for one in self.config.channels
+        )
 
+    @property
+    def sync_period_s(self) -> float:
+        """Time between the sync pulses that the timing instrument sees."""
+        divider: int = getattr(self.config.tcspc, "sync_divider", 1)
+        return divider / self.config.laser.repetition_hz
 
-def recorded(documents: Mapping[str, str], source: Path) -> Calibrations:
-    """Read the calibrations that a scan file holds.
-
-    Raises
-    ------
-    DataFileError
-        If one is damaged.
-    """
-    try:
-        return Calibrations({kind: parse(text) for kind, text in documents.items()})
-    except ValueError as error:
-        raise DataFileError(f"{source}: a calibration in it cannot be read: {error}") from None
-
-
-def _differences(records: Mapping[str, Calibration], config: RigConfig) -> list[str]:
-    """Return where a calibration overrules a configuration that says something else."""
-    gate = records.get("gate")
-    if not isinstance(gate, GateOpening):
-        return []
-    wanted_s = config.spad.gate_delay_s
-    if math.isclose(gate.gate_delay_s, wanted_s, abs_tol=WORTH_TELLING_S):
-        return []
-    return [
-        f"the gate opens at {show(gate.gate_delay_s, 's', 4)} as calibrated, "
-        f"not at {show(wanted_s, 's', 4)} as configured"
-    ]
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the calibrations, and where they overrule the configuration, as sentences."""
+        found, wanted_s = self.calibrations.gate, self.config.detector.gate_delay_s
+        if found is None or math.isclose(found.gate_delay_s, wanted_s, abs_tol=WORTH_TELLING_S):
+            return self.calibrations.warnings
+        return (
+            *self.calibrations.warnings,
+            f"the gate opens at {show(found.gate_delay_s, 's', 4)} as calibrated, "
+            f"not at {show(wanted_s, 's', 4)} as configured",
+        )

@@ -1,1 +1,1 @@
-"""What a person looks at: pictures of raw data and of volumes, and their numbers."""
+"""What a person looks at: pictures and numbers of scans and volumes. No device is touched."""

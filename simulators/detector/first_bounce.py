@@ -13,10 +13,8 @@ from math import dist, hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import BenchGeometry, LightState
+from simulators.bench import BenchGeometry, LightState, Spot
 from simulators.constants import C_M_PER_S
-
-Spot = tuple[float, float, float]
 
 #: What part of the photons arriving at some times after sync is detected.
 Sensitivity = Callable[[NDArray[np.float64], LightState], NDArray[np.float64]]
@@ -81,15 +79,20 @@ class FirstBounce:
         return np.concatenate(times_s)
 
     def passing_the_gate(
-        self, spot_m: Spot, geometry: BenchGeometry, pulses: float, rng: np.random.Generator
+        self,
+        spot_m: Spot,
+        detector_spot_m: Spot,
+        geometry: BenchGeometry,
+        pulses: float,
+        rng: np.random.Generator,
     ) -> NDArray[np.float64]:
         """Draw the first bounce itself where the gate fails to block it [s after sync]."""
-        number = rng.poisson(self.failed_per_pulse * pulses) if self.fails(spot_m, geometry) else 0
+        number = rng.poisson(self.failed_per_pulse * pulses) if self.fails(spot_m, detector_spot_m) else 0
         return np.full(number, direct_s(spot_m, geometry))
 
-    def fails(self, spot_m: Spot, geometry: BenchGeometry) -> bool:
-        """Return whether the gate fails at this laser spot."""
-        x_c, y_c, _ = geometry.detector_spot_m
+    def fails(self, spot_m: Spot, detector_spot_m: Spot) -> bool:
+        """Return whether the gate of a channel fails at this laser spot."""
+        x_c, y_c, _ = detector_spot_m
         if hypot(spot_m[0] - x_c, spot_m[1] - y_c) <= self.failed_radius_m:
             return self.failed_radius_m > 0
         if not self.failed_fraction:
@@ -100,10 +103,15 @@ class FirstBounce:
         return int.from_bytes(digest, "little") < self.failed_fraction * 2**64
 
     def rate_hz(
-        self, spot_m: Spot, geometry: BenchGeometry, light: LightState, sensitivity: Sensitivity
+        self,
+        spot_m: Spot,
+        detector_spot_m: Spot,
+        geometry: BenchGeometry,
+        light: LightState,
+        sensitivity: Sensitivity,
     ) -> float:
         """Return what a ready detector detects a second of all of it, through a gate of this sensitivity."""
-        per_pulse = self.failed_per_pulse if self.fails(spot_m, geometry) else 0.0
+        per_pulse = self.failed_per_pulse if self.fails(spot_m, detector_spot_m) else 0.0
         for arrival_s, strength in self._reflections(spot_m, geometry):
             per_pulse += strength * float(sensitivity(np.array(arrival_s), light))
         if self.memory:

@@ -4,8 +4,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from math import exp, hypot
 
-#: Error below which the servo holds its target exactly, in mirror units (about 1 um on a wall 2.5 m away).
-HOLD = 3e-7
+#: Error below which the servo holds its target exactly [rad] (about 1 um on a wall 2.5 m away).
+HOLD = 3.6e-7
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class _Move:
 
 
 class SteeringMirror:
-    """Two axes in mirror units, where 1 is tan(50 degrees) of optical deflection.
+    """Two axes, as optical angles [rad].
 
     The error follows e(t) = (e0 + (v0 + w e0) t) exp(-w t), the critically damped response with natural
     frequency ``w``; below `HOLD` the mirror stands exactly on its target, so that where it points does not
@@ -37,16 +37,16 @@ class SteeringMirror:
 
     @property
     def target(self) -> tuple[float, float]:
-        """The last commanded position."""
+        """The last commanded angles [rad]."""
         return self._moves[-1].target
 
     def command(self, x: float, y: float, now_s: float) -> None:
-        """Start moving to (x, y) at time ``now_s``, from wherever the mirror is by then."""
+        """Start moving to the angles (x, y) [rad] at time ``now_s``, from wherever the mirror is by then."""
         (px, py), (vx, vy) = self._state(self._moves[-1], now_s)
         self._moves.append(_Move(now_s, (x, y), (px - x, py - y), (vx, vy)))
 
     def position(self, at_s: float) -> tuple[float, float]:
-        """Where the mirror really points at time ``at_s``."""
+        """Return the angles [rad] at time ``at_s``."""
         return self._state(self._move_at(at_s), at_s)[0]
 
     def settled(self, at_s: float) -> bool:

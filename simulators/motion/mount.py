@@ -1,21 +1,18 @@
 """How the steering mirror is mounted: where the beam of a real, not quite aligned rig really goes."""
 
 from dataclasses import dataclass
-from math import atan, cos, radians, tan
+from math import cos, tan
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-#: Optical deflection of one mirror unit, as a tangent (Optotune MR-15-30: the unit circle is 50 degrees).
-TAN_PER_UNIT = tan(radians(50.0))
 
 
 @dataclass(frozen=True)
 class MirrorMount:
     """From a command to a ray. By default one mirror that faces the wall squarely and does what it is told.
 
-    Commanded tangents u become angles a = gain * arctan(u) + offset. With ``mirrors = 1`` both axes turn one
+    A commanded optical angle c becomes a = gain c + offset. With ``mirrors = 1`` both axes turn one
     mirror, whose electronics make the tangents independent: the beam leaves the pivot along
     (tan a_x, tan a_y, -1). With ``mirrors = 2`` a first mirror deflects by a_x and a second one, a separation
     e behind it, by a_y: the ray starts e tan a_x to the side and goes along (tan a_x / cos a_y, tan a_y, -1),
@@ -40,11 +37,11 @@ class MirrorMount:
     mirrors: Literal[1, 2] = 1
     separation_m: float = 0.0
 
-    def ray(self, mirror: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return start (3,) from the pivot [m] and direction (3,) for a position [mirror units]."""
+    def ray(self, angles_rad: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return start (3,) from the pivot [m] and direction (3,) for optical angles of the mirror."""
         a_x, a_y = (
-            gain * atan(TAN_PER_UNIT * unit) + offset
-            for unit, gain, offset in zip(mirror, self.gain, self.offset_rad, strict=True)
+            gain * angle + offset
+            for angle, gain, offset in zip(angles_rad, self.gain, self.offset_rad, strict=True)
         )
         turn = np.array(self.rotation)
         if self.mirrors == 1:

@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulators.bench import Detections, LightState, Photons
-
-Spot = tuple[float, float, float]
+from simulators.bench import Detections, LightState, Photons, Spot
 
 #: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
 #: proportional to the light; bright light, of which the hold-off hides much, takes more.
@@ -35,8 +33,10 @@ class Brightened:
         return replace(light, power=light.power * self.factor)
 
 
-def tuned(photons: Photons, spots_m: Sequence[Spot], light: LightState, rate_hz: float) -> Brightened:
-    """Choose the factor with which the mean rate over some laser spots is ``rate_hz``.
+def tuned(
+    channels: Sequence[Photons], spots_m: Sequence[Spot], light: LightState, rate_hz: float
+) -> tuple[Brightened, ...]:
+    """Choose the factor with which the mean rate over some laser spots and all channels is ``rate_hz``.
 
     Raises
     ------
@@ -46,9 +46,9 @@ def tuned(photons: Photons, spots_m: Sequence[Spot], light: LightState, rate_hz:
     """
     factor = 1.0
     for _ in range(STEPS):
-        bright = Brightened(photons, factor)
-        mean_hz = float(np.mean([bright.rate_hz(spot, light) for spot in spots_m]))
-        dark_hz = photons.rate_hz(spots_m[0], replace(light, emitting=False))
+        bright = tuple(Brightened(photons, factor) for photons in channels)
+        mean_hz = float(np.mean([one.rate_hz(spot, light) for one in bright for spot in spots_m]))
+        dark_hz = float(np.mean([one.rate_hz(spots_m[0], replace(light, emitting=False)) for one in bright]))
         if mean_hz <= dark_hz * (1 + 1e-9) or rate_hz <= dark_hz:
             break
         if abs(mean_hz / rate_hz - 1) < 1e-3:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import hypot, pi
 
-from simulators.bench import BenchGeometry
+from simulators.bench import Spot
 from simulators.constants import C_M_PER_S, H_J_S
 
 
@@ -48,13 +48,13 @@ class Optics:
         """Photons a second at full power: P lambda / (h c); 2.68e18 for 1 W at 532 nm."""
         return self.power_w * self.wavelength_m / (H_J_S * C_M_PER_S)
 
-    def collection_m2(self, geometry: BenchGeometry) -> float:
+    def collection_m2(self, head: Spot, spot: Spot) -> float:
         """Return photons on the detector, for one a square metre due at its spot from a perfect wall [m^2].
 
+        ``head`` is the detector's lens and ``spot`` what it looks at [m].
         rho_w (laser spot) times A_spot rho_w cos(theta_head) A_lens / (pi D^2), the part of a Lambertian
         spot's light that a small lens at distance D receives, times the transmission.
         """
-        head, spot = geometry.detector_head_m, geometry.detector_spot_m
         distance_m = hypot(head[0] - spot[0], head[1] - spot[1], head[2] - spot[2])
         cosine = (head[2] - spot[2]) / distance_m
         lens_m2 = pi * self.lens_diameter_m**2 / 4

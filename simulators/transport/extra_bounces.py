@@ -28,7 +28,8 @@ from simulators.constants import C_M_PER_S
 from simulators.threads import each
 from simulators.transport.clusters import Clusters, form_factors, gather, with_wall
 from simulators.transport.geometry import Patches
-from simulators.transport.three_bounces import Spot, first_leg, open_leg
+from simulators.transport.light_paths import Spot
+from simulators.transport.three_bounces import first_leg, open_leg
 from simulators.transport.visibility import Occluders, shade
 
 #: Width of the bins in which tails are kept, as a length of path [m]; bin b is centred on b times this.
@@ -76,7 +77,7 @@ class Interreflections:
             self.clusters = with_wall(self.clusters, WALL_M, WALL_PITCH_M, wall_albedo)
         self.forms, self.distances_m = form_factors(self.clusters, blockers)
 
-    def towards(self, detector_spot_m: Spot) -> "ExtraBounces":
+    def light_paths(self, detector_spot_m: Spot) -> "ExtraBounces":
         """Sum up all that leads from the clusters to one detector spot."""
         spot = np.array(detector_spot_m, dtype=np.float64)
         form, leg_m = first_leg(self.patches, self.blockers, spot)
@@ -155,14 +156,16 @@ class ExtraBounces:
         member, total = self._clusters.member, self._cumulative[:, :, -1]
         return reflected * total[member, side], leg_m + self._mean_m[member, side]
 
-    def random_paths(
-        self, laser_spot_m: Spot, weight_per_m2: NDArray[np.float64], number: int, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
-        """Draw (number,) paths [m]; ``weight_per_m2`` is what `from_spot` returned for this spot."""
+    def flux(self, laser_spot_m: Spot) -> float:
+        """Return expected photons per m^2 at the detector spot for one that leaves the laser spot [1/m^2]."""
+        return float(self.from_spot(laser_spot_m)[0].sum())
+
+    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw (number,) paths [m] of photons that arrive."""
         if number == 0:
             return np.empty(0)
         _, side, _ = self._lit(laser_spot_m)
-        cumulative = weight_per_m2.cumsum()
+        cumulative = self.from_spot(laser_spot_m)[0].cumsum()
         levels = rng.random(number) * cumulative[-1]
         first = np.minimum(np.searchsorted(cumulative, levels, side="right"), len(cumulative) - 1)
         inside = rng.random((number, 2))

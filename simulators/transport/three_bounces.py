@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from simulators.constants import C_M_PER_S
 from simulators.transport.geometry import Patches
+from simulators.transport.light_paths import Spot
 from simulators.transport.reflectance import gloss
 from simulators.transport.visibility import Occluders, shade
-
-Spot = tuple[float, float, float]
 
 
 class ThreeBounces:
@@ -46,9 +45,12 @@ class ThreeBounces:
         form, self._leg_m = first_leg(patches, blockers, self.detector_spot_m)
         self._glossy = bool((patches.roughness < 1).any())
         self._reflecting = patches.area_m2 * patches.albedo * form  # its sign tells the side that is seen
+        self._last: tuple[Spot, tuple[NDArray[np.float64], NDArray[np.float64]]] | None = None
 
     def from_spot(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what each patch sends from ``laser_spot_m`` to the detector spot.
+        """Return what each patch sends from ``laser_spot_m`` to the detector spot; do not change it.
+
+        The last spot is remembered, for exposures without movement.
 
         Returns
         -------
@@ -57,7 +59,12 @@ class ThreeBounces:
         path_m
             (K,) length laser spot, patch centre, detector spot [m].
         """
-        spot = np.array(laser_spot_m, dtype=np.float64)
+        last = self._last  # taken once: other threads may replace it
+        if last is None or last[0] != laser_spot_m:
+            last = self._last = (laser_spot_m, self._weights(np.array(laser_spot_m, dtype=np.float64)))
+        return last[1]
+
+    def _weights(self, spot: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         centre_m, normal = self.patches.centre_m, self.patches.normal
         weight, path_m = _from_spot(spot, centre_m, normal, self._reflecting, self._leg_m)
         shade(self._blockers, spot, centre_m, weight)
@@ -66,22 +73,20 @@ class ThreeBounces:
             gloss(weight, centre_m, normal, roughness, retro, spot, self.detector_spot_m)
         return weight, path_m
 
-    def random_paths(
-        self,
-        laser_spot_m: Spot,
-        weight_per_m2: NDArray[np.float64],
-        number: int,
-        rng: np.random.Generator,
-    ) -> NDArray[np.float64]:
+    def flux(self, laser_spot_m: Spot) -> float:
+        """Return expected photons per m^2 at the detector spot for one that leaves the laser spot [1/m^2]."""
+        return float(self.from_spot(laser_spot_m)[0].sum())
+
+    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw (number,) paths [m] of photons that arrive, each through its own point of a patch.
 
-        ``weight_per_m2`` is what `from_spot` returned for ``laser_spot_m``. The paths come patch by patch.
+        The paths come patch by patch.
         """
         if number == 0:
             return np.empty(0)
         spot = np.array(laser_spot_m, dtype=np.float64)
         spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
-        cumulative, corners = weight_per_m2.cumsum(), self.patches.corners_m
+        cumulative, corners = self.from_spot(laser_spot_m)[0].cumsum(), self.patches.corners_m
         return _random_paths(cumulative, spacings, inside, corners, spot, self.detector_spot_m)
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -6,7 +6,7 @@ decides), and that leaving Pro mode is itself not answered.
 """
 
 import re
-from math import hypot
+from math import atan, hypot, radians, tan
 
 from simulators.bench import Bench
 from simulators.wire.lines import LineFirmware
@@ -20,6 +20,9 @@ TRIMMED = 1 << 7
 
 #: Which bit of the status is remembered by which "was" bit; EEPROM and stability are not remembered.
 LATCHES = {1 << now: 1 << was for now, was in ((0, 8), (1, 9), (2, 10), (5, 11), (6, 12), (7, 13))}
+
+#: Optical deflection of one unit of X or Y, as a tangent (MR-15-30: the unit circle is 50 degrees).
+TAN_PER_UNIT = tan(radians(50.0))
 
 LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
 REBOOT_S = 1.5
@@ -58,6 +61,7 @@ class GalvoBoard(LineFirmware):
         self._just_switched = False
         self._trimmed = False
         self._latched = 0
+        self._commanded = (0.0, 0.0)
 
     def break_down(self, bits: int) -> None:
         """Let the status ``bits`` hold from now on, and be remembered by their latches."""
@@ -108,7 +112,7 @@ class GalvoBoard(LineFirmware):
         self._just_switched = self._trimmed = False
         self._latched = 0
         self._input.clear()
-        self._bench.steer(0.0, 0.0)
+        self._steer(0.0, 0.0)
         self._deaf_until_s = self._bench.clock.now_s() + REBOOT_S
 
     def _obey(self, command: str) -> str | None:
@@ -135,7 +139,7 @@ class GalvoBoard(LineFirmware):
 
     def _move(self, match: re.Match[str]) -> str:
         both_x, both_y, only_x, only_y = (None if g is None else float(g) for g in match.groups())
-        x, y = self._bench.mirror.target
+        x, y = self._commanded
         x = next((value for value in (both_x, only_x) if value is not None), x)
         y = next((value for value in (both_y, only_y) if value is not None), y)
         # Squares of huge numbers overflow, and an edge point far away is the edge point of a nearer one.
@@ -143,11 +147,16 @@ class GalvoBoard(LineFirmware):
         radius = hypot(x, y)
         self._trimmed = radius > 1.0
         if not self._trimmed:
-            self._bench.steer(x, y)
+            self._steer(x, y)
             return "OK"
         self._latch(TRIMMED)
-        self._bench.steer(x / radius, y / radius)
+        self._steer(x / radius, y / radius)
         return "OU" if (x if abs(x) >= abs(y) else y) > 0 else "OL"
+
+    def _steer(self, x: float, y: float) -> None:
+        """Command the mirror to (x, y) in the board's units."""
+        self._commanded = (x, y)
+        self._bench.steer(atan(TAN_PER_UNIT * x), atan(TAN_PER_UNIT * y))
 
     def _status(self) -> int:
         stable = self._bench.mirror.settled(self._bench.clock.now_s())

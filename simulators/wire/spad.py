@@ -92,7 +92,7 @@ class SpadInstrument:
             "INFO:OUTPUT1_STANDARD": lambda: "NIM",
             "INFO:BIAS_BREAKDOWN_VOLTAGE": lambda: "150000000",
             "BIAS:ERROR_STATUS": lambda: "TRUE" if self.bias_error else "FALSE",
-            "COUNTERS:DETECTION_FREQ": lambda: f"{self._bench.count_rate_hz():.0f}",
+            "COUNTERS:DETECTION_FREQ": lambda: f"{self._count_rate_hz():.0f}",
             "REG:MEASURED_TEMP": lambda: str(self._numbers["REG:TEMP_SET_POINT"]),
             "REG:STATE": lambda: "RUNNING" if self._bench.light.biased else "OFF",
             "GATE:RATE": lambda: f"{self._gate_rate_hz():.0f}",
@@ -148,6 +148,10 @@ class SpadInstrument:
         changed = {name: value for name, value in wanted.items() if getattr(light, name) != value}
         if changed:
             self._bench.change_light(**changed)
+
+    def _count_rate_hz(self) -> float:
+        """Return what all channels together count."""
+        return sum(self._bench.count_rate_hz(number) for number in range(len(self._bench.photons)))
 
     def _gate_rate_hz(self) -> float:
         return self._bench.sync_rate_hz() if self._words["GATE:MODE"] == "EXT" else 0.0

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.galvo.flight_routine import FlightRoutine
-from rig.calibrate.galvo.model_fit import spot_covariances_m2
+from rig.calibrate.galvo.flight import FlightRoutine
+from rig.calibrate.galvo.mirror import spot_covariances_m2
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 
@@ -42,10 +42,10 @@ def accuracy(routine, seed, folder):
     """Measure and fit one rig."""
     config = misaligned(seed)
     files = measured(routine, config, ConsoleOperator(), folder, Watch())
-    found = routine.fit(files, config, Calibrations())
+    found = routine.fit(files, RigState(config))
     for path in files:
         path.unlink()
-    spots_m = ScanPlan.from_config(config).spots_m[::23]
+    spots_m = ScanPlan.grid(config).spots_m[::23]
     off_m = errors_m(found, config, spots_m)
     pointing = found.pointing()
     spread_m2 = spot_covariances_m2(pointing, np.array(found.covariance), pointing.angles_rad(spots_m))

@@ -16,9 +16,8 @@ from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations, nominal_pointing
+from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
-from simulators.motion.mount import TAN_PER_UNIT
 from simulators.wire.hydraharp.timing import Nonlinearity
 
 SEEDS = range(20)
@@ -52,7 +51,7 @@ def faulty(seed, folder, **more):
 
 def found(routine, config, folder):
     files = measured(routine, config, ConsoleOperator(), folder, Watch())
-    calibration = routine.fit(files, config, Calibrations())
+    calibration = routine.fit(files, RigState(config))
     for file in files:
         file.unlink()
     return calibration
@@ -61,7 +60,7 @@ def found(routine, config, folder):
 def true_opening_s(config):
     """The foot of the edge after the latest first bounce of the scan, with what the pulse's width adds."""
     geometry = true_geometry(config)
-    mirror = np.tan(nominal_pointing(config).angles_rad(ScanPlan.from_config(config).spots_m)) / TAN_PER_UNIT
+    mirror = RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)
     latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
     grid_s = np.arange(0, 400e-12, 1e-13)
     blocked = passed(grid_s, 200e-12 / 0.6, 35e-12 / 2.3548) <= MAY_PASS
@@ -124,8 +123,8 @@ def test_dnl(benchmark, tmp_path, rms):
         rows = []
         for seed in SEEDS:
             config = faulty(seed, tmp_path, nonlinearity=rms)
-            harp = config.hydraharp.model_copy(update={"bin_width_s": 256e-12, "bins": bins})
-            got = found(DnlRoutine(exposure_s=3.0), config.model_copy(update={"hydraharp": harp}), tmp_path)
+            harp = config.tcspc.model_copy(update={"bin_width_s": 256e-12, "bins": bins})
+            got = found(DnlRoutine(exposure_s=3.0), config.model_copy(update={"tcspc": harp}), tmp_path)
             truth = Nonlinearity(rms=rms, seed=seed).widths()[:bins]
             counts = np.random.default_rng(seed).poisson(got.counts_per_bin * truth)
             mean = counts.mean()

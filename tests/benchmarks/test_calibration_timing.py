@@ -20,7 +20,8 @@ from rig.calibrate.irf import ResponseRoutine
 from rig.calibrate.run import measured
 from rig.calibrate.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
-from rig.model.state import Calibrations
+from rig.model.calibrations.chosen import Calibrations
+from rig.model.state import RigState
 
 SEEDS = 20
 #: Error of each measured spot along x and y.
@@ -29,7 +30,7 @@ SPOT_ERROR_M = 0.5e-3
 
 def rectified_errors_s(found, config, known, mirror_rad) -> np.ndarray:
     """(N,) what a scan with this calibration subtracts, less what it should."""
-    spots_m = known.pointing(config).spots_m(mirror_rad)
+    spots_m = RigState(config, known).pointing.spots_m(mirror_rad)
     return found.legs.delay_s(spots_m, np.array([found.detector_spot_m])) - true_delays_s(config, mirror_rad)
 
 
@@ -43,7 +44,7 @@ def one_seed(seed: int, folder: Path) -> dict:
     row = {"seed": seed}
     ways = {"": galvo_calibration(config, SPOT_ERROR_M, seed), "uncalibrated ": Calibrations()}
     for way, known in ways.items():
-        found = routine.fit(files, config, known)
+        found = routine.fit(files, RigState(config, known))
         errors_s = rectified_errors_s(found, config, known, mirror_rad)
         row[f"{way}median"] = float(np.median(np.abs(errors_s))) * 1e12
         row[f"{way}worst"] = float(np.abs(errors_s).max()) * 1e12
@@ -55,7 +56,7 @@ def one_seed(seed: int, folder: Path) -> dict:
         else:
             row["drift"] = found.drift_per_minute_s * 1e12
             row["drift pull"] = (found.drift_per_minute_s - 1e-12) / found.drift_per_minute_error_s
-    got = response.fit(measured(response, config, None, folder, Watch()), config, Calibrations())
+    got = response.fit(measured(response, config, None, folder, Watch()), RigState(config))
     row["width"] = (got.fwhm_s - true_width_s()) * 1e12
     row["width pull"] = (got.fwhm_s - true_width_s()) / got.fwhm_error_s
     return row

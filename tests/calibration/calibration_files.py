@@ -1,12 +1,12 @@
 """Scan files as calibrations measure them, with counts that a test chooses."""
 
-import json
-
 import numpy as np
 
 from rig.calibrate.routine import changed
 from rig.files import ScanDescription, ScanWriter
 from rig.model.config import built_in
+from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 
 
 def config_with(folder, **sections):
@@ -22,19 +22,19 @@ def write_counts(path, counts, config, *, exposure_s=1.0, status="complete", war
     laser_m[:, 0] = 0.01 * (np.arange(positions) + 1)
     description = ScanDescription(
         laser_m=laser_m,
-        detector_m=np.array([config.spad.spot_m]),
+        detector_m=np.array([config.channels[0].spot_m]),
         bins=bins,
-        bin_width_s=config.hydraharp.bin_width_s,
-        first_bin_s=config.hydraharp.offset_s,
-        plan=json.dumps({"exposure_s": exposure_s}),
-        configuration=config.model_dump_json(),
+        bin_width_s=config.tcspc.bin_width_s,
+        first_bin_s=config.tcspc.offset_s,
+        plan=ScanPlan.grid(config, columns=positions, rows=1, exposure_s=exposure_s, skip_m=0.0),
+        state=RigState(config),
         simulated=True,
         devices={
             "spad": {
                 "identity": "a detector",
-                "hold_off_s": config.spad.hold_off_s,
-                "gate_delay_s": config.spad.gate_delay_s,
-                "gate_width_s": config.spad.gate_width_s,
+                "hold_off_s": config.detector.hold_off_s,
+                "gate_delay_s": config.detector.gate_delay_s,
+                "gate_width_s": config.detector.gate_width_s,
             },
             "laser": {"identity": "a laser"},
             "tcspc": {"identity": "a timing instrument"},

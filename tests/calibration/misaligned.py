@@ -4,7 +4,6 @@ import numpy as np
 
 from rig.bench.simulated import true_geometry
 from rig.model.config import RigConfig, built_in_with
-from simulators.motion.mount import TAN_PER_UNIT
 
 FAULTS = {
     "memory": 1e-5,
@@ -35,8 +34,7 @@ def misaligned(seed: int = 0, signs=None, mirrors: int = 1) -> RigConfig:
 def true_spots_m(config: RigConfig, angles_rad) -> np.ndarray:
     """(K, 2) places where the beam really meets the wall for (K, 2) commanded angles."""
     geometry = true_geometry(config)
-    units = np.tan(angles_rad) / TAN_PER_UNIT
-    return np.array([geometry.laser_spot_m((float(x), float(y)))[:2] for x, y in units])
+    return np.array([geometry.laser_spot_m((float(x), float(y)))[:2] for x, y in angles_rad])
 
 
 def errors_m(calibration, config: RigConfig, spots_m) -> np.ndarray:

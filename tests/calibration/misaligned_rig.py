@@ -9,10 +9,11 @@ from scipy.optimize import brentq, least_squares
 
 from recon.capture import C_M_PER_S
 from rig.bench.simulated import true_geometry
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig, built_in_with
 from rig.model.pointing import Pointing
-from rig.model.state import Calibrations, nominal_pointing
+from rig.model.state import RigState
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.light import Optics
@@ -51,7 +52,7 @@ def true_arrivals_s(config: RigConfig, mirror_rad) -> np.ndarray:
 def true_delays_s(config: RigConfig, mirror_rad) -> np.ndarray:
     """(N,) what is really to be subtracted for rectified time."""
     bench = true_geometry(config)
-    back_m = dist(bench.detector_head_m, bench.detector_spot_m)
+    back_m = dist(bench.detector_head_m, bench.channels[0].spot_m)
     there_m = np.linalg.norm(true_spots_m(config, mirror_rad) - bench.galvo_m, axis=1)
     return bench.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 
@@ -82,7 +83,7 @@ def galvo_calibration(config: RigConfig, spot_error_m: float, seed: int) -> Cali
     """Fit the mirror's model to its true spots on a grid, each measured with an error along x and along y."""
     rng = np.random.default_rng((seed, 9))
     x_m, y_m = np.meshgrid(np.linspace(-0.85, 0.85, 11), np.linspace(-0.62, 0.62, 9))
-    nominal = nominal_pointing(config)
+    nominal = RigState(config).pointing
     angles = nominal.angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
     seen_m = true_spots_m(config, angles)[:, :2] + spot_error_m * rng.standard_normal((len(angles), 2))
     start = np.concatenate([nominal.mirror_m, nominal.rotation_rad, nominal.offset_rad, nominal.gain])

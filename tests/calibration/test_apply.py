@@ -11,11 +11,11 @@ from rig.bench.simulated import true_geometry
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.image.recalibrate import as_recorded, from_store, recalibrated
+from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.kinds import GalvoModel, TimeZero
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import load
 from rig.model.delays import PathDelays
-from rig.model.state import Calibrations
 
 MISALIGNED = """
 name = "crooked rig"
@@ -63,7 +63,7 @@ def true_calibrations(config):
         electronics_delay_error_s=0.0,
         laser_head_m=truth.galvo_m,
         detector_head_m=truth.detector_head_m,
-        detector_spot_m=truth.detector_spot_m,
+        detector_spot_m=truth.channels[0].spot_m,
         rectified_error_s=0.0,
         rectified_error_worst_s=0.0,
         residual_s=0.0,
@@ -97,14 +97,14 @@ def test_a_scan_uses_its_calibrations_and_keeps_them(rig, tmp_path, crooked):
     assert done.code == 0, done.err
     assert "Calibrations: galvo of " in done.err
     with ScanFile(tmp_path / "a.h5") as scan:
-        assert set(scan.calibrations) == {"galvo", "time-zero"}
-        assert json.loads(scan.calibrations["galvo"]) == json.loads(calibrations[0].document())
+        assert set(scan.calibrations.records) == {"galvo", "time-zero"}
+        assert scan.calibrations.galvo == calibrations[0]
+        assert scan.state.pointing == calibrations[0].pointing()
         # the bench puts the beam where the plan wants it, since the model that was inverted is the truth
         truth = true_geometry(config)
-        units = np.tan(scan.mirror_rad) / np.tan(np.radians(50))
-        real_m = np.array([truth.laser_spot_m(tuple(unit)) for unit in units])
+        real_m = np.array([truth.laser_spot_m(tuple(angles)) for angles in scan.mirror_rad])
         assert real_m == pytest.approx(scan.laser_m, abs=1e-9)
-        assert scan.legs.electronics_delay_s == pytest.approx(15.3e-9)
+        assert scan.delays.electronics_delay_s == pytest.approx(15.3e-9)
 
 
 def test_a_grid_beyond_what_was_calibrated_is_refused(rig, tmp_path, crooked):
@@ -142,8 +142,7 @@ def test_a_scan_from_before_is_seen_right_with_later_calibrations(rig, tmp_path,
         before = as_recorded(scan)
         seen = recalibrated(scan, Calibrations({"galvo": galvo, "time-zero": time_zero}))
         truth = true_geometry(config)
-        units = np.tan(scan.mirror_rad) / np.tan(np.radians(50))
-        real_m = np.array([truth.laser_spot_m(tuple(unit)) for unit in units])
+        real_m = np.array([truth.laser_spot_m(tuple(angles)) for angles in scan.mirror_rad])
         assert np.linalg.norm(before.capture.laser_m - real_m, axis=1).min() > 0.01
         assert seen.capture.laser_m == pytest.approx(real_m, abs=1e-9)
         legs_m = np.linalg.norm(real_m - truth.galvo_m, axis=1) + np.linalg.norm(truth.detector_head_m)
@@ -177,7 +176,7 @@ def test_a_file_without_mirror_angles_cannot_be_calibrated_again(tmp_path):
         bins=5,
         bin_width_s=4e-12,
         first_bin_s=0.0,
-        legs=PathDelays(np.zeros(3), np.zeros(3)),
+        delays=PathDelays(np.zeros(3), np.zeros(3)),
     )
     with ScanWriter.create(path, description) as writer:
         writer.append(np.ones(5, "u4"))

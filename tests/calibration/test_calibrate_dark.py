@@ -12,7 +12,7 @@ from rig.calibrate.dark import DarkRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 PERIOD_S, WIDTH_S = 500e-9, 256e-12
 BINS = 1954
@@ -103,7 +103,7 @@ def test_the_simulated_rig_is_measured(tmp_path):
     config = config_with(tmp_path)
     routine = DarkRoutine(dark_s=60, ambient_s=20, afterpulse_s=15, hold_offs_s=(90e-9, 120e-9))
     files = measured(routine, config, ConsoleOperator(), tmp_path, Watch())
-    got = routine.fit(files, config, Calibrations())
+    got = routine.fit(files, RigState(config))
     assert abs(got.dark_hz - 10) < 4 * got.dark_error_hz < 2
     assert abs(got.ambient_hz - 500) < 4 * got.ambient_error_hz < 24
     assert abs(got.afterpulse_probability - 0.02) < 4 * got.afterpulse_probability_error
@@ -120,8 +120,8 @@ def test_the_simulated_rig_is_measured(tmp_path):
 
 def setup_of(tmp_path):
     config = DarkRoutine().setup(config_with(tmp_path))
-    harp = config.hydraharp.model_copy(update={"bin_width_s": WIDTH_S, "bins": BINS})
-    return config.model_copy(update={"hydraharp": harp})
+    harp = config.tcspc.model_copy(update={"bin_width_s": WIDTH_S, "bins": BINS})
+    return config.model_copy(update={"tcspc": harp})
 
 
 def files_of(tmp_path, config, dark_hz=10.0, spoil=None, **writing):
@@ -136,7 +136,7 @@ def files_of(tmp_path, config, dark_hz=10.0, spoil=None, **writing):
     record = drawn_record(
         rng, pulses=2 * 10**6, primaries=40_000, steady=500, p=0.02, decay_s=40e-9, hold_s=90e-9
     )
-    held = config.model_copy(update={"spad": config.spad.model_copy(update={"hold_off_s": 90e-9})})
+    held = config.model_copy(update={"detector": config.detector.model_copy(update={"hold_off_s": 90e-9})})
     files.append(write_counts(tmp_path / "pulsed.h5", record.counts, held))
     return files
 
@@ -169,31 +169,31 @@ def test_bad_data_is_refused(tmp_path, how, reason):
     config = setup_of(tmp_path)
     files = files_of(tmp_path, config, **how)
     with pytest.raises(CalibrationError, match=reason):
-        DarkRoutine().fit(files, config, Calibrations())
+        DarkRoutine().fit(files, RigState(config))
 
 
 def test_a_cover_that_changes_nothing_is_refused(tmp_path):
     config = setup_of(tmp_path)
     files = files_of(tmp_path, config, dark_hz=510.0)
     with pytest.raises(CalibrationError, match="covering the lens makes no difference"):
-        DarkRoutine().fit(files, config, Calibrations())
+        DarkRoutine().fit(files, RigState(config))
 
 
 def test_files_of_another_measurement_are_refused(tmp_path):
     config = setup_of(tmp_path)
     files = files_of(tmp_path, config)
     with pytest.raises(CalibrationError, match="first the one with the lens covered"):
-        DarkRoutine().fit(files[:2], config, Calibrations())
+        DarkRoutine().fit(files[:2], RigState(config))
     with pytest.raises(CalibrationError, match="no light of the laser stands out"):
-        DarkRoutine().fit([*files[:2], files[1]], config, Calibrations())
-    gated = config.model_copy(update={"spad": config.spad.model_copy(update={"gated": True})})
+        DarkRoutine().fit([*files[:2], files[1]], RigState(config))
+    gated = config.model_copy(update={"detector": config.detector.model_copy(update={"gated": True})})
     through = write_counts(tmp_path / "gated.h5", np.ones((10, BINS)), gated)
     with pytest.raises(CalibrationError, match="through the gate"):
-        DarkRoutine().fit([through, *files[1:]], config, Calibrations())
-    scans_bins = config_with(tmp_path, spad={"gated": False})
+        DarkRoutine().fit([through, *files[1:]], RigState(config))
+    scans_bins = config_with(tmp_path, detector={"gated": False})
     part = write_counts(tmp_path / "part.h5", np.ones((10, 15_000)), scans_bins)
     with pytest.raises(CalibrationError, match="not the whole time"):
-        DarkRoutine().fit([part, *files[1:]], config, Calibrations())
+        DarkRoutine().fit([part, *files[1:]], RigState(config))
 
 
 def test_the_command_fits_recorded_data_and_stores_nothing_bad(tmp_path, rig):

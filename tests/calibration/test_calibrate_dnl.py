@@ -16,14 +16,14 @@ from rig.files import ScanFile
 from rig.image.even_bins import corrected
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.store import parse
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 
 BINS = 2000
 
 
 def free_running(tmp_path, bins=BINS, **more):
     harp = {"bin_width_s": 32e-12, "bins": bins, "offset_s": 28e-9, **more}
-    return config_with(tmp_path, spad={"gated": False}, hydraharp=harp)
+    return config_with(tmp_path, detector={"gated": False}, tcspc=harp)
 
 
 def real_widths(rng, rms, bins=BINS):
@@ -35,7 +35,7 @@ def calibrated(tmp_path, counts, config=None, name="lamp.h5", **writing) -> Cali
     config = config or free_running(tmp_path)
     writing = {"exposure_s": 1000.0, **writing}
     path = write_counts(tmp_path / name, counts, config, **writing)
-    return DnlRoutine().fit([path], config, Calibrations())
+    return DnlRoutine().fit([path], RigState(config))
 
 
 @pytest.mark.parametrize("rms", [0.0, 0.002, 0.01])
@@ -161,7 +161,7 @@ def test_bad_data_is_refused(tmp_path, spoil, writing, reason):
 
 
 def test_counts_through_the_gate_are_refused(tmp_path):
-    gated = config_with(tmp_path, hydraharp={"bin_width_s": 32e-12, "bins": BINS})
+    gated = config_with(tmp_path, tcspc={"bin_width_s": 32e-12, "bins": BINS})
     with pytest.raises(CalibrationError, match="through the gate"):
         calibrated(tmp_path, lamp(), gated)
 
@@ -170,10 +170,10 @@ def test_files_are_added_only_where_their_bins_agree(tmp_path):
     rng = np.random.default_rng(9)
     config = free_running(tmp_path)
     files = [write_counts(tmp_path / f"{i}.h5", lamp(rng), config, exposure_s=1000.0) for i in range(2)]
-    found = DnlRoutine().fit(files, config, Calibrations())
+    found = DnlRoutine().fit(files, RigState(config))
     assert found.counts_per_bin == pytest.approx(20_000, rel=1e-3)
     assert len(found.measured_from) == 2
     later = free_running(tmp_path, offset_s=29e-9)
     other = write_counts(tmp_path / "later.h5", lamp(rng), later, exposure_s=1000.0)
     with pytest.raises(CalibrationError, match="other bins"):
-        DnlRoutine().fit([*files, other], config, Calibrations())
+        DnlRoutine().fit([*files, other], RigState(config))

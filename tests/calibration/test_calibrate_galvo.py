@@ -9,12 +9,12 @@ from misaligned import errors_m, misaligned
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station, open_station
 from rig.bench.operator import BenchCamera
-from rig.calibrate.galvo.flight_routine import FlightRoutine
+from rig.calibrate.galvo.flight import FlightRoutine
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.errors import CalibrationError, DataFileError, UsageError
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations
+from rig.model.state import RigState
 from simulators.optics.cameras import Camera
 from simulators.optics.lens import Intrinsics, Pose
 
@@ -33,10 +33,10 @@ def test_with_cameras_the_beam_goes_where_it_is_asked_to(tmp_path):
             for number, place in enumerate(PLACES, 1)
         )
         station = Station(opened.devices, opened.operator, cameras)
-        files = routine.measure(station, config, Calibrations(), tmp_path, Watch())
+        files = routine.measure(station, RigState(config), tmp_path, Watch())
         assert not opened.devices.laser.emitting()
-    found = routine.fit(files, config, Calibrations())
-    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+    found = routine.fit(files, RigState(config))
+    spots_m = ScanPlan.grid(config, columns=19, rows=14, spacing_m=0.099).spots_m
     assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 2e-3
     assert found.method == "cameras"
     assert found.positions == 16
@@ -67,9 +67,9 @@ def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
     config = misaligned(seed)
     routine = FlightRoutine(columns=6, rows=5)
     with open_station(routine.setup(config), None) as station:
-        files = routine.measure(station, routine.setup(config), Calibrations(), tmp_path, Watch())
-    found = routine.fit(files, config, Calibrations())
-    spots_m = ScanPlan.from_config(config, columns=19, rows=14, spacing_m=0.099).spots_m
+        files = routine.measure(station, RigState(routine.setup(config)), tmp_path, Watch())
+    found = routine.fit(files, RigState(config))
+    spots_m = ScanPlan.grid(config, columns=19, rows=14, spacing_m=0.099).spots_m
     assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 5e-3
     assert routine.figure(files, found).axes
 
@@ -77,28 +77,28 @@ def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
 def test_marks_are_asked_for_and_looked_at(tmp_path):
     routine, marks = FlightRoutine(), tmp_path / "marks.json"
     with pytest.raises(UsageError, match="one scan and one file of marks"):
-        routine.fit([tmp_path / "scan.h5"], built_in(), Calibrations())
+        routine.fit([tmp_path / "scan.h5"], RigState(built_in()))
     scan = tmp_path / "flight"
     scan.mkdir()
     small = FlightRoutine(columns=4, rows=3)
     with open_station(small.setup(built_in()), None) as station:
-        files = small.measure(station, small.setup(built_in()), Calibrations(), scan, Watch())
+        files = small.measure(station, RigState(small.setup(built_in())), scan, Watch())
     for text, reason in (("{", "is no file of marks"), ('{"format": "other"}', "is no file of marks")):
         marks.write_text(text)
         with pytest.raises(DataFileError, match=reason):
-            small.fit([files[0], marks], built_in(), Calibrations())
+            small.fit([files[0], marks], RigState(built_in()))
     content = json.loads(files[1].read_text())
     marks.write_text(json.dumps({**content, "galvo": "another mirror"}))
     with pytest.raises(DataFileError, match="is of the mirror 'another mirror'"):
-        small.fit([files[0], marks], built_in(), Calibrations())
+        small.fit([files[0], marks], RigState(built_in()))
     marks.write_text(json.dumps({**content, "marks": content["marks"][:3]}))
     with pytest.raises(CalibrationError, match="3 marks are too few"):
-        small.fit([files[0], marks], built_in(), Calibrations())
+        small.fit([files[0], marks], RigState(built_in()))
 
 
 def test_without_two_cameras_nothing_begins(tmp_path):
     with open_station(built_in(), None) as opened:
         station = Station(opened.devices, opened.operator, opened.cameras[:1])
         with pytest.raises(CalibrationError, match="two cameras are needed, 1 are configured"):
-            CameraRoutine().measure(station, built_in(), Calibrations(), tmp_path, Watch())
+            CameraRoutine().measure(station, RigState(built_in()), tmp_path, Watch())
     assert not list(tmp_path.iterdir())

@@ -19,9 +19,8 @@ from rig.errors import CalibrationError
 from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations, nominal_pointing
+from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
-from simulators.motion.mount import TAN_PER_UNIT
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
@@ -77,7 +76,7 @@ ROUTINE = GateRoutine(columns=6, exposure_s=0.05)
 def true_opening_s(config):
     """The edge's foot after the latest first bounce of the scan, and what the pulse's width adds."""
     geometry = true_geometry(config)
-    mirror = np.tan(nominal_pointing(config).angles_rad(ScanPlan.from_config(config).spots_m)) / TAN_PER_UNIT
+    mirror = RigState(config).pointing.angles_rad(ScanPlan.grid(config).spots_m)
     latest_s = max(direct_s(geometry.laser_spot_m((x, y)), geometry) for x, y in mirror)
     grid_s = np.arange(0, 400e-12, 1e-13)
     return latest_s + float(grid_s[(passed(grid_s, RISE_S, SIGMA_S) <= MAY_PASS).argmax()])
@@ -105,16 +104,16 @@ def sweep(tmp_path_factory):
 def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
     """Within 50 ps: a grid of six columns, extended to the corners, on a rig out of place."""
     config, files = sweep
-    found = ROUTINE.fit(files, config, Calibrations())
+    found = ROUTINE.fit(files, RigState(config))
     assert abs(found.gate_delay_s - true_opening_s(config)) < 50e-12
     assert found.edge_s == pytest.approx(200e-12, abs=5 * found.edge_error_s)
     assert found.passed <= MAY_PASS
     # the beam goes somewhat elsewhere on the misaligned rig: leave its rim out
     geometry = true_geometry(config)
-    angles = nominal_pointing(config).angles_rad(
+    angles = RigState(config).pointing.angles_rad(
         np.column_stack([found.spots_m, np.zeros(len(found.spots_m))])
     )
-    spots = np.array([geometry.laser_spot_m((x, y)) for x, y in np.tan(angles) / TAN_PER_UNIT])
+    spots = np.array([geometry.laser_spot_m((x, y)) for x, y in angles])
     away_m = np.hypot(spots[:, 0] - 0.15, spots[:, 1] - 0.10)
     assert (away_m < 0.2).any()
     assert found.failed == (away_m <= 0.2).tolist()
@@ -129,8 +128,8 @@ def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
 def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
     """Nearer than arrivals spread: where the bounce comes late it is not blocked, and that is mapped."""
     config, files = sweep
-    near = GateRoutine(columns=6, nearest_m=0.12).fit(files, config, Calibrations())
-    far = ROUTINE.fit(files, config, Calibrations())
+    near = GateRoutine(columns=6, nearest_m=0.12).fit(files, RigState(config))
+    far = ROUTINE.fit(files, RigState(config))
     assert near.gate_delay_s < far.gate_delay_s
     open_for = [one for one, failed in zip(near.latest_s, near.failed, strict=True) if not failed]
     assert near.gate_delay_s <= min(open_for) + 10e-12
@@ -138,17 +137,17 @@ def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
     assert late
     assert all(far.earliest_s[i] > near.gate_delay_s for i in late)
     with pytest.raises(CalibrationError, match="Give a larger --nearest"):
-        GateRoutine(columns=6, nearest_m=0.01).fit(files, config, Calibrations())
+        GateRoutine(columns=6, nearest_m=0.01).fit(files, RigState(config))
 
 
 def test_a_sweep_that_misses_the_edge_is_refused(sweep):
     config, files = sweep
     with pytest.raises(CalibrationError, match="does not reach the gate's edge"):
-        ROUTINE.fit(files[:8], config, Calibrations())
+        ROUTINE.fit(files[:8], RigState(config))
     with pytest.raises(CalibrationError, match="does not show the gate's edge"):
-        ROUTINE.fit([files[0], *files[-5:]], config, Calibrations())
+        ROUTINE.fit([files[0], *files[-5:]], RigState(config))
     with pytest.raises(CalibrationError, match="five or more at other delays"):
-        ROUTINE.fit(files[:4], config, Calibrations())
+        ROUTINE.fit(files[:4], RigState(config))
 
 
 def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
@@ -168,7 +167,7 @@ def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
 
 def wide_open(tmp_path, counts, **spad):
     setup = GateRoutine().setup(config_with(tmp_path))
-    config = setup.model_copy(update={"spad": setup.spad.model_copy(update=spad)})
+    config = setup.model_copy(update={"detector": setup.detector.model_copy(update=spad)})
     return write_counts(tmp_path / "open.h5", counts, config, exposure_s=0.01)
 
 
@@ -181,7 +180,7 @@ def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, rea
     counts = np.zeros((9, 12_500))
     counts[:, 3600:3608] = photons / 8
     with pytest.raises(CalibrationError, match=reason):
-        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
 
 
 def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
@@ -189,7 +188,7 @@ def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
     counts = np.zeros((9, 12_500))
     counts[:, 3600:3608] = 100
     with pytest.raises(CalibrationError, match="other positions"):
-        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
     (tmp_path / "open.h5").unlink()
     with pytest.raises(CalibrationError, match="without the gate"):
-        ROUTINE.fit([wide_open(tmp_path, counts, gated=False), *files[1:]], config, Calibrations())
+        ROUTINE.fit([wide_open(tmp_path, counts, gated=False), *files[1:]], RigState(config))

@@ -1,7 +1,5 @@
 """First bounces in free-running scans: found, fitted, refused."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -13,6 +11,7 @@ from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter
 from rig.model.config import built_in, built_in_with
+from rig.model.state import RigState
 
 SHAPE = peaks.Shape(27.6e-12, 53e-12, 0.07)
 BIN_S, BINS = 4e-12, 25_000
@@ -40,7 +39,7 @@ def scan_of(path, histograms, config=None):
         bins=BINS,
         bin_width_s=BIN_S,
         first_bin_s=0.0,
-        configuration=json.dumps(json.loads(config.model_dump_json())),
+        state=RigState(config),
         mirror_rad=angles,
     )
     with ScanWriter.create(path, description) as writer:

@@ -6,10 +6,10 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from rig.errors import DataFileError
-from rig.model import state as use
 from rig.model.calibrations.kinds import GateOpening, TimeZero
 from rig.model.calibrations.store import CalibrationStore, doubts, read
 from rig.model.config import CalibrationConfig, built_in
+from rig.model.state import Gate, RigState
 
 NOON = datetime(2026, 3, 4, 12, tzinfo=UTC)
 DEVICES = {"galvo": "G1", "laser": "L1", "spad": "S1", "tcspc": "T1"}
@@ -71,9 +71,13 @@ def configured(folder, **spad):
     return config.model_copy(
         update={
             "calibration": CalibrationConfig(folder=folder),
-            "spad": config.spad.model_copy(update=spad),
+            "detector": config.detector.model_copy(update=spad),
         }
     )
+
+
+def resolved(config, identities=None):
+    return RigState(config).of_devices(identities).calibrations
 
 
 def test_what_is_stored_is_read_back(tmp_path):
@@ -112,10 +116,10 @@ def test_the_newest_of_the_connected_devices_counts(tmp_path):
                 devices=DEVICES | {"laser": laser},
             )
         )
-    chosen = use.choose(configured(tmp_path), DEVICES)
+    chosen = resolved(configured(tmp_path), DEVICES)
     assert chosen.time_zero.electronics_delay_s == 2e-9
     assert any("belongs to another laser and is not used" in sentence for sentence in chosen.warnings)
-    assert use.choose(configured(tmp_path), DEVICES | {"laser": "L2"}).time_zero.electronics_delay_s == 3e-9
+    assert resolved(configured(tmp_path), DEVICES | {"laser": "L2"}).time_zero.electronics_delay_s == 3e-9
 
 
 def test_an_old_calibration_is_used_and_doubted(tmp_path):
@@ -129,27 +133,27 @@ def test_an_old_calibration_is_used_and_doubted(tmp_path):
 def test_another_rig_in_the_same_folder_is_left_alone(tmp_path):
     store = CalibrationStore(tmp_path)
     store.add(time_zero(rig_name="the other rig"))
-    assert use.choose(configured(tmp_path), DEVICES).records == {}
+    assert resolved(configured(tmp_path), DEVICES).records == {}
     store.add(time_zero(created=NOON - timedelta(days=1)))
-    assert use.choose(configured(tmp_path), DEVICES).time_zero.rig_name == "simulated rig"
+    assert resolved(configured(tmp_path), DEVICES).time_zero.rig_name == "simulated rig"
 
 
 def test_a_rehearsal_says_nothing_of_the_real_rig(tmp_path):
     CalibrationStore(tmp_path).add(time_zero(simulated=False))
-    assert use.choose(configured(tmp_path), DEVICES).time_zero is None
+    assert resolved(configured(tmp_path), DEVICES).time_zero is None
 
 
 def test_a_gate_that_overrules_the_configuration_is_told(tmp_path):
     CalibrationStore(tmp_path).add(gate(created=datetime.now(UTC).replace(microsecond=0)))
-    chosen = use.choose(configured(tmp_path, gate_delay_s=31.5e-9))
-    assert chosen.gate_s(configured(tmp_path)) == (33e-9, 40e-9)
-    assert chosen.warnings == ("the gate opens at 33 ns as calibrated, not at 31.5 ns as configured",)
-    assert use.choose(configured(tmp_path, gate_delay_s=33e-9)).warnings == ()
+    state = RigState.resolve(configured(tmp_path, gate_delay_s=31.5e-9))
+    assert state.gate == Gate(33e-9, 40e-9)
+    assert state.doubts == ("the gate opens at 33 ns as calibrated, not at 31.5 ns as configured",)
+    assert RigState.resolve(configured(tmp_path, gate_delay_s=33e-9)).doubts == ()
 
 
 def test_what_a_calibration_doubts_itself_is_told_by_each_scan(tmp_path):
     fresh = datetime.now(UTC).replace(microsecond=0)
     CalibrationStore(tmp_path).add(time_zero(created=fresh, warnings=["the galvo is not calibrated"]))
-    assert use.choose(configured(tmp_path)).warnings == (
+    assert resolved(configured(tmp_path)).warnings == (
         "the time-zero calibration: the galvo is not calibrated",
     )

@@ -17,28 +17,28 @@ from misaligned_rig import (
 from recon.defaults import shortest_wavelength_m, wavelength
 from rig.acquire.acquisition import Watch, acquire
 from rig.calibrate import irf, peaks
+from rig.calibrate.geometry_fit import Arrivals
 from rig.calibrate.irf import ResponseRoutine
-from rig.calibrate.legs_fit import fit_legs
 from rig.calibrate.run import fitted, measured
 from rig.calibrate.target import TargetRoutine, place
-from rig.calibrate.time_zero import TimeZeroRoutine, belief
+from rig.calibrate.time_zero import TimeZeroRoutine, fit_path_delays
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
-from rig.model.state import Calibrations, choose, nominal_pointing
+from rig.model.state import RigState
 
 
 def errors_s(legs, config, known, mirror_rad):
     """What a scan with these legs subtracts, less what it should."""
-    spots_m = known.pointing(config).spots_m(mirror_rad)
+    spots_m = RigState(config, known).pointing.spots_m(mirror_rad)
     return legs.delay_s(spots_m, np.zeros((1, 3))) - true_delays_s(config, mirror_rad)
 
 
 def grid_rad(config):
     x_m, y_m = np.meshgrid(np.linspace(-0.8, 0.8, 11), np.linspace(-0.64, 0.64, 9))
-    return nominal_pointing(config).angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
+    return RigState(config).pointing.angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
 
 
 def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
@@ -49,8 +49,8 @@ def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
         error_s = np.full(len(angles), 0.3e-12)
         seen_s = true_arrivals_s(config, angles) + error_s * rng.standard_normal(len(angles))
         seen_s[7] += 200e-12  # an outlier may not matter
-        found = fit_legs(seen_s, error_s, angles, np.zeros(3), belief(config, known))
-        wrong_s = errors_s(found.legs, config, known, angles)
+        found = fit_path_delays(Arrivals(angles, seen_s, error_s), np.zeros(3), RigState(config, known))
+        wrong_s = errors_s(found.delays, config, known, angles)
         assert np.median(np.abs(wrong_s)) < 5e-12
         assert np.abs(wrong_s).max() < 15e-12
         pulls.append(wrong_s / (found.rectified_error_s / np.sqrt(max(found.chi2, 1))))
@@ -65,16 +65,16 @@ def test_a_measured_calibration_rectifies_and_warns(tmp_path):
     with ScanFile(files[0]) as scan:
         angles = scan.mirror_rad
     known = galvo_calibration(config, 0.5e-3, 3)
-    found = routine.fit(files, config, known)
+    found = routine.fit(files, RigState(config, known))
     assert found.warnings == []
     wrong_s = errors_s(found.legs, config, known, angles)
     assert np.median(np.abs(wrong_s)) < 5e-12
     assert np.abs(wrong_s).max() < 15e-12
     assert found.chi2 == pytest.approx(1, abs=0.6)  # 56 degrees of freedom: 4 sqrt(2 / 56)
     assert abs(found.drift_per_minute_s - 1e-12) < 4 * found.drift_per_minute_error_s
-    alone = routine.fit(files[:1], config, known)
+    alone = routine.fit(files[:1], RigState(config, known))
     assert alone.drift_per_minute_s is None
-    without = routine.fit(files, config, Calibrations())
+    without = routine.fit(files, RigState(config))
     assert "galvo is not calibrated" in without.warnings[0]
     assert without.rectified_error_s > 5 * found.rectified_error_s
 
@@ -86,17 +86,17 @@ def test_a_scan_uses_both_and_is_rectified(tmp_path):
     known = galvo_calibration(config, 0.5e-3, 4)
     store.add(known.galvo)
     zero, response = TimeZeroRoutine(columns=7, rows=5), ResponseRoutine(columns=3, rows=2, exposure_s=0.3)
-    store.add(zero.fit(measured(zero, config, None, tmp_path, Watch())[:1], config, known))
+    store.add(zero.fit(measured(zero, config, None, tmp_path, Watch())[:1], RigState(config, known)))
     width = fitted(response, config, measured(response, config, None, tmp_path, Watch())).calibration
     assert abs(width.fwhm_s - true_width_s()) < 2e-12
     assert abs(width.fwhm_s - true_width_s()) < 4 * width.fwhm_error_s
     setup = zero.setup(config)
-    plan = ScanPlan.from_config(setup, columns=3, rows=3, spacing_m=0.4, exposure_s=0.05, skip_m=0.0)
+    plan = ScanPlan.grid(setup, columns=3, rows=3, spacing_m=0.4, exposure_s=0.05, skip_m=0.0)
     target = tmp_path / "scan.h5"
-    acquire(plan, setup, target)
+    acquire(plan, RigState.resolve(setup), target)
     with ScanFile(target) as scan:
         assert scan.instrument_response_s == width.fwhm_s
-        assert set(scan.calibrations) == {"galvo", "time-zero", "irf"}
+        assert set(scan.calibrations.records) == {"galvo", "time-zero", "irf"}
         capture, angles = scan.capture(), scan.mirror_rad
         fine = replace(capture, laser_m=capture.laser_m / 100)  # 4 mm apart: the response is the limit
         choice = wavelength(fine, scan.instrument_response_s)
@@ -105,7 +105,7 @@ def test_a_scan_uses_both_and_is_rectified(tmp_path):
     bench = true_geometry(config)
     head_m = np.array(bench.detector_head_m)
     along_m = np.linalg.norm(scan.laser_m - head_m, axis=1) - np.linalg.norm(head_m)
-    assert np.allclose(scan.laser_m, choose(config).pointing(config).spots_m(angles), atol=1e-6)
+    assert np.allclose(scan.laser_m, RigState.resolve(config).pointing.spots_m(angles), atol=1e-6)
     times_s = capture.first_bin_s[:, None] + (np.arange(counts.shape[1]) + 0.5) * capture.bin_width_s
     near = np.abs(times_s - along_m[:, None] / 299_792_458) < 0.15e-9
     seen_s = np.array([np.average(t[k], weights=c[k]) for t, c, k in zip(times_s, counts, near, strict=True)])
@@ -134,7 +134,7 @@ def test_a_known_target_gives_the_delay(gated, tmp_path):
     if not gated:
         config = TimeZeroRoutine().setup(config)
     files = measured(routine, config, None, tmp_path, Watch())
-    found = routine.fit(files, config, Calibrations())
+    found = routine.fit(files, RigState(config))
     # 7000 counts: 0.7 ps with the tail's shape free, four of these; a patch of 2 cm: 0.1 ps
     assert found.electronics_delay_s == pytest.approx(15.3e-9, abs=3e-12)
 

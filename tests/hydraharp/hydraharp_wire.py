@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from simulators.bench import Bench, Detections, no_detections
+from simulators.bench import Bench, BenchGeometry, Channel, Detections, no_detections
 
 #: The functions as the vendor's header declares them.
 HEADER = """
@@ -128,8 +128,9 @@ class SteadyLight:
         return self.rate if light.emitting or self.ambient else 0.0
 
 
-def bench_with(times_s, rate_hz, *, emitting=True, ambient=False, repetition_hz=10e6):
-    bench = Bench(SteadyLight(times_s, rate_hz, ambient=ambient))
+def bench_with(times_s, rate_hz, *, emitting=True, ambient=False, repetition_hz=10e6, at_input=0):
+    geometry = BenchGeometry(channels=(Channel(input=at_input),))
+    bench = Bench([SteadyLight(times_s, rate_hz, ambient=ambient)], geometry)
     bench.change_light(emitting=emitting, repetition_hz=repetition_hz)
     return bench
 

@@ -3,9 +3,9 @@
 import pytest
 from hydraharp_wire import DECLARED, Returns, Script
 
-from drivers.hydraharp import HHLib, HydraHarpError
 from drivers.hydraharp.constants import Edge, Feature, Flag, MeasControl, Mode, Reference, Warn
-from drivers.hydraharp.library import histogram_buffer
+from drivers.hydraharp.errors import HydraHarpError
+from drivers.hydraharp.library import HHLib, histogram_buffers
 
 RISING, FALLING = Edge.RISING, Edge.FALLING
 
@@ -78,11 +78,13 @@ def test_one_call(method, arguments, c_call, written, result):
 
 def test_histogram_goes_into_the_callers_buffer():
     script = Script([("HH_GetHistogram(3, 1, 1)", [4, 0, 2**32 - 1])])
-    buffer = histogram_buffer()
+    _, buffer = rows = histogram_buffers(2)
     HHLib(script.functions).get_histogram(3, 1, buffer, clear=True)
     script.finish()
     assert len(buffer) == 65536
     assert buffer[:4] == [4, 0, 2**32 - 1, 0]
+    assert rows[1][:4] == [4, 0, 2**32 - 1, 0]  # a row is a part of the block, not a copy
+    assert sum(rows[0]) == 0
 
 
 @pytest.mark.parametrize("records", [[], [1, 2**32 - 1]])

@@ -1,44 +1,54 @@
-"""What the driver refuses before anything is sent."""
+"""What the driver refuses before anything is sent, and without an instrument or a library."""
+
+import subprocess
+import sys
 
 import pytest
-from hydraharp_wire import Script
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import LimitError
-from drivers.hydraharp import HHLib, HydraHarp
-from drivers.hydraharp.limits import binning_code, length_code, whole
+from drivers.hydraharp.limits import LIMITS, HydraHarpLimits
+from drivers.hydraharp.settings import HydraHarpSettings
 
 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"sync_divider": 3}, "divide the sync by 3"),
-        ({"sync_cfd_mv": (1001, 10)}, "sync CFD level"),
-        ({"sync_cfd_mv": (100, 41)}, "sync CFD zero crossing"),
-        ({"input_cfd_mv": (-100, 10)}, "input CFD level"),
-        ({"input_channel": 8}, "input channel"),
+        ({"sync_level_v": 1.001}, "sync CFD level to 1001 mV"),
+        ({"sync_level_v": 0.0504}, "nearest possible value is 50 mV"),
+        ({"sync_zero_cross_v": 0.041}, "sync CFD zero crossing"),
+        ({"input_level_v": -0.1}, "input CFD level"),
+        ({"inputs": (0, -1)}, "input channel"),
+        ({"inputs": ()}, "one input or more"),
+        ({"inputs": (1, 1)}, "inputs 1, 1"),
         ({"sync_offset_s": 100e-9}, "99999 ps"),
-        ({"input_offset_s": 0.5e-12}, "whole ps"),
+        ({"input_offsets_s": (0.5e-12,)}, "whole ps"),
+        ({"inputs": (0, 1), "input_offsets_s": (1e-12,)}, "one offset for each input"),
+        ({"bin_width_s": 5e-12}, "4 ps and 8 ps"),
         ({"offset_s": 1.4e-9}, "nearest possible value is 1 ns"),
         ({"offset_s": -1e-9}, "nearest possible value is 0 ns"),
         ({"offset_s": 500.001e-6}, "nearest possible value is 500000 ns"),
         ({"bins": 0}, "number of bins"),
         ({"bins": 65537}, "number of bins"),
-        ({"stop_overflow": 0}, "stops a measurement"),
-        ({"stop_overflow": 2**32}, "stops a measurement"),
     ],
 )
 def test_settings_outside_the_limits(settings, words):
-    script = Script([])
     with pytest.raises(LimitError, match=words):
-        HydraHarp(HHLib(script.functions), clock=script, **settings)
-    script.finish()
+        HydraHarpSettings(**settings)
+
+
+def test_limits_and_settings_import_neither_numpy_nor_a_wire():
+    script = "import sys, drivers.hydraharp.limits, drivers.hydraharp.settings; "
+    script += "print([m for m in ('numpy', 'ctypes', 'serial', 'usb') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
 
 
 @given(n=st.integers(0, 25), base_ps=st.sampled_from([1.0, 4.0, 0.5]))
 def test_every_power_of_two_has_its_code(n, base_ps):
-    assert binning_code("it", base_ps * 2**n * 1e-12, base_ps, 26) == n
+    assert HydraHarpLimits(base_ps=base_ps).binning_code(base_ps * 2**n * 1e-12) == n
 
 
 @given(st.floats(0.6, 3e7))
@@ -47,27 +57,42 @@ def test_other_widths_are_refused_with_their_neighbours(width_ps):
     if abs(width_ps / 2.0**lower - 1) < 2e-6 or abs(width_ps / 2.0 ** (lower + 1) - 1) < 2e-6:
         return
     with pytest.raises(LimitError) as caught:
-        binning_code("it", width_ps * 1e-12, 1.0, 26)
+        LIMITS.check_histogram(1, width_ps * 1e-12)
     assert f"nearest are {2.0**lower:g} ps and {2.0 ** (lower + 1):g} ps" in str(caught.value)
 
 
 @pytest.mark.parametrize("width_s", [0.0, -4e-12, 1.0, float("inf"), float("nan")])
 def test_widths_beyond_all_codes(width_s):
     with pytest.raises(LimitError, match="nearest are"):
-        binning_code("it", width_s, 1.0, 26)
+        LIMITS.binning_code(width_s)
 
 
-@given(bins=st.integers(1, 65536), span_bins=st.integers(0, 200_000))
-def test_length_is_the_shortest_that_holds_bins_and_span(bins, span_bins):
-    code = length_code(bins, span_bins * 4e-12, 4e-12)
+@given(span_s=st.floats(1e-12, 2.0), finest_s=st.sampled_from([0.0, 64e-12]))
+def test_the_finest_bins_that_cover_a_span(span_s, finest_s):
+    width_s = LIMITS.bin_width_covering(span_s, finest_s=finest_s)
+    LIMITS.check_histogram(65536, width_s)
+    assert width_s * 65536 >= span_s * (1 - 1e-5)
+    finer_s = width_s / 2
+    assert finer_s < finest_s or width_s == pytest.approx(1e-12) or finer_s * 65536 < span_s
+
+
+def test_a_span_that_no_bins_cover():
+    assert LIMITS.bin_width_covering(2.1) * 65536 == pytest.approx(2.2, rel=1e-2)
+    with pytest.raises(LimitError, match=r"cover 2\.3 s"):
+        LIMITS.bin_width_covering(2.3)
+
+
+@given(bins=st.integers(1, 65536))
+def test_length_is_the_shortest_that_holds_the_bins(bins):
     lengths = [1024 * 2**n for n in range(7)]
-    assert lengths[code] == min(n for n in lengths if n >= max(bins, min(span_bins, 65536)))
+    assert lengths[LIMITS.length_code(bins)] == min(n for n in lengths if n >= bins)
 
 
 @given(st.integers(1, 360_000_000))
 def test_whole_milliseconds_pass(ms):
-    assert whole("it", "exposure", ms * 1e-3, 1e-3, "ms", (1, 360_000_000)) == ms
-    assert whole("it", "exposure", ms / 1000, 1e-3, "ms", (1, 360_000_000)) == ms
+    assert LIMITS.exposure_ms(ms * 1e-3) == ms
+    assert LIMITS.exposure_ms(ms / 1000) == ms
+    assert LIMITS.nearest_exposure_s(ms * 1e-3) == ms / 1000
 
 
 @pytest.mark.parametrize(
@@ -76,10 +101,11 @@ def test_whole_milliseconds_pass(ms):
 )
 def test_other_exposures_name_the_nearest(exposure_s, nearest):
     with pytest.raises(LimitError, match=f"nearest possible value is {nearest} ms"):
-        whole("it", "exposure", exposure_s, 1e-3, "ms", (1, 360_000_000))
+        LIMITS.check_exposure(exposure_s)
+    assert LIMITS.nearest_exposure_s(exposure_s) == nearest / 1000
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 def test_what_is_no_number_is_refused(value):
     with pytest.raises(LimitError):
-        whole("it", "exposure", value, 1e-3, "ms", (1, 10))
+        LIMITS.check_exposure(value)

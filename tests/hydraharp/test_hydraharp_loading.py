@@ -8,8 +8,8 @@ import pytest
 from hydraharp_wire import HEADER
 
 from drivers.errors import DeviceNotFoundError
-from drivers.hydraharp import HydraHarpError, load_library
-from drivers.hydraharp.loading import candidates
+from drivers.hydraharp.errors import HydraHarpError
+from drivers.hydraharp.loading import candidates, load_library
 
 BODIES = {
     "HH_GetLibraryVersion": 'for (int i = 0; i < 4; i++) vers[i] = "3.0"[i]; return 0;',

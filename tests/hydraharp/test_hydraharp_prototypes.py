@@ -6,7 +6,7 @@ import pytest
 from hydraharp_wire import C_TYPES, DECLARED, bench_with
 
 from drivers.hydraharp.errors import ErrorCode, HydraHarpError, code_name
-from drivers.hydraharp.prototypes import PROTOTYPES
+from drivers.hydraharp.library import PROTOTYPES
 from simulators.wire.hydraharp import HydraHarpSimulator
 
 EXPECTED = {name: tuple(C_TYPES[t] for t in types) for name, types in DECLARED.items()}

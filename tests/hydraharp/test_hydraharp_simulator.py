@@ -29,10 +29,10 @@ def test_nothing_works_between_open_and_initialize():
 
 def test_busy_elsewhere_or_open_already():
     simulator = HydraHarpSimulator(bench_with([], 0))
-    simulator.busy = True
+    simulator.connection.busy = True
     assert call(simulator.functions, "HH_OpenDevice", 0) == (-2, b"")
     assert call(simulator.functions, "HH_GetFeatures", 0)[0] == -10
-    simulator.busy = False
+    simulator.connection.busy = False
     assert call(simulator.functions, "HH_OpenDevice", 0)[0] == 0
     assert call(simulator.functions, "HH_OpenDevice", 0)[0] == -2
     assert call(simulator.functions, "HH_CloseDevice", 0)[0] == 0
@@ -131,7 +131,7 @@ def test_natural_end_counts_no_longer_than_asked():
 
 
 def test_other_inputs_stay_dark():
-    hh = Opened(bench_with([5e-9], 100_000), inputs=4, photon_input=2)
+    hh = Opened(bench_with([5e-9], 100_000, at_input=2), inputs=4)
     hh.run(10)
     assert [hh.counts(channel).sum() for channel in range(4)] == [0, 0, 1000, 0]
 

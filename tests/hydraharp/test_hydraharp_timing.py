@@ -6,7 +6,9 @@ from hydraharp_wire import SteadyLight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.hydraharp import HHLib, HydraHarp
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.settings import HydraHarpSettings
 from simulators.bench import Bench, Detections
 from simulators.wire.hydraharp import HydraHarpSimulator, Nonlinearity, Timing
 
@@ -14,12 +16,13 @@ PERIOD_S = 100e-9
 
 
 def measured(source, timing, *, exposure_s=1e-3, waits_s=0.0, **options):
-    bench = Bench(source)
+    bench = Bench([source])
     bench.change_light(emitting=True, biased=True)
     simulator = HydraHarpSimulator(bench, timing=timing, **options)
-    with HydraHarp(HHLib(simulator.functions), clock=bench.clock, bin_width_s=4e-12, bins=25_000) as harp:
+    settings = HydraHarpSettings(bin_width_s=4e-12, bins=25_000)
+    with HydraHarp(HHLib(simulator.functions), clock=bench.clock, settings=settings) as harp:
         bench.clock.sleep(waits_s)
-        counts = harp.measure(exposure_s).counts.copy()
+        counts = harp.measure(exposure_s).counts[0].copy()
     simulator.raise_pending()
     return counts
 

@@ -3,8 +3,11 @@
 import pytest
 from hydraharp_wire import Returns, Script
 
-from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError
-from drivers.hydraharp import HHLib, HydraHarp, HydraHarpError
+from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.errors import HydraHarpError
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.settings import HydraHarpSettings
 
 VERSION = ("HH_GetLibraryVersion()", "3.0")
 INITIALIZE = [
@@ -39,9 +42,8 @@ ENDED = [("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
 def play(lines, work=lambda harp: None, **settings):
     """Run ``work`` on an open driver; whatever it raises, the script must come out exactly."""
     script = Script(lines)
-    harp = HydraHarp(
-        HHLib(script.functions, name="script"), clock=script, serial="1000001", **{"bins": 3, **settings}
-    )
+    asked = HydraHarpSettings(**{"bins": 3, **settings})
+    harp = HydraHarp(HHLib(script.functions, name="script"), clock=script, serial="1000001", settings=asked)
     try:
         with harp:
             return work(harp)
@@ -67,21 +69,21 @@ def test_all_settings_reach_the_instrument():
         "HH_SetBinning(1, 2)": ("HH_SetBinning(1, 4)",),
         "HH_SetOffset(1, 0)": ("HH_SetOffset(1, 20)",),
         "HH_GetResolution(1)": ("HH_GetResolution(1)", 16.0),
-        "HH_SetStopOverflow(1, 0, 4294967295)": ("HH_SetStopOverflow(1, 1, 65535)",),
     }
     harp = play(
         [changed.get(line[0], line) for line in OPEN] + CLOSE,
         lambda harp: harp,
         sync_divider=8,
-        sync_cfd_mv=(120, 15),
-        input_channel=1,
-        input_cfd_mv=(80, 5),
+        sync_level_v=0.12,
+        sync_zero_cross_v=0.015,
+        inputs=(1,),
+        input_level_v=0.08,
+        input_zero_cross_v=0.005,
         sync_offset_s=-1.5e-9,
-        input_offset_s=99.999e-9,
+        input_offsets_s=(99.999e-9,),
         bin_width_s=16e-12,
         bins=1025,
         offset_s=20e-9,
-        stop_overflow=65535,
         external_reference=True,
     )
     assert harp.identity == "PicoQuant HydraHarp 400, part 930004, version 2.0, serial 1000001, HHLib 3.0"
@@ -91,29 +93,77 @@ def test_all_settings_reach_the_instrument():
         "mode": "histogram",
         "reference": "external",
         "sync_divider": 8,
-        "sync_cfd_level_mv": 120,
-        "sync_cfd_zero_cross_mv": 15,
+        "sync_level_v": 0.12,
+        "sync_zero_cross_v": 0.015,
         "sync_offset_s": pytest.approx(-1.5e-9),
-        "input_channel": 1,
-        "input_cfd_level_mv": 80,
-        "input_cfd_zero_cross_mv": 5,
-        "input_offset_s": pytest.approx(99.999e-9),
+        "inputs": "1",
+        "input_level_v": 0.08,
+        "input_zero_cross_v": 0.005,
+        "input_1_offset_s": pytest.approx(99.999e-9),
         "bin_width_s": pytest.approx(16e-12),
         "bins": 1025,
         "histogram_bins": 2048,
         "offset_s": pytest.approx(20e-9),
-        "stop_overflow": True,
-        "stop_count": 65535,
     }
 
 
 def test_measure():
     lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [5, 0, 7, 9]), ("HH_GetFlags(1)", 0)]
     exposure = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
-    assert exposure.counts.tolist() == [5, 0, 7]
+    assert exposure.counts.tolist() == [[5, 0, 7]]
     assert exposure.counts.dtype == "uint32"
     assert exposure.live_time_s == 0.01
     assert exposure.warnings == ()
+
+
+def test_two_inputs():
+    """Both are set and switched on; each is read into its row, in the order in which they were asked for."""
+    second = {
+        "HH_SetInputCFD(1, 0, 50, 10)": [("HH_SetInputCFD(1, 0, 50, 10)",)],
+        "HH_SetInputChannelOffset(1, 0, 0)": [("HH_SetInputChannelOffset(1, 0, -300)",)],
+        "HH_SetInputChannelEnable(1, 1, 0)": [
+            ("HH_SetInputCFD(1, 1, 50, 10)",),
+            ("HH_SetInputChannelOffset(1, 1, 200)",),
+            ("HH_SetInputChannelEnable(1, 1, 1)",),
+        ],
+    }
+    opening = [call for line in OPEN for call in second.get(line[0], [line])]
+    lines = [
+        *START,
+        *ENDED,
+        ("HH_GetHistogram(1, 1, 0)", [1, 2, 3, 4]),
+        ("HH_GetHistogram(1, 0, 0)", [5, 6, 7, 8]),
+        ("HH_GetFlags(1)", 0),
+        ("HH_GetSyncRate(1)", 10_000_000),
+        ("HH_GetCountRate(1, 1)", 300),
+        ("HH_GetCountRate(1, 0)", 50),
+    ]
+    exposure, rates, settings = play(
+        [*opening, *lines, *CLOSE],
+        lambda harp: (harp.measure(10e-3), harp.rates(), harp.settings()),
+        inputs=(1, 0),
+        input_offsets_s=(200e-12, -300e-12),
+    )
+    assert exposure.counts.tolist() == [[1, 2, 3], [5, 6, 7]]
+    assert exposure.photons == 24
+    assert rates.inputs_hz == (300.0, 50.0)
+    assert rates.input_hz == 350.0
+    assert settings["inputs"] == "1, 0"
+    assert (settings["input_1_offset_s"], settings["input_0_offset_s"]) == (200e-12, -300e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "answer", "words"),
+    [
+        ("HH_GetNumOfInputChannels(1)", (1,), "input channel to 1, but it takes whole numbers from 0 to 0"),
+        ("HH_GetBaseResolution(1)", (8.0, 20), "8 ps times a power of two.*nearest are 8 ps and 16 ps"),
+    ],
+)
+def test_an_instrument_that_can_do_less_is_asked_and_closed(call, answer, words):
+    """What only the instrument tells is refused before any setting is sent."""
+    lines = [(call, *answer) if line[0] == call else line for line in [*OPEN[:3], *INITIALIZE]]
+    with pytest.raises(LimitError, match=f"HydraHarp 1000001.*{words}"):
+        play([*lines, *CLOSE], inputs=(0, 1))
 
 
 def test_measure_polls_each_millisecond_until_the_end():
@@ -160,14 +210,6 @@ def test_flags_become_sentences(flags, word):
     assert word in sentence
 
 
-def test_overflow_that_stops_asks_how_long_it_ran():
-    opening = [("HH_SetStopOverflow(1, 1, 100)",) if "StopOver" in line[0] else line for line in OPEN]
-    lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [100]), ("HH_GetFlags(1)", 1)]
-    lines.append(("HH_GetElapsedMeasTime(1)", 2.5))
-    exposure = play([*opening, *lines, *CLOSE], lambda harp: harp.measure(10e-3), stop_overflow=100)
-    assert exposure.live_time_s == 0.0025
-
-
 def test_system_error_is_raised_with_the_instruments_report():
     lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [1]), ("HH_GetFlags(1)", 0x10)]
     lines.append(("HH_GetHardwareDebugInfo(1)", "module 2\nover temperature\n"))
@@ -187,19 +229,6 @@ def test_a_warning_of_a_later_library_comes_in_its_own_words():
     rates = [("HH_GetSyncRate(1)", 1), ("HH_GetCountRate(1, 0)", 1), ("HH_GetCountRate(1, 1)", 1)]
     lines = [*rates, ("HH_GetWarnings(1)", 0x10000), ("HH_GetWarningsText(1, 65536)", "too\n  hot\n")]
     assert play([*OPEN, *lines, *CLOSE], lambda harp: harp.warnings()) == ("too hot",)
-
-
-@pytest.mark.parametrize("raw", [1.25e-8, 1.25e4])
-def test_sync_period_in_either_unit(raw):
-    lines = [("HH_GetSyncPeriod(1)", raw), ("HH_GetSyncRate(1)", 80_000_000)]
-    assert play([*OPEN, *lines, *CLOSE], lambda harp: harp.sync_period_s()) == pytest.approx(12.5e-9)
-
-
-@pytest.mark.parametrize(("raw", "rate"), [(12.5, 80_000_000), (0.0, 80_000_000), (1.25e4, 0)])
-def test_sync_period_that_fits_neither_unit(raw, rate):
-    lines = [("HH_GetSyncPeriod(1)", raw), ("HH_GetSyncRate(1)", rate)]
-    with pytest.raises(ProtocolError, match="neither in s nor in ps"):
-        play([*OPEN, *lines, *CLOSE], lambda harp: harp.sync_period_s())
 
 
 def test_others_are_closed_again():

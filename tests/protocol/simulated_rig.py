@@ -18,7 +18,7 @@ class WatchedBench(Bench):
     """A bench that remembers every change of its light."""
 
     def __init__(self) -> None:
-        super().__init__(photons=None)
+        super().__init__()
         self.changes: list[dict] = []
 
     def change_light(self, **changes):

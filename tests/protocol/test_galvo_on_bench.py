@@ -5,6 +5,7 @@ import threading
 import time
 from math import radians, tan
 
+import numpy as np
 import pytest
 from simulated_rig import simulated_rig
 
@@ -29,9 +30,9 @@ def test_the_mirror_stands_where_it_was_pointed(rig):
     with rig.galvo() as mirror:
         mirror.point(x, y)
         mirror.wait_settled(timeout_s=0.1)
-        units = rig.bench.mirror.position(rig.bench.clock.now_s())
-    # Nine decimals on the wire: half a unit of the last place.
-    assert units == pytest.approx((tan(x) / tan(radians(50)), tan(y) / tan(radians(50))), abs=0.6e-9)
+        angles = rig.bench.mirror.position(rig.bench.clock.now_s())
+    # Nine decimals of tan(50 degrees) on the wire: half of the last place is 0.6e-9.
+    assert np.tan(angles) == pytest.approx((tan(x), tan(y)), abs=0.7e-9)
 
 
 def test_waiting_lets_bench_time_pass_and_no_other(rig):
@@ -153,8 +154,8 @@ def test_two_axes_outside_the_limits_of_the_board_are_trimmed_and_told(rig):
     """The driver's own check is passed by; the board says OU, and its status says trimmed."""
     rig.board.receive(b"XY=0.9;0.9\r\n")
     assert bytes(rig.board.output) == b"OU\r\n"
-    x, y = rig.bench.mirror.target
-    assert x == y == pytest.approx(0.5**0.5)
+    x, y = np.tan(rig.bench.mirror.target)
+    assert x == y == pytest.approx(0.5**0.5 * tan(radians(50)))
     with rig.galvo() as mirror, pytest.raises(RefusedError, match="trimmed"):
         mirror.wait_settled(timeout_s=1.0)
 
@@ -182,7 +183,7 @@ def test_a_device_that_never_stops_talking_is_given_up():
 def test_over_a_real_serial_port_of_the_operating_system():
     """The same board behind a pseudo-terminal: pyserial's own port, locked, opened, read and lost."""
     clock = BenchClock(real_time=True)
-    board = GalvoBoard(Bench(photons=None, clock=clock))
+    board = GalvoBoard(Bench(clock=clock))
     ours, theirs = os.openpty()
     pytest.importorskip("tty").setraw(theirs)
 

@@ -55,7 +55,7 @@ def test_a_board_that_says_goodbye_to_pro_mode_late(plug):
             if leaving and not self._pro_mode:
                 self.output += bytes.fromhex("7E 00 06 00 12 34 7E")
 
-    bench = Bench(photons=None)
+    bench = Bench()
     board = Polite(bench)
     board.receive(b"GOPRO\r\n")
     board.output.clear()
@@ -72,7 +72,7 @@ def test_a_laser_that_echoes_what_it_is_told_cannot_confirm_by_its_echo(plug, de
                 return f"lp={value:.2f}\n"  # and does nothing
             return super()._change(name, value) or f"{name}={value:g}\n"
 
-    bench = Bench(photons=None)
+    bench = Bench()
     address = plug(Slow(Echoing(bench), bench.clock, delay_s), bench.clock)
     with (
         KatanaLaser(address, clock=bench.clock, power_setpoint=7.5, repetition_hz=10e6) as laser,
@@ -96,7 +96,7 @@ class Echo:
 
 
 def test_bytes_that_nobody_asked_for_are_thrown_away(plug):
-    echo, clock = Echo(), Bench(photons=None).clock
+    echo, clock = Echo(), Bench().clock
     line = line_to(plug(echo, clock))
     line.open()
     echo.output += b"hello, I have just been switched on\n"
@@ -107,7 +107,7 @@ def test_bytes_that_nobody_asked_for_are_thrown_away(plug):
 
 
 def test_an_answer_later_than_its_timeout_is_not_the_answer_to_the_next_question(plug):
-    clock = Bench(photons=None).clock
+    clock = Bench().clock
     slow = Slow(Echo(), clock, 0.7)
     line = line_to(plug(slow, clock))
     line.open()
@@ -119,7 +119,7 @@ def test_an_answer_later_than_its_timeout_is_not_the_answer_to_the_next_question
 
 
 def test_a_line_without_end_is_given_up(plug):
-    echo, clock = Echo(), Bench(photons=None).clock
+    echo, clock = Echo(), Bench().clock
     line = line_to(plug(echo, clock))
     line.open()
     line.send(b"x" * 10_000)
@@ -129,7 +129,7 @@ def test_a_line_without_end_is_given_up(plug):
 
 
 def test_lines_that_come_together_are_read_one_by_one(plug):
-    echo, clock = Echo(), Bench(photons=None).clock
+    echo, clock = Echo(), Bench().clock
     line = line_to(plug(echo, clock))
     line.open()
     line.send(b"one\ntwo\nthree")
@@ -140,7 +140,7 @@ def test_lines_that_come_together_are_read_one_by_one(plug):
 
 
 def test_an_address_is_taken_once(plug):
-    clock = Bench(photons=None).clock
+    clock = Bench().clock
     protocol_sim.detach(plug(Echo(), clock))
     path = "slow/twice"
     address = protocol_sim.attach(path, Echo(), clock)

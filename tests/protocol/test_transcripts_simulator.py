@@ -32,7 +32,7 @@ def key_off(bench):
 @pytest.mark.parametrize("piece", [1, 1000])
 def test_firmware_answers_as_the_transcript_says(name, build, piece):
     """Whether the bytes come one by one or all at once; messages over USB are never cut."""
-    bench = Bench(photons=None)
+    bench = Bench()
     firmware = build(bench)
     expected = b""
     for number, step in enumerate(read_transcript(name)):
@@ -53,7 +53,7 @@ def test_firmware_answers_as_the_transcript_says(name, build, piece):
 
 
 def test_usbtmc_interface_answers_as_the_transcript_says():
-    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface = TmcInterface(SpadInstrument(Bench()))
     for step in read_transcript("usbtmc_question.txt", words=USB_WORDS):
         if step.kind == ">":
             interface.bulk_out(step.data)
@@ -70,7 +70,7 @@ def frame(kind, tag, size, payload=b"", attributes=0):
 
 
 def test_a_long_answer_comes_in_frames_of_the_size_asked_for():
-    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface = TmcInterface(SpadInstrument(Bench()))
     interface.bulk_out(frame(1, 1, 9, b"REG:RUN?\n", 1))
     interface.bulk_out(frame(2, 2, 4))
     assert interface.bulk_in(512) == frame(2, 2, 4, b"FALS")
@@ -81,7 +81,7 @@ def test_a_long_answer_comes_in_frames_of_the_size_asked_for():
 
 
 def test_a_message_may_come_in_several_frames():
-    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface = TmcInterface(SpadInstrument(Bench()))
     interface.bulk_out(frame(1, 1, 5, b"REG:R", 0))
     interface.bulk_out(frame(1, 2, 4, b"UN?\n", 1))
     interface.bulk_out(frame(2, 3, 100))
@@ -89,7 +89,7 @@ def test_a_message_may_come_in_several_frames():
 
 
 def test_a_new_message_breaks_off_an_answer_that_was_not_read():
-    interface = TmcInterface(SpadInstrument(Bench(photons=None)))
+    interface = TmcInterface(SpadInstrument(Bench()))
     interface.bulk_out(frame(1, 1, 6, b"*IDN?\n", 1))
     interface.bulk_out(frame(2, 2, 100))
     assert interface.bulk_in(16) == frame(2, 2, 41, b"ID Q", 1)

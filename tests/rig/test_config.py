@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig.errors import ConfigError
-from rig.model.config import built_in, load
+from rig.model.config import built_in, load, recorded
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -46,7 +46,13 @@ def test_all_problems_are_named_at_once(tmp_path):
         ("[simulaton]\n", "did you mean 'simulation'"),
         ('[simulation]\n[galvo]\nposition = ["0m", "0m", "-2m"]\n', "in front of the wall"),
         ('[simulation]\n[galvo]\nposition = ["0m", "0m"]\n', "galvo.position"),
-        ("[simulation]\n[hydraharp]\nsync_divider = 3\n", "hydraharp.sync_divider"),
+        ("[simulation]\n[tcspc]\nsync_divider = 3\n", r"tcspc\.sync_divider"),
+        ("[simulation]\n[tcspc]\nbinz = 3\n", r"unknown key 'tcspc\.binz'; did you mean 'bins'"),
+        ('[simulation]\n[tcspc]\nkind = "x"\n', "there is no kind x; choose among 'hydraharp', 'playback'"),
+        ('[simulation]\n[tcspc]\nkind = "playback"\n', r"tcspc\.file"),
+        ("[simulation]\n[[channels]]\n[[channels]]\n", "channels: two have the name spad"),
+        ("[simulation]\n[[channels]]\nspott = 1\n", "did you mean 'spot'"),
+        ("channels = []\n[simulation]\n", "there is none"),
         ("[simulation]\n[laser]\npower_setpoint = 11\n", "laser.power_setpoint"),
     ],
 )
@@ -58,3 +64,32 @@ def test_a_wrong_file_is_refused_in_words(tmp_path, text, told):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.toml: cannot be read"):
         load(tmp_path / "nowhere.toml")
+
+
+def test_a_file_of_an_older_program_is_read_as_it_was_meant(tmp_path):
+    """Before devices had kinds the detector was [spad], the timing instrument [hydraharp] with one input."""
+    older = """
+    [spad]
+    spot = ["10cm", "0cm", "0cm"]
+    hold_off = "90ns"
+    [hydraharp]
+    input_channel = 2
+    bins = 3000
+    [simulation]
+    """
+    newer = """
+    [detector]
+    hold_off = "90ns"
+    [tcspc]
+    bins = 3000
+    [[channels]]
+    input = 2
+    spot = ["10cm", "0cm", "0cm"]
+    [simulation]
+    """
+    assert load(written(tmp_path, older)) == load(written(tmp_path, newer))
+
+
+def test_what_a_scan_holds_is_read_back():
+    config = load(CONFIGS / "misaligned.toml")
+    assert recorded(config.model_dump_json()) == config

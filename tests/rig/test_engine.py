@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from drivers.hydraharp import Exposure, Rates
+from drivers.hydraharp.device import Exposure, Rates
 from rig.acquire.engine import (
     Devices,
     Ended,
@@ -17,23 +17,16 @@ from rig.acquire.engine import (
     Outcome,
     Phase,
     PhaseChanged,
-    PositionDone,
     ScanEngine,
+    StepDone,
 )
 from rig.errors import RefusedError
+from rig.model.config import built_in
 from rig.model.plan import ScanPlan
-from rig.model.pointing import Pointing
+from rig.model.state import RigState
 
-PLAN = ScanPlan(
-    columns=3,
-    rows=2,
-    spacing_m=0.1,
-    exposure_s=0.01,
-    detector_spot_m=(0, 0, 0),
-    skip_m=0.0,
-    bins=4,
-    bin_width_s=4e-12,
-)
+STATE = RigState(built_in())
+PLAN = ScanPlan.grid(STATE.config, columns=3, rows=2, spacing_m=0.1, exposure_s=0.01, skip_m=0.0)
 
 
 class BrokenError(Exception):
@@ -43,6 +36,7 @@ class BrokenError(Exception):
 class ScriptedRig:
     """All five devices in one, with a log of calls and one call that fails."""
 
+    bins = 4
     bin_width_s = 4e-12
     first_bin_s = 0.0
     identity = "scripted"
@@ -103,7 +97,7 @@ class ScriptedRig:
 
     def rates(self):
         self._called("rates")
-        return Rates(self.sync_hz, 2e5)
+        return Rates(self.sync_hz, (2e5,))
 
     def warnings(self):
         self._called("warnings")
@@ -114,11 +108,11 @@ class ScriptedRig:
         self.time_s += 0.6
         if self.trips_at is not None and self.log.count("measure") > self.trips_at:
             self.lit = False  # an interlock opened
-        return Exposure(np.ones(4, np.uint32), exposure_s)
+        return Exposure(np.ones((1, 4), np.uint32), exposure_s)
 
 
 def run(rig, events, should_stop=lambda: False):
-    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1)
+    engine = ScanEngine(rig.devices(), PLAN, STATE)
     return engine.run(events.append, should_stop)
 
 
@@ -128,17 +122,17 @@ def test_aims_before_it_lights_and_measures_in_the_plans_order():
     assert rig.log[:8] == ["point", "settled", "arm", "emit", "enable", "sleep", "rates", "warnings"]
     assert rig.log[8:-2] == ["point", "settled", "measure"] * 6
     assert rig.log[-2:] == ["stop", "disable"]
-    assert [e.index for e in events if isinstance(e, PositionDone)] == list(range(6))
-    assert [e.positions_done for e in events if isinstance(e, LineDone)] == [3, 6]
+    assert [e.step.index for e in events if isinstance(e, StepDone)] == list(range(6))
+    assert [e.steps_done for e in events if isinstance(e, LineDone)] == [3, 6]
     assert ended == events[-1] == Ended(Outcome.COMPLETE, 6, "all positions measured")
 
 
 def test_begins_where_an_earlier_run_stopped():
     rig, events = ScriptedRig(), []
-    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1, first=4)
+    engine = ScanEngine(rig.devices(), PLAN, STATE, first=4)
     ended = engine.run(events.append, lambda: False)
-    assert [e.index for e in events if isinstance(e, PositionDone)] == [4, 5]
-    assert ended.positions_done == 6
+    assert [e.step.index for e in events if isinstance(e, StepDone)] == [4, 5]
+    assert ended.steps_done == 6
 
 
 def test_a_stop_finishes_the_position_and_says_so():
@@ -146,7 +140,7 @@ def test_a_stop_finishes_the_position_and_says_so():
     answers = itertools.chain([False, False], itertools.repeat(True))
     ended = run(rig, events, lambda: next(answers))
     assert ended.outcome is Outcome.INTERRUPTED
-    assert ended.positions_done == 2
+    assert ended.steps_done == 2
     assert not rig.lit
     assert not rig.biased
 
@@ -161,17 +155,17 @@ def test_whatever_fails_the_laser_goes_dark_and_the_file_is_told(step):
     assert PhaseChanged(Phase.CLOSING) in events
     assert isinstance(events[-1], Ended)
     assert events[-1].outcome is Outcome.FAILED
-    assert events[-1].positions_done == sum(isinstance(e, PositionDone) for e in events)
+    assert events[-1].steps_done == sum(isinstance(e, StepDone) for e in events)
 
 
 def test_a_consumer_that_fails_does_not_leave_the_laser_on():
     rig = ScriptedRig()
 
     def full_disk(event):
-        if isinstance(event, PositionDone):
+        if isinstance(event, StepDone):
             raise OSError("no space left on device")
 
-    engine = ScanEngine(rig.devices(), PLAN, Pointing((0, 0, 2.5)), settle_timeout_s=0.1)
+    engine = ScanEngine(rig.devices(), PLAN, STATE)
     with pytest.raises(OSError, match="no space"):
         engine.run(full_disk, lambda: False)
     assert not rig.lit
@@ -196,7 +190,7 @@ def test_a_laser_that_goes_dark_at_the_very_end_is_noticed():
     with pytest.raises(RefusedError, match="positions 4 to 5 may be dark"):
         run(rig, events)
     assert events[-1].outcome is Outcome.FAILED
-    assert events[-1].positions_done == 4  # those in doubt do not count
+    assert events[-1].steps_done == 4  # those in doubt do not count
 
 
 def test_refuses_to_measure_without_sync_pulses():

@@ -129,7 +129,7 @@ def test_tal_goes_round(tmp_path, confocal, full, legs):
     laser_m = grid()[: None if full else 11]
     counts = np.random.default_rng(6).poisson(3.0, (len(laser_m), 20)).astype("u4")
     detector_m = laser_m if confocal else np.array([[0.05, 0.1, 0.0]])
-    scan(tmp_path / "a.h5", counts, laser_m, detector_m, legs=legs)
+    scan(tmp_path / "a.h5", counts, laser_m, detector_m, delays=legs)
     export(tmp_path / "a.h5", tmp_path / "a.hdf5")
     with h5py.File(tmp_path / "a.hdf5") as file:
         assert h5py.check_enum_dtype(file["H_format"].dtype)["T_Sx_Sy"] == 1

@@ -34,7 +34,7 @@ def test_the_examples_run(scan, capsys):
     first, second = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names = {}
     exec(first, names)
-    np.testing.assert_array_equal(names["counts"], [range(5), range(5)])
+    np.testing.assert_array_equal(names["counts"], [[range(5)], [range(5)]])
     np.testing.assert_allclose(names["time_s"], 1e-9 + 4e-12 * (np.arange(5) + 0.5), rtol=1e-14)
     exec(second, {})
     assert "positions    2" in capsys.readouterr().out

@@ -7,43 +7,48 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.errors import LimitError
+from rig.acquire.preflight import check
 from rig.errors import RefusedError
-from rig.model.config import built_in
+from rig.model.config import built_in, built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.pointing import Pointing
-from rig.model.state import nominal_pointing
+from rig.model.state import RigState
 
 
 def test_the_default_is_the_papers_scan():
-    plan = ScanPlan.from_config(built_in())
+    plan = ScanPlan.grid(built_in())
     # 130 x 180 positions 1 cm apart; the 4 x 4 grid points within 2 cm of the detector's spot are left out
-    assert plan.positions + plan.skipped == 23_400
-    assert plan.skipped == 16
+    assert len(plan) == 23_384
+    assert plan.passes[0].positions.skipped == 16
     assert np.ptp(plan.spots_m, axis=0) == pytest.approx([1.79, 1.29, 0.0])
     assert plan.spots_m.mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-12)
 
 
 def test_neighbours_in_time_are_neighbours_on_the_wall():
-    plan = ScanPlan.from_config(built_in(), skip_m=0.0)
+    config = built_in()
+    plan = ScanPlan.grid(config, skip_m=0.0)
     steps = np.linalg.norm(np.diff(plan.spots_m, axis=0), axis=1)
-    assert steps == pytest.approx(plan.spacing_m)
+    assert steps == pytest.approx(config.scan.spacing_m)
 
 
 def test_nothing_near_the_detectors_spot_is_scanned():
-    config = built_in()
-    plan = ScanPlan.from_config(config, detector_spot_m=(0.113, -0.204, 0.0), skip_m=0.06)
+    config = built_in_with({"channels": [{"spot": ["11.3cm", "-20.4cm", "0cm"]}]})
+    plan = ScanPlan.grid(config, skip_m=0.06)
     offset = np.abs(plan.spots_m[:, :2] - [0.113, -0.204]).max(axis=1)
     assert offset.min() > 0.03
-    assert plan.skipped == 36  # 6 x 6 points of a 1 cm lattice fall into a 6 cm square
+    assert plan.passes[0].positions.skipped == 36  # 6 x 6 points of a 1 cm lattice fall into a 6 cm square
 
 
 @given(st.integers(2, 30), st.integers(2, 30), st.floats(0.001, 0.05), st.floats(0, 0.2))
 def test_every_position_is_visited_once(columns, rows, spacing_m, skip_m):
-    plan = ScanPlan.from_config(built_in(), columns=columns, rows=rows, spacing_m=spacing_m, skip_m=skip_m)
+    plan = ScanPlan.grid(built_in(), columns=columns, rows=rows, spacing_m=spacing_m, skip_m=skip_m)
     lattice = {tuple(p) for p in np.round(plan.spots_m[:, :2] / spacing_m * 2).astype(int)}
-    assert len(lattice) == plan.positions
-    assert len(plan.line_of_position) == plan.positions
-    assert (np.diff(plan.line_of_position) >= 0).all()
+    assert len(lattice) == len(plan)
+    grid = plan.passes[0].positions
+    assert len(grid.line_of_spot) == len(plan)
+    assert (np.diff(grid.line_of_spot) >= 0).all()
+    assert sum(step.ends_line for step in plan.steps()) == len(np.unique(grid.line_of_spot))
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2))
@@ -59,25 +64,25 @@ def test_pointing_and_its_inverse(x_m, y_m):
     [
         ({"spacing_m": 0.02}, "deg of mirror angle in x"),
         ({"columns": 10, "rows": 240}, "deg of mirror angle in y"),
-        ({"exposure_s": 0.0005}, "Use 1ms"),
-        ({"exposure_s": 0.0025}, "Use 2ms"),
+        ({"exposure_s": 0.0005}, "nearest possible value is 1 ms"),
+        ({"exposure_s": 0.0025}, "nearest possible value is 2 ms"),
         ({"columns": 3, "rows": 3, "skip_m": 1.0}, "no positions"),
     ],
 )
 def test_refuses_what_the_rig_cannot_do(tmp_path, changes, told):
-    config = built_in()
-    with pytest.raises(RefusedError, match=told):
-        ScanPlan.from_config(config, **changes).check(config, tmp_path, nominal_pointing(config))
+    state = RigState(built_in())
+    with pytest.raises((RefusedError, LimitError), match=told):
+        check(ScanPlan.grid(state.config, **changes), state, tmp_path)
 
 
 def test_refuses_a_scan_that_the_disk_cannot_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr("rig.model.plan.disk_usage", lambda folder: SimpleNamespace(free=10))
-    config = built_in()
+    monkeypatch.setattr("rig.acquire.preflight.disk_usage", lambda folder: SimpleNamespace(free=10))
+    state = RigState(built_in())
     with pytest.raises(RefusedError, match="0 MB free"):
-        ScanPlan.from_config(config).check(config, tmp_path, nominal_pointing(config))
+        check(ScanPlan.grid(state.config), state, tmp_path)
 
 
 def test_the_duration_counts_exposure_settling_and_readout():
     config = built_in()
-    plan = ScanPlan.from_config(config, columns=10, rows=10, skip_m=0.0, exposure_s=0.1)
+    plan = ScanPlan.grid(config, columns=10, rows=10, skip_m=0.0, exposure_s=0.1)
     assert plan.duration_s(config) == pytest.approx(100 * (0.1 + 0.006 + 0.005))

@@ -29,8 +29,8 @@ def test_a_preset_is_a_simulated_rig(name):
     config = built_in_with(preset(name))
     assert config.simulated
     assert about()[name]
-    assert (config.galvo, config.spad, config.hydraharp) == tuple(
-        getattr(built_in(), part) for part in ("galvo", "spad", "hydraharp")
+    assert (config.galvo, config.detector, config.tcspc) == tuple(
+        getattr(built_in(), part) for part in ("galvo", "detector", "tcspc")
     )
 
 
@@ -81,7 +81,7 @@ def test_presets_are_listed_and_misspellings_helped(rig):
 
 def test_the_command_line_has_the_last_word_and_real_rigs_have_no_presets(rig, tmp_path):
     plan = json.loads(rig("scan", "--preset", "office-1s", "--exposure", "2ms", "--dry-run", "--json").out)
-    assert plan["plan"]["exposure_s"] == 2e-3
+    assert plan["plan"]["passes"][0]["exposure_s"] == 2e-3
     own = tmp_path / "own.toml"
     own.write_text('name = "mine"\n[simulation]\nseed = 7\n[scan]\ncolumns = 20\n', encoding="utf-8")
     config = load(own, preset("office-5ms"))
@@ -120,7 +120,7 @@ def test_failed_gates_do_not_change_how_bright_the_scene_is():
         faults = {"failed_gates": fraction}
         simulation = {"scene": "letters", "count_rate": "265kHz", "faults": faults}
         bench, _ = rack(built_in_with({"simulation": simulation}))
-        factors.append(bench.photons.factor)
+        factors.append(bench.photons[0].factor)
     assert factors[1] == pytest.approx(factors[0], rel=0.15)
 
 

@@ -14,6 +14,8 @@ import pytest
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter
+from rig.model.config import built_in
+from rig.model.plan import ScanPlan
 
 ROOT = Path(__file__).parents[2]
 POSITIONS, BINS, LINE = 600, 400, 25
@@ -37,7 +39,7 @@ WRITER = textwrap.dedent(
     else:
         writer = ScanWriter.resume(path)
     print("line", flush=True)
-    while writer.appended < writer.positions:
+    while writer.appended < writer.steps:
         writer.append(row(writer.appended), 0.01)
         if writer.appended % {LINE} == 0:
             writer.checkpoint()
@@ -99,7 +101,8 @@ def test_a_killed_writer_leaves_no_wrong_row_and_can_be_resumed(tmp_path, seed):
 def healthy(tmp_path_factory):
     path = tmp_path_factory.mktemp("healthy") / "scan.h5"
     laser_m = np.random.default_rng(5).normal(size=(40, 3))
-    description = ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0, plan='{"a": 1}')
+    plan = ScanPlan.grid(built_in(), columns=40, rows=1, skip_m=0.0)
+    description = ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0, plan=plan)
     with ScanWriter.create(path, description) as writer:
         for position in range(40):
             writer.append(row(position), 0.01)
@@ -109,6 +112,7 @@ def healthy(tmp_path_factory):
 def read_all(path):
     with ScanFile(path) as scan:
         str(scan)
+        _ = scan.plan, scan.state
         blocks = [block for _, block in scan.capture().histograms.blocks()]
         return np.concatenate(blocks), scan.laser_m
 
@@ -198,7 +202,7 @@ def replace(path, value):
         (drop_attribute("transients", "bin_width_s"), "/transients@bin_width_s is missing"),
         (drop_attribute("transients", "time_origin"), "/transients@time_origin is missing"),
         (drop_attribute("/", "version"), "version None"),
-        (set_attribute("/", "version", 2), "reads version 1"),
+        (set_attribute("/", "version", 3), "reads version 1 and 2"),
         (set_attribute("/", "format", "rig-volume"), "not a rig-scan file"),
         (set_attribute("transients", "time_origin", "moon"), "must be 'wall' or 'laser'"),
         (set_attribute("transients", "time_origin", "laser"), "lacks the attributes laser_head_m"),
@@ -210,15 +214,19 @@ def replace(path, value):
         (lambda file: file.pop("transients/counts"), "it has neither"),
         (replace("geometry/laser_m", np.zeros((39, 3))), "/transients/counts has shape"),
         (replace("geometry/laser_m", np.full((40, 3), np.nan)), "not a number"),
-        (replace("geometry/detector_m", np.zeros((7, 3))), r"/geometry/detector_m has shape \(7, 3\)"),
-        (replace("geometry/detector_m", np.zeros((1, 2))), "/geometry/detector_m has shape"),
-        (replace("transients/counts", np.zeros((40, BINS))), "unsigned integers"),
+        (replace("geometry/detector_m", np.zeros((7, 1, 3))), r"/geometry/detector_m has shape \(7, 1, 3\)"),
+        (replace("geometry/detector_m", np.zeros((1, 1, 2))), "/geometry/detector_m has shape"),
+        (replace("transients/counts", np.zeros((40, 1, BINS))), "unsigned integers"),
+        (replace("transients/counts", np.zeros((40, 2, BINS), "u4")), "/transients/counts has shape"),
+        (replace("channels/delay_s", np.zeros(2)), "/channels/delay_s has shape"),
         (replace("transients/counts", np.zeros(40, "u4")), "/transients/counts has shape"),
         (replace("transients/counts", h5py.Empty("f")), "/transients/counts is not a dataset"),
         (replace("transients/done", np.ones(3, bool)), "/transients/done has shape"),
         (replace("transients/done", np.zeros(40, bool)), "no measured position"),
         (lambda file: file.__setitem__("transients/photons", np.zeros(5, "u2")), "either"),
         (set_attribute("start", "plan", 5), "start@plan is 5"),
+        (set_attribute("start", "plan", '{"columns": 3}'), "its plan cannot be read"),
+        (set_attribute("start", "plan", "5"), "its plan cannot be read"),
     ],
 )
 def test_what_is_wrong_is_named(healthy, tmp_path, edit, said):

@@ -1,6 +1,7 @@
 """A scan file is right wherever an exception comes, and wherever writing fails."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,3 +133,17 @@ def test_after_a_write_that_failed_nothing_more_is_written(tmp_path, monkeypatch
     with ScanFile(path) as scan:
         assert scan.status == "interrupted"
     assert_right(path)
+
+
+@pytest.mark.parametrize("looks", range(1, 8))
+def test_a_disk_that_fills_up_ends_the_scan_while_the_file_can_still_be_closed(tmp_path, monkeypatch, looks):
+    path, left = tmp_path / "scan.h5", iter(range(looks, -1000, -1))
+    with monkeypatch.context() as patched:
+        plenty, little = SimpleNamespace(free=10**12), SimpleNamespace(free=10**7)
+        patched.setattr(writer_module, "disk_usage", lambda folder: plenty if next(left) > 1 else little)
+        with pytest.raises(DataFileError, match=r"only 10 MB free.*rig resume"):
+            measure(create(path), 0)
+    with ScanFile(path) as scan:
+        assert scan.status == "failed"
+        assert scan.done[: np.count_nonzero(scan.done)].all()
+    assert assert_right(path) >= LINE

@@ -117,9 +117,9 @@ def test_stats_tells_what_is_in_the_file(scanned):
     """Against the counts and positions themselves, rectified by hand."""
     told = json.loads(scanned("stats", "a.h5", "--json").out)["scans"][0]
     with h5py.File("a.h5") as file:
-        counts, laser_m = file["transients/counts"][()], file["geometry/laser_m"][()]
+        counts, laser_m = file["transients/counts"][:, 0], file["geometry/laser_m"][()]
         attributes, geometry = dict(file["transients"].attrs), dict(file["geometry"].attrs)
-        detector_m = file["geometry/detector_m"][()]
+        detector_m = file["geometry/detector_m"][:, 0]
     legs_m = np.linalg.norm(laser_m - geometry["laser_head_m"], axis=1)
     legs_m = legs_m + np.linalg.norm(detector_m - geometry["detector_head_m"], axis=1)
     begins_s = attributes["first_bin_s"] + np.arange(15_000) * 4e-12 - geometry["electronics_delay_s"]

@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from simulators.bench import Bench
 from simulators.optics.cameras import Camera, Checkerboard, Sensor, default_cameras
 from simulators.optics.lens import WALL, Distortion, Intrinsics, Lens, Pose
-from simulators.photons import HiddenScenePhotons
-from simulators.scenes import scene
 
 LEFT, RIGHT = default_cameras()
 PINHOLE = Camera(LEFT.pose, distortion=Distortion(0, 0, 0, 0))
@@ -113,7 +111,7 @@ def test_a_spot_out_of_sight_changes_nothing(spot):
 
 
 def test_a_camera_sees_where_the_mirror_really_points_and_whether_light_comes():
-    bench, rng = Bench(HiddenScenePhotons(scene("empty"))), np.random.default_rng(4)
+    bench, rng = Bench(), np.random.default_rng(4)
 
     def brightest():
         image = LEFT.image(bench, rng)

@@ -11,6 +11,7 @@ from simulators.detector import Afterpulsing, Detector
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
+from simulators.transport.renderer import Transport
 
 FREE = LightState(emitting=True, biased=True, hold_off_s=100e-9)
 GATED = replace(FREE, gated=True, gate_delay_s=30e-9, gate_width_s=40e-9)
@@ -104,7 +105,9 @@ def test_without_two_photons_close_together_hold_off_changes_nothing():
 def test_the_stated_rate_is_what_is_counted_with_all_effects():
     """Bright light, all faults of the detector: 100 exposures of 1 ms within 5 sigma and 0.2 %."""
     detector = Detector(holds_off=True, afterpulsing=Afterpulsing(0.02))
-    photons = HiddenScenePhotons(scene("letters"), optics=Optics(power_w=40.0), detector=detector)
+    photons = HiddenScenePhotons(
+        Transport.of_scene(scene("letters")), optics=Optics(power_w=40.0), detector=detector
+    )
     spot, rng = (0.3, 0.2, 0.0), np.random.default_rng(9)
     for light in (GATED, replace(FREE, power=0.05)):
         counts = [len(photons.detections(spot, light, 1e-3, rng)) for _ in range(100)]

@@ -9,7 +9,7 @@ from simulators.scenes import Scene, quads_mesh, scene
 from simulators.transport.clusters import form_factors, gather, with_wall
 from simulators.transport.extra_bounces import BIN_M, WALL_M, WALL_PITCH_M, Interreflections
 from simulators.transport.geometry import cut
-from simulators.transport.renderer import Transport, expected_transient
+from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
 
@@ -79,7 +79,8 @@ def test_two_plates_agree_with_a_slow_monte_carlo(bounces):
 def transient_of(bounces, edges_s):
     """Light of exactly so many bounces between the two plates."""
     rows = {
-        n: between(TWO, n, wall_albedo=0.0).towards(C).transient(P, edges_s) for n in range(4, bounces + 1)
+        n: between(TWO, n, wall_albedo=0.0).light_paths(C).transient(P, edges_s)
+        for n in range(4, bounces + 1)
     }
     return rows[5] - rows[4] if bounces == 5 else rows[4]
 
@@ -87,8 +88,8 @@ def transient_of(bounces, edges_s):
 def test_over_the_relay_wall_a_single_patch_sees_itself_again():
     """A patch has no fourth bounce; its fifth is integrated here over the same part of the wall, finely."""
     built, albedo = scene("point"), 0.6
-    assert between(built, 4).towards(C).from_spot(P)[0].sum() == 0
-    ours = between(built, 5, wall_albedo=albedo).towards(C).from_spot(P)[0].sum()
+    assert between(built, 4).light_paths(C).from_spot(P)[0].sum() == 0
+    ours = between(built, 5, wall_albedo=albedo).light_paths(C).from_spot(P)[0].sum()
     x, y = np.meshgrid(*((np.arange(400) + 0.5) / 400 * size - size / 2 for size in WALL_M))
     to_wall = 1 / (np.pi * (1 + x**2 + y**2) ** 2)  # z = 1 m: cos^2 / (pi r^2) = 1 / (pi r^4)
     returned = albedo * (to_wall**2).sum() * WALL_M[0] * WALL_M[1] / x.size
@@ -102,8 +103,8 @@ def test_over_the_relay_wall_a_single_patch_sees_itself_again():
 def test_swapping_laser_and_detector_changes_nothing(built, bounces):
     """In all light and in its mean time; what is cut off the tails, 1e-6, may differ."""
     exchange = between(built, bounces, clusters=300)
-    light, path_m = exchange.towards(C).arrivals(P)
-    swapped, swapped_path_m = exchange.towards(P).arrivals(C)
+    light, path_m = exchange.light_paths(C).arrivals(P)
+    swapped, swapped_path_m = exchange.light_paths(P).arrivals(C)
     assert light.sum() == pytest.approx(swapped.sum(), rel=1e-5)
     mean_m = light @ path_m / light.sum()
     assert mean_m == pytest.approx(swapped @ swapped_path_m / swapped.sum(), rel=1e-5)
@@ -143,7 +144,7 @@ def test_all_times_together_are_the_steady_state():
     exchange = between(scene("shelf"), 5, clusters=200)
     patches, clusters = exchange.patches, exchange.clusters
     three = ThreeBounces(patches, exchange.blockers, C)
-    ours = exchange.towards(C).from_spot(P)[0].sum()
+    ours = exchange.light_paths(C).from_spot(P)[0].sum()
     assert 0 < ours < three.from_spot(P)[0].sum()
     facing = clusters.normal
     way = clusters.centre_m[None] - clusters.centre_m[:, None]
@@ -166,7 +167,7 @@ def test_all_times_together_are_the_steady_state():
 
 def test_extra_bounces_come_later_than_the_third_by_way_of_the_same_patch():
     exchange = between(scene("shelf"), 5, clusters=400)
-    extra, path_m = exchange.towards(C).from_spot(P)
+    extra, path_m = exchange.light_paths(C).from_spot(P)
     direct, direct_path_m = ThreeBounces(exchange.patches, exchange.blockers, C).from_spot(P)
     both = (extra > 0) & (direct > 0)
     assert both.sum() > 1000
@@ -175,12 +176,13 @@ def test_extra_bounces_come_later_than_the_third_by_way_of_the_same_patch():
 
 def test_random_paths_follow_the_transient():
     """Chi-square of 100 000 draws in bins of 10 cm, ten times the tails' own."""
-    way = between(scene("shelf"), 5, clusters=300).towards(C)
+    way = between(scene("shelf"), 5, clusters=300).light_paths(C)
     edges_m = np.arange(2.0, 9.0, 0.1)
     expected = way.transient(P, edges_m / C_M_PER_S)
     weight, _ = way.from_spot(P)
     assert expected.sum() == pytest.approx(weight.sum(), rel=1e-4)
-    path_m = way.random_paths(P, weight, 100_000, np.random.default_rng(3))
+    assert way.flux(P) == weight.sum()
+    path_m = way.sample(P, 100_000, np.random.default_rng(3))
     drawn, _ = np.histogram(path_m, edges_m)
     expected *= len(path_m) / weight.sum()
     enough = expected > 20
@@ -196,7 +198,7 @@ def test_nothing_gets_into_a_closed_box():
         "inside", np.array([[[-0.1, 0, 1], [0.1, 0, 1], [0.1, 0.05, 1.1], [-0.1, 0.05, 1.1]]])
     )
     exchange = between(Scene("full", (box, inside)), 5)
-    way = exchange.towards(C)
+    way = exchange.light_paths(C)
     weight = way.from_spot(P)[0]
     assert weight.sum() > 0  # over the relay wall
     assert weight[exchange.patches.triangle >= 12].sum() == 0
@@ -204,7 +206,7 @@ def test_nothing_gets_into_a_closed_box():
 
 @pytest.mark.parametrize("bounces", [4, 5])
 def test_an_empty_room_has_no_extra_bounces(bounces):
-    way = between(scene("empty"), bounces).towards(C)
+    way = between(scene("empty"), bounces).light_paths(C)
     assert way.from_spot(P)[0].sum() == 0
     assert way.transient(P, np.linspace(0, 1e-8, 4)).tolist() == [0, 0, 0]
 
@@ -213,12 +215,12 @@ def test_bounces_add_to_each_other_row_by_row():
     built, edges_s = scene("letters"), np.arange(0, 30e-9, 100e-12)
     patches, spots = cut(built), np.array([P, (0.1, 0.5, 0.0)])
     rows = {
-        n: expected_transient(patches, built.triangles_m, spots, np.array([C]), edges_s, bounces=n)
+        n: Transport(patches, built.triangles_m, bounces=n).transients(spots, np.array([C]), edges_s)
         for n in (3, 4, 5)
     }
     assert (rows[4] >= rows[3]).all()
     assert (rows[5] >= rows[4] * (1 - 1e-12)).all()
-    four = Transport(patches, built.triangles_m, bounces=4).towards(C)
+    four = Transport(patches, built.triangles_m, bounces=4).light_paths(C)
     assert rows[4][0] == pytest.approx(sum(way.transient(P, edges_s) for way in four), rel=1e-12)
     with pytest.raises(ValueError, match="6 bounces cannot be followed"):
         Transport(patches, built.triangles_m, bounces=6)

@@ -10,8 +10,7 @@ from simulators.detector import Detector
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
-from simulators.transport.geometry import cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 
 SPOT = (0.3, 0.2, 0.0)
 FREE = LightState(emitting=True, biased=True)
@@ -22,12 +21,14 @@ NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 @pytest.fixture(scope="module")
 def five():
-    return HiddenScenePhotons(scene("shelf"), GEOMETRY, NO_STRAY, EXACT, bounces=5)
+    return HiddenScenePhotons(Transport.of_scene(scene("shelf"), bounces=5), GEOMETRY, NO_STRAY, EXACT)
 
 
 def test_more_bounces_are_more_light(five):
     three, four = (
-        HiddenScenePhotons(scene("shelf"), GEOMETRY, NO_STRAY, EXACT, bounces=n).rate_hz(SPOT, FREE)
+        HiddenScenePhotons(Transport.of_scene(scene("shelf"), bounces=n), GEOMETRY, NO_STRAY, EXACT).rate_hz(
+            SPOT, FREE
+        )
         for n in (3, 4)
     )
     assert three < four < five.rate_hz(SPOT, FREE) < 1.5 * three
@@ -41,8 +42,8 @@ def test_counts_are_the_rate_and_times_are_the_transient(five):
     legs_s = (np.linalg.norm(np.subtract(SPOT, GEOMETRY.galvo_m)) + 1.0) / C_M_PER_S
     edges_s = np.arange(6e-9, 40e-9, 0.4e-9)
     built = scene("shelf")
-    spots = np.array([SPOT]), np.array([GEOMETRY.detector_spot_m])
-    expected = expected_transient(cut(built), built.triangles_m, *spots, edges_s, bounces=5)[0]
+    spots = np.array([SPOT]), np.zeros((1, 3))
+    expected = Transport.of_scene(built, bounces=5).transients(*spots, edges_s)[0]
     drawn, _ = np.histogram(times_s - legs_s, edges_s)
     expected *= len(times_s) / expected.sum()
     enough = expected > 20
@@ -52,4 +53,4 @@ def test_counts_are_the_rate_and_times_are_the_transient(five):
 
 def test_impossible_numbers_of_bounces_are_refused():
     with pytest.raises(ValueError, match="2 bounces cannot be followed: choose 3, 4 or 5"):
-        HiddenScenePhotons(scene("point"), bounces=2)
+        Transport.of_scene(scene("point"), bounces=2)

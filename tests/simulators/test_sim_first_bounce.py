@@ -14,6 +14,7 @@ from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
+from simulators.transport.renderer import Transport
 
 SPOT = (0.3, 0.2, 0.0)
 GATED = LightState(emitting=True, biased=True, gated=True, gate_delay_s=31.5e-9, gate_width_s=40e-9)
@@ -22,7 +23,9 @@ NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 
 def room(first_bounce, detector=EXACT, optics=NO_STRAY):
-    return HiddenScenePhotons(scene("empty"), optics=optics, detector=detector, first_bounce=first_bounce)
+    return HiddenScenePhotons(
+        Transport.of_scene(scene("empty")), optics=optics, detector=detector, first_bounce=first_bounce
+    )
 
 
 def expose(photons, duration_s=1.0, spot=SPOT, light=GATED, seed=0):
@@ -85,7 +88,9 @@ def test_a_failed_gate_costs_the_hidden_scene_its_photons():
     """Each early detection keeps its own gate closed: 1 - exp(-0.2) of the gates are lost; 5 sigma."""
     detector = replace(EXACT, holds_off=True)
     lit = [
-        HiddenScenePhotons(scene("letters"), optics=NO_STRAY, detector=detector, first_bounce=bounce)
+        HiddenScenePhotons(
+            Transport.of_scene(scene("letters")), optics=NO_STRAY, detector=detector, first_bounce=bounce
+        )
         for bounce in (FirstBounce(), FirstBounce(failed_fraction=1.0))
     ]
     late = [np.count_nonzero(expose(photons, spot=SPOT).time_s > 31e-9) for photons in lit]
@@ -95,17 +100,19 @@ def test_a_failed_gate_costs_the_hidden_scene_its_photons():
 
 def test_failures_are_a_fixed_map_of_positions():
     """One in fifty of 5000 cells, the same at every visit and anywhere in the cell, another map by seed."""
-    geometry = BenchGeometry()
     spots = [(x / 100, y / 100, 0.0) for x in range(-50, 50) for y in range(-25, 25)]
     maps = [
-        np.array([FirstBounce(failed_fraction=0.02, seed=seed).fails(spot, geometry) for spot in spots])
+        np.array(
+            [FirstBounce(failed_fraction=0.02, seed=seed).fails(spot, (0.0, 0.0, 0.0)) for spot in spots]
+        )
         for seed in (1, 1, 2)
     ]
     assert maps[0].sum() == pytest.approx(100, abs=5 * 10)
     assert np.array_equal(maps[0], maps[1])
     assert not np.array_equal(maps[0], maps[2])
     moved = [
-        FirstBounce(failed_fraction=0.02, seed=1).fails((x + 1e-4, y, 0.0), geometry) for x, y, _ in spots
+        FirstBounce(failed_fraction=0.02, seed=1).fails((x + 1e-4, y, 0.0), (0.0, 0.0, 0.0))
+        for x, y, _ in spots
     ]
     assert np.array_equal(maps[0], moved)
 
@@ -130,13 +137,13 @@ def test_all_of_it_is_proportional_to_the_light():
 
 
 def test_switched_off_the_bench_is_the_ideal_one_to_the_last_bit():
-    plain = HiddenScenePhotons(scene("letters"))
-    off = HiddenScenePhotons(scene("letters"), first_bounce=FirstBounce(seed=5))
-    one, two = (Bench(photons, seed=3) for photons in (plain, off))
+    plain = HiddenScenePhotons(Transport.of_scene(scene("letters")))
+    off = HiddenScenePhotons(Transport.of_scene(scene("letters")), first_bounce=FirstBounce(seed=5))
+    one, two = (Bench([photons], seed=3) for photons in (plain, off))
     for bench in (one, two):
         bench.change_light(**vars(GATED))
         bench.clock.sleep(0.01)
-    seen, other = one.detections(0.0, 0.01), two.detections(0.0, 0.01)
+    (seen,), (other,) = one.detections(0.0, 0.01), two.detections(0.0, 0.01)
     assert len(seen) > 1000
     assert np.array_equal(seen.time_s, other.time_s)
     assert np.array_equal(seen.pulse, other.pulse)

@@ -17,7 +17,7 @@ from simulators.scenes import Scene, quads_mesh
 from simulators.scenes.solids import box
 from simulators.transport.extra_bounces import WALL_M
 from simulators.transport.geometry import cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 
 RENDERER = Path(__file__).with_name("path_traced_room.py")
 LASER = (0.35, -0.25, 0.0)
@@ -64,7 +64,9 @@ def test_room_agrees_bounce_by_bounce(rendered):
     reference, spots = rendered
     built, edges_s = room(), EDGES_M / C_M_PER_S
     patches, laser = cut(built), np.tile(LASER, (len(spots), 1))
-    up_to = [expected_transient(patches, built.triangles_m, laser, spots, edges_s, n) for n in (3, 4, 5)]
+    up_to = [
+        Transport(patches, built.triangles_m, bounces=n).transients(laser, spots, edges_s) for n in (3, 4, 5)
+    ]
     ours = np.stack([up_to[0], up_to[1] - up_to[0], up_to[2] - up_to[1]])
     reference = reference * ours[0].sum() / reference[0].sum()
     middle_m = (EDGES_M[1:] + EDGES_M[:-1]) / 2

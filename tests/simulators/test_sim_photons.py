@@ -13,8 +13,7 @@ from simulators.detector import Detector
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
-from simulators.transport.geometry import cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 
 SPOT = (0.3, 0.2, 0.0)
 FREE = LightState(emitting=True, biased=True)
@@ -30,13 +29,13 @@ def rng(seed=0):
 
 @pytest.fixture(scope="module")
 def photons():
-    return HiddenScenePhotons(scene("letters"))
+    return HiddenScenePhotons(Transport.of_scene(scene("letters")))
 
 
 @pytest.fixture(scope="module")
 def exact():
     """Three-bounce light alone, in an instrument without any blur."""
-    return HiddenScenePhotons(scene("letters"), optics=NO_STRAY, detector=EXACT)
+    return HiddenScenePhotons(Transport.of_scene(scene("letters")), optics=NO_STRAY, detector=EXACT)
 
 
 def test_one_watt_of_green_light_is_2_68e18_photons_a_second():
@@ -95,12 +94,19 @@ def test_light_is_proportional_to_power(exact):
 
 def test_arrival_is_electronics_and_all_legs_of_the_way():
     """Every photon of the 2 cm patch, within the spread of its corners."""
-    geometry = BenchGeometry((-0.3, 0.1, 2.4), (0.25, -0.2, 2.6), (0.1, 0.05, 0.0), 7e-9)
-    point = HiddenScenePhotons(scene("point"), geometry, replace(NO_STRAY, power_w=500.0), EXACT)
+    geometry = BenchGeometry((-0.3, 0.1, 2.4), (0.25, -0.2, 2.6), electronics_delay_s=7e-9)
+    looked_at_m = (0.1, 0.05, 0.0)
+    point = HiddenScenePhotons(
+        Transport.of_scene(scene("point")),
+        geometry,
+        replace(NO_STRAY, power_w=500.0),
+        EXACT,
+        detector_spot_m=looked_at_m,
+    )
     times_s = point.detections(SPOT, FREE, 1.0, rng()).time_s
-    legs_m = dist(geometry.galvo_m, SPOT) + dist(geometry.detector_spot_m, geometry.detector_head_m)
+    legs_m = dist(geometry.galvo_m, SPOT) + dist(looked_at_m, geometry.detector_head_m)
     corners = [(x, y, 1.0) for x in (-0.01, 0.01) for y in (-0.01, 0.01)]
-    through_m = [dist(SPOT, q) + dist(q, geometry.detector_spot_m) for q in corners]
+    through_m = [dist(SPOT, q) + dist(q, looked_at_m) for q in corners]
     assert len(times_s) > 1000
     assert times_s.min() >= 7e-9 + (legs_m + min(through_m)) / C_M_PER_S - 1e-15
     assert times_s.max() <= 7e-9 + (legs_m + max(through_m)) / C_M_PER_S + 1e-15
@@ -110,8 +116,9 @@ def test_arrival_is_electronics_and_all_legs_of_the_way():
 def test_times_beyond_a_period_are_folded_into_it():
     late = BenchGeometry(electronics_delay_s=12.3e-9 + 3e-7)
     args = {"optics": NO_STRAY, "detector": EXACT}
-    folded = HiddenScenePhotons(scene("letters"), late, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
-    usual = HiddenScenePhotons(scene("letters"), **args).detections(SPOT, FREE, 1e-2, rng()).time_s
+    letters = Transport.of_scene(scene("letters"))
+    folded = HiddenScenePhotons(letters, late, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
+    usual = HiddenScenePhotons(letters, **args).detections(SPOT, FREE, 1e-2, rng()).time_s
     assert folded == pytest.approx(usual, abs=1e-18)
 
 
@@ -119,9 +126,9 @@ def test_draws_follow_the_expected_transient(exact):
     """Chi-square over 4e5 photons in 16 ps bins; one failure in a million, seed fixed."""
     built, geometry = scene("letters"), exact.geometry
     edges_s = np.arange(4e-9, 16e-9, 16e-12)
-    spots = np.array([SPOT]), np.array([geometry.detector_spot_m])
-    expected = expected_transient(cut(built), built.triangles_m, *spots, edges_s)[0]
-    legs_m = dist(geometry.galvo_m, SPOT) + dist(geometry.detector_spot_m, geometry.detector_head_m)
+    spots = np.array([SPOT]), np.array([exact.detector_spot_m])
+    expected = Transport.of_scene(built).transients(*spots, edges_s)[0]
+    legs_m = dist(geometry.galvo_m, SPOT) + dist(exact.detector_spot_m, geometry.detector_head_m)
     shift_s = geometry.electronics_delay_s + legs_m / C_M_PER_S
     drawn, _ = np.histogram(exact.detections(SPOT, FREE, 2.0, rng(6)).time_s, edges_s + shift_s)
     expected *= drawn.sum() / expected.sum()
@@ -149,7 +156,7 @@ def test_pulse_spreads_light_before_the_gate_and_response_after_it():
     """Light before the gate is let in by a long pulse only; what gets in is blurred past the gate's edge."""
     light = replace(FREE, gated=True, gate_delay_s=50e-9, gate_width_s=10e-9)
     late = replace(EXACT, electronics_fwhm_s=1e-9)
-    built = scene("point")
+    built = Transport.of_scene(scene("point"))
     bright = replace(NO_STRAY, power_w=500.0)
     assert HiddenScenePhotons(built, optics=bright, detector=late).rate_hz(SPOT, light) == 0
     assert (
@@ -169,7 +176,9 @@ def test_pulse_spreads_light_before_the_gate_and_response_after_it():
 
 def test_stray_light_stands_at_the_direct_path_unless_the_gate_keeps_it_out():
     empty = HiddenScenePhotons(
-        scene("empty"), optics=Optics(stray_per_pulse=0.02, pulse_fwhm_s=0), detector=EXACT
+        Transport.of_scene(scene("empty")),
+        optics=Optics(stray_per_pulse=0.02, pulse_fwhm_s=0),
+        detector=EXACT,
     )
     g = empty.geometry
     path_m = dist(g.galvo_m, SPOT) + dist(SPOT, g.detector_head_m)
@@ -186,7 +195,9 @@ def test_stray_light_stands_at_the_direct_path_unless_the_gate_keeps_it_out():
 def test_the_response_of_the_whole_system_is_65_ps_wide():
     """Stray light is a single path: its histogram is the response. 1e6 photons, 1 ps bins smoothed over 5."""
     quiet = Detector(dark_hz=0, ambient_hz=0)
-    empty = HiddenScenePhotons(scene("empty"), optics=Optics(stray_per_pulse=0.1), detector=quiet)
+    empty = HiddenScenePhotons(
+        Transport.of_scene(scene("empty")), optics=Optics(stray_per_pulse=0.1), detector=quiet
+    )
     times_s = empty.detections((0.0, 0.0, 0.0), FREE, 1.0, rng(2)).time_s
     g = empty.geometry
     path_m = dist(g.galvo_m, (0, 0, 0)) + dist((0, 0, 0), g.detector_head_m)

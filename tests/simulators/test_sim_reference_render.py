@@ -9,7 +9,7 @@ import pytest
 from simulators.constants import C_M_PER_S
 from simulators.scenes import Mesh, Scene
 from simulators.transport.geometry import cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
 
@@ -42,9 +42,7 @@ def expected(rendered):
     built, time_s = rendered["scene"], rendered["time_s"]
     half_s = (time_s[1] - time_s[0]) / 2
     edges_s = np.append(time_s - half_s, time_s[-1] + half_s)
-    return expected_transient(
-        cut(built), built.triangles_m, rendered["laser_m"], rendered["detector_m"], edges_s
-    )
+    return Transport.of_scene(built).transients(rendered["laser_m"], rendered["detector_m"], edges_s)
 
 
 def correlation(a, b):

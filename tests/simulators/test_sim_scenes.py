@@ -9,7 +9,7 @@ import pytest
 from simulators.scenes import SCENES, Mesh, Scene, scene
 from simulators.scenes.letters import letter_quads
 from simulators.transport.geometry import cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
 
@@ -109,7 +109,7 @@ def test_the_office_spreads_its_light_as_a_room_does():
     office = scene("office")
     spots_m = np.array([(x, y, 0.0) for x in np.linspace(-0.8, 0.8, 9) for y in np.linspace(-0.6, 0.6, 5)])
     edges_s = np.arange(3.3e-9, 48e-9, 64e-12)
-    light = expected_transient(cut(office), office.triangles_m, spots_m, np.zeros((1, 3)), edges_s)
+    light = Transport.of_scene(office).transients(spots_m, np.zeros((1, 3)), edges_s)
     counts_per_4ps = light * 265_029 / light.sum(axis=1).mean() / 16
     assert 1406 / 10**0.5 < counts_per_4ps.max() < 1406 * 10**0.5
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from simulators.constants import C_M_PER_S
 from simulators.scenes import Mesh, Scene, letter, quads_mesh, scene
 from simulators.transport.geometry import Patches, cut
-from simulators.transport.renderer import expected_transient
+from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
 
@@ -169,15 +169,15 @@ def test_confocal_is_each_spot_by_itself():
     built = scene("letter-plane")
     spots = np.array([[0.3, 0.1, 0.0], [-0.6, -0.2, 0.0], [0.0, 0.5, 0.0]])
     edges_s = np.arange(6e-9, 12e-9, 32e-12)
-    together = expected_transient(cut(built), built.triangles_m, spots, spots, edges_s)
+    together = Transport.of_scene(built).transients(spots, spots, edges_s)
     for spot, row in zip(spots, together, strict=True):
         assert np.array_equal(row, bounces(built, tuple(spot)).transient(tuple(spot), edges_s))
-    fixed = expected_transient(cut(built), built.triangles_m, spots, spots[:1], edges_s)
+    fixed = Transport.of_scene(built).transients(spots, spots[:1], edges_s)
     assert fixed.shape == (3, len(edges_s) - 1)
     assert np.array_equal(fixed[0], together[0])
     assert not np.array_equal(fixed[1], together[1])
     with pytest.raises(ValueError, match="2 detector spots for 3 laser spots"):
-        expected_transient(cut(built), built.triangles_m, spots, spots[:2], edges_s)
+        Transport.of_scene(built).transients(spots, spots[:2], edges_s)
 
 
 def test_random_paths_follow_the_transient():
@@ -187,7 +187,7 @@ def test_random_paths_follow_the_transient():
     edges_s = np.arange(6e-9, 14e-9, 20e-12)
     expected = three.transient(p, edges_s)
     number = 200_000
-    path_m = three.random_paths(p, three.from_spot(p)[0], number, np.random.default_rng(11))
+    path_m = three.sample(p, number, np.random.default_rng(11))
     drawn, _ = np.histogram(path_m / C_M_PER_S, edges_s)
     assert drawn.sum() == number
     expected *= number / expected.sum()
@@ -203,7 +203,7 @@ def test_coarser_patches_tell_the_same_story():
 
     def at(edge_m) -> np.ndarray:
         patches: Patches = cut(built, edge_m)
-        return expected_transient(patches, built.triangles_m, p, np.zeros((1, 3)), edges_s)[0]
+        return Transport(patches, built.triangles_m).transients(p, np.zeros((1, 3)), edges_s)[0]
 
     usual, fine = at(0.02), at(0.01)
     assert np.abs(usual - fine).sum() < 0.01 * fine.sum()

@@ -15,10 +15,9 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from rig.calibrate import require
+from rig.calibrate.geometry_fit import Floats
 from rig.errors import CalibrationError
 from rig.model.devices import Board
-
-Floats = NDArray[np.float64]
 
 #: Of a camera: fx, fy, cx, cy [pixels], k1, k2, p1, p2, rotation vector [rad] and translation [m].
 NUMBERS = 14

@@ -1,7 +1,6 @@
 """The file of pictures of the wall by which a mirror is calibrated; see docs/calibration/galvo.md."""
 
 import hashlib
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,11 +14,11 @@ from numpy.typing import NDArray
 
 import rig
 from rig.atomic import appearing
-from rig.calibrate.galvo.lens import Floats
+from rig.calibrate.geometry_fit import Floats
 from rig.errors import CalibrationError, DataFileError
 from rig.files.check import check_format, open_hdf5, plain, reading
 from rig.model.calibrations.base import utc_now
-from rig.model.config import RigConfig
+from rig.model.config import RigConfig, recorded
 from rig.model.devices import Board, Settings, WallCamera
 
 FORMAT, VERSION = "rig-wall-images", 1
@@ -110,7 +109,7 @@ class WallImages:
         self.path = Path(path)
         self._file = open_hdf5(self.path)
         try:
-            check_format(self.path, self._file, FORMAT, VERSION)
+            check_format(self.path, self._file, FORMAT, (VERSION,))
             with reading(self.path):
                 self.mirror_rad: Floats = self._file["geometry/mirror_rad"][()].astype(float)
                 self.cameras = [str(plain(group.attrs["name"])) for group in self._groups]
@@ -170,10 +169,10 @@ class WallImages:
             return plain(self._file["board"].attrs[name])
 
     @property
-    def configuration(self) -> dict[str, Any]:
+    def config(self) -> RigConfig:
         """The configuration with which it was measured."""
         with reading(self.path):
-            return dict(json.loads(plain(self._file["start"].attrs["configuration"])))
+            return recorded(plain(self._file["start"].attrs["configuration"]))
 
     @property
     def simulated(self) -> bool:

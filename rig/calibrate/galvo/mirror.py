@@ -1,16 +1,22 @@
 """The mirror's model, fitted to spots or to times of flight, and what is stored of it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
 from scipy.optimize import approx_fprime
 from scipy.spatial import ConvexHull
 
 from rig.calibrate import require
-from rig.calibrate.geometry_fit import Arrivals, FittedGeometry, Floats, RigGeometry, Spots, fit_geometry
+from rig.calibrate.geometry_fit import (
+    Arrivals,
+    Data,
+    FittedGeometry,
+    Floats,
+    RigGeometry,
+    Spots,
+    fit_geometry,
+)
 from rig.calibrate.routine import Origin
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
@@ -26,6 +32,22 @@ AIMED_TO_M = 0.3e-3
 MIN_FIDUCIALS, MIN_ARRIVALS, MIN_WIDTH_M = 4, 12, 0.2
 #: Largest root mean square that the fit may leave of arrivals [s] and of fiducials [m].
 MAX_ARRIVALS_S, MAX_FIDUCIALS_M = 20e-12, 5e-3
+
+
+@dataclass(frozen=True)
+class Fiducials:
+    """Points on the wall onto which the beam was steered.
+
+    Attributes
+    ----------
+    place_m
+        (M, 2) their x and y [m].
+    mirror_rad
+        (M, 2) the angles commanded there.
+    """
+
+    place_m: Floats
+    mirror_rad: Floats
 
 
 @dataclass(frozen=True)
@@ -50,7 +72,7 @@ class FittedMirror:
     residual_m: float
 
 
-def fit_spots(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: RigConfig) -> FittedMirror:
+def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: RigConfig) -> FittedMirror:
     """Fit the model to (K, 2) spots measured at (K, 2) commanded angles, with their (2K, 2K) covariance.
 
     Raises
@@ -72,22 +94,22 @@ def fit_spots(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: R
     return _fitted(fit, angles_rad, residual_m)
 
 
-def fit_time_of_flight(
-    angles_rad: Floats, arrival_s: Floats, error_s: Floats, fiducials: tuple[Floats, Floats], config: RigConfig
+def fit_flight(
+    angles_rad: Floats, arrival_s: Floats, error_s: Floats, fiducials: Fiducials, config: RigConfig
 ) -> FittedMirror:
     """Fit mirror, detector and delay to (N,) arrivals at (N, 2) commanded angles, and to fiducials.
 
     Where a first bounce arrives late, the spot is far out; fiducials say where it is at some angles for
-    certain. They are (M, 2) angles commanded there, and (M, 2) places on the wall.
+    certain.
 
     Raises
     ------
     CalibrationError
         If there are too few arrivals or fiducials, or no such rig makes them.
     """
-    steered_rad, fiducial_m = fiducials
+    steered_rad, fiducial_m = fiducials.mirror_rad, fiducials.place_m
     _refuse_few(arrival_s, fiducial_m)
-    measured = [
+    measured: list[Data] = [
         Arrivals(angles_rad, arrival_s, np.hypot(error_s, INSTRUMENT_S)),
         Spots(steered_rad, fiducial_m, AIMED_TO_M),
     ]
@@ -187,17 +209,3 @@ def galvo_model(
         spots_m=tuple((float(x), float(y)) for x, y in spots_m),
         **{"positions": len(angles_rad), **more},
     )
-
-
-def draw_wall(axes: Axes, model: GalvoModel, places_m: Floats, arrows_m: Floats, reach_m: float, what: str) -> None:
-    """Draw the calibrated area as one who faces the wall sees it, and arrows, magnified up to ``reach_m``."""
-    corners_m = np.array([*model.area_m, model.area_m[0]])
-    axes.plot(*corners_m.T, "-", color=GREY, linewidth=1, label="calibrated area")
-    times = round_down(reach_m / max(float(np.linalg.norm(arrows_m, axis=1).max()), 1e-9))
-    axes.quiver(
-        *places_m.T, *(times * arrows_m).T, angles="xy", scale_units="xy", scale=1, width=0.003,
-        color=RED, label=f"{what}, {times:g} times",
-    )  # fmt: skip
-    axes.margins(0.12)  # arrows reach beyond the spots
-    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, frameon=False)

@@ -37,7 +37,7 @@ class Exports(list[Export]):
     """C functions in the order of their declaration."""
 
     def declare(self, name: str, *types: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-        """Export the decorated function, which takes the simulator before its C arguments."""
+        """Export the decorated function, which takes the connection before its C arguments."""
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
             self.append(Export(name, types, function))
@@ -47,20 +47,20 @@ class Exports(list[Export]):
 
 
 def as_c_functions(
-    exports: Exports, simulator: object, remember: Callable[[BaseException], None]
+    exports: Exports, first: object, remember: Callable[[BaseException], None]
 ) -> SimpleNamespace:
-    """Make C function pointers, which live as long as the returned object."""
+    """Make C function pointers, alive as long as the returned object; ``first`` is what they act on."""
     return SimpleNamespace(
-        **{e.name: CFUNCTYPE(c_int, *e.types)(_guarded(e.function, simulator, remember)) for e in exports}
+        **{e.name: CFUNCTYPE(c_int, *e.types)(_guarded(e.function, first, remember)) for e in exports}
     )
 
 
 def _guarded(
-    function: Callable[..., None], simulator: object, remember: Callable[[BaseException], None]
+    function: Callable[..., None], first: object, remember: Callable[[BaseException], None]
 ) -> Callable[..., int]:
     def guarded(*arguments: Any) -> int:
         try:
-            function(simulator, *arguments)
+            function(first, *arguments)
         except Answer as answer:
             return answer.code
         except BaseException as error:  # Ctrl-C too: whatever leaves a callback is lost

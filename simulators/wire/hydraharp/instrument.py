@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import Bench
+from simulators.bench import Bench, Detections
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
 from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
 from simulators.wire.hydraharp.timing import Timing
@@ -55,7 +55,7 @@ class Measurement:
 
 
 class Instrument:
-    """One HydraHarp on the bench.
+    """One HydraHarp on the bench, each detector channel connected to its input.
 
     Parameters
     ----------
@@ -63,23 +63,18 @@ class Instrument:
         Gives time, sync pulses and detections.
     inputs
         Number of inputs.
-    photon_input
-        The input that the detector is connected to.
     count_depth
         Largest count of a bin.
     timing
         Faults of its clock.
     """
 
-    def __init__(
-        self, bench: Bench, inputs: int, photon_input: int, count_depth: int, timing: Timing
-    ) -> None:
+    def __init__(self, bench: Bench, inputs: int, count_depth: int, timing: Timing) -> None:
         self.bench = bench
         self.timing = timing
         self.inputs = inputs
-        self.photon_input = photon_input
-        self.memory = HistogramMemory(count_depth)
-        self.dark = HistogramMemory(count_depth)  # of all inputs without a detector
+        self.memories = [HistogramMemory(count_depth) for _ in range(inputs)]
+        self._channel_at = {one.input: number for number, one in enumerate(bench.geometry.channels)}
         self.initialize(Mode.HISTOGRAM, external_reference=False)
         self.initialized = False
 
@@ -95,8 +90,13 @@ class Instrument:
         self.running = False
         self.last: Measurement | None = None
         self.sync_lost = False
-        self.memory.clear()
+        self.clear()
         self.restart_rates()
+
+    def clear(self) -> None:
+        """Set the counts of all inputs to zero."""
+        for memory in self.memories:
+            memory.clear()
 
     # Rates
 
@@ -109,11 +109,13 @@ class Instrument:
         self.sync_hz_read = round(self.bench.sync_rate_hz()) if self._rates_valid() else 0
         return self.sync_hz_read
 
-    def read_count_rate(self, channel: int) -> int:
+    def read_count_rate(self, at_input: int) -> int:
         """Return an input's rate [Hz] and remember it for the warnings."""
-        connected = channel == self.photon_input and self.settings.input_enabled[channel]
-        rate_hz = round(self.bench.count_rate_hz()) if connected and self._rates_valid() else 0
-        self.input_hz_read[channel] = rate_hz
+        channel = self._channel_at.get(at_input)
+        rate_hz = 0
+        if channel is not None and self.settings.input_enabled[at_input] and self._rates_valid():
+            rate_hz = round(self.bench.count_rate_hz(channel))
+        self.input_hz_read[at_input] = rate_hz
         return rate_hz
 
     def _rates_valid(self) -> bool:
@@ -185,7 +187,7 @@ class Instrument:
         flags = Flag(0)
         if self.running and not self.ended():
             flags |= Flag.ACTIVE
-        if self.memory.full:
+        if any(memory.full for memory in self.memories):
             flags |= Flag.OVERFLOW
         if self.sync_lost:
             flags |= Flag.SYNC_LOST
@@ -199,38 +201,52 @@ class Instrument:
         sync_hz = self.bench.sync_rate_hz()
         self.sync_lost = not (run.sync_hz and sync_hz)
         run.sync_hz = run.sync_hz or sync_hz
-        if self.mode is not Mode.HISTOGRAM or not self.settings.input_enabled[self.photon_input]:
+        enabled = {i: number for i, number in self._channel_at.items() if self.settings.input_enabled[i]}
+        # without a sync there is nothing to time a stop against
+        if self.mode is not Mode.HISTOGRAM or not enabled or not run.sync_hz:
             return
-        if not run.sync_hz:
-            return  # without a start there is nothing to time a stop against
-        period_s = 1 / run.sync_hz
-        arrived = self.bench.detections(run.start_s, stop_s)
+        seen = self.bench.detections(run.start_s, stop_s)
+        bins = {i: self._bins(run, i, seen[number]) for i, number in enabled.items()}
+        if self.settings.stop_overflow:
+            bins = self._stopped_by_overflow(run, bins)
+        for at_input, binned in bins.items():
+            if len(binned):
+                self.memories[at_input].add(binned, self.settings.length)
+
+    def _bins(self, run: Measurement, at_input: int, arrived: Detections) -> NDArray[np.int64]:
+        """Return the bins, as `bins_of` numbers them, of what an input registers, in order of arrival."""
+        settings, period_s = self.settings, 1 / run.sync_hz
         counted = self.timing.registered(arrived, period_s, run.start_s)
         if not len(counted):
-            return
-        settings = self.settings
-        bins = bins_of(
+            return np.empty(0, np.int64)
+        return bins_of(
             counted.time_s,
             counted.pulse,
             period_s=period_s,
             divider=settings.sync_divider,
-            shift_s=(settings.input_offset_ps[self.photon_input] - settings.sync_offset_ps) * 1e-12,
+            shift_s=(settings.input_offset_ps[at_input] - settings.sync_offset_ps) * 1e-12,
             offset_s=settings.offset_ns * 1e-9,
             bin_width_s=settings.resolution_ps * 1e-12,
             length=settings.length,
             clock=self.timing.nonlinearity,
         )
-        if settings.stop_overflow:
-            bins = self._stopped_by_overflow(run, bins)
-        self.memory.add(bins, settings.length)
 
-    def _stopped_by_overflow(self, run: Measurement, bins: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Cut the measurement off where a bin reaches the stop count; photons count as evenly spread."""
-        settings = self.settings
-        photons = self.memory.photons_until(bins, settings.length, settings.stop_count)
-        if photons is None:
+    def _stopped_by_overflow(
+        self, run: Measurement, bins: dict[int, NDArray[np.int64]]
+    ) -> dict[int, NDArray[np.int64]]:
+        """Cut the measurement off where a bin of any input reaches the stop count.
+
+        The photons of each input count as evenly spread over the measurement.
+        """
+        settings, stops = self.settings, []
+        for at_input, binned in bins.items():
+            photons = self.memories[at_input].photons_until(binned, settings.length, settings.stop_count)
+            if len(binned) and photons is not None:
+                stops.append((photons / len(binned), photons, len(binned), at_input))
+        if not stops:
             return bins
         assert run.stop_s is not None
-        run.stop_s = run.start_s + (run.stop_s - run.start_s) * photons / len(bins)
-        self.memory.full = True
-        return bins[:photons]
+        _, photons, out_of, first = min(stops)
+        run.stop_s = run.start_s + (run.stop_s - run.start_s) * photons / out_of
+        self.memories[first].full = True
+        return {i: binned[: len(binned) * photons // out_of] for i, binned in bins.items()}

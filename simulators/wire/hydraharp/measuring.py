@@ -1,9 +1,10 @@
 """The functions that measure and read out."""
 
 from ctypes import memmove
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simulators.wire.hydraharp.codes import Code, Mode, Warn
+from simulators.wire.hydraharp.connection import Connection
 from simulators.wire.hydraharp.exports import (
     BUFFER,
     DOUBLE_OUT,
@@ -16,9 +17,6 @@ from simulators.wire.hydraharp.exports import (
     write_text,
 )
 
-if TYPE_CHECKING:
-    from simulators.wire.hydraharp.simulator import HydraHarpSimulator as Simulator
-
 EXPORTS = Exports()
 _declare = EXPORTS.declare
 
@@ -28,107 +26,107 @@ LONGEST_FIFO_READ = 131_072
 
 
 @_declare("HH_ClearHistMem", INT)
-def clear_hist_mem(simulator: "Simulator", devidx: int) -> None:
+def clear_hist_mem(connection: Connection, devidx: int) -> None:
     """Set all counts to zero."""
-    simulator.idle(devidx).memory.clear()
+    connection.idle(devidx).clear()
 
 
 @_declare("HH_StartMeas", INT, INT)
-def start_meas(simulator: "Simulator", devidx: int, tacq: int) -> None:
+def start_meas(connection: Connection, devidx: int, tacq: int) -> None:
     """Start; that an instrument never calibrated refuses is unconfirmed."""
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(1 <= tacq <= LONGEST_ACQUISITION_MS)
     require(instrument.calibrated, Code.NOT_CALIBRATED)
     instrument.start(tacq / 1000)
 
 
 @_declare("HH_StopMeas", INT)
-def stop_meas(simulator: "Simulator", devidx: int) -> None:
+def stop_meas(connection: Connection, devidx: int) -> None:
     """Stop; no error where nothing runs."""
-    simulator.initialized(devidx).stop()
+    connection.initialized(devidx).stop()
 
 
 @_declare("HH_CTCStatus", INT, INT_OUT)
-def ctc_status(simulator: "Simulator", devidx: int, ctcstatus: Any) -> None:
+def ctc_status(connection: Connection, devidx: int, ctcstatus: Any) -> None:
     """Tell whether the acquisition time has run out."""
-    ctcstatus[0] = int(simulator.initialized(devidx).ended())
+    ctcstatus[0] = int(connection.initialized(devidx).ended())
 
 
 @_declare("HH_GetHistogram", INT, UINT_OUT, INT, INT)
-def get_histogram(simulator: "Simulator", devidx: int, chcount: Any, channel: int, clear: int) -> None:
+def get_histogram(connection: Connection, devidx: int, chcount: Any, channel: int, clear: int) -> None:
     """Copy out the counts; that this is refused before StopMeas is unconfirmed."""
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(0 <= channel < instrument.inputs and clear in (0, 1))
     require(instrument.mode is Mode.HISTOGRAM, Code.INVALID_MODE)
-    lit = channel == instrument.photon_input
-    memmove(chcount, (instrument.memory if lit else instrument.dark).address, 4 * instrument.settings.length)
-    if clear and lit:
-        instrument.memory.clear()
+    memory = instrument.memories[channel]
+    memmove(chcount, memory.address, 4 * instrument.settings.length)
+    if clear:
+        memory.clear()
 
 
 @_declare("HH_GetResolution", INT, DOUBLE_OUT)
-def get_resolution(simulator: "Simulator", devidx: int, resolution: Any) -> None:
+def get_resolution(connection: Connection, devidx: int, resolution: Any) -> None:
     """Tell the bin width [ps]."""
-    resolution[0] = simulator.initialized(devidx).settings.resolution_ps
+    resolution[0] = connection.initialized(devidx).settings.resolution_ps
 
 
 @_declare("HH_GetSyncPeriod", INT, DOUBLE_OUT)
-def get_sync_period(simulator: "Simulator", devidx: int, period: Any) -> None:
+def get_sync_period(connection: Connection, devidx: int, period: Any) -> None:
     """Tell the sync period that the last measurement saw."""
-    period[0] = simulator.initialized(devidx).sync_period_s() / simulator.sync_period_unit_s
+    period[0] = connection.initialized(devidx).sync_period_s() / connection.sync_period_unit_s
 
 
 @_declare("HH_GetSyncRate", INT, INT_OUT)
-def get_sync_rate(simulator: "Simulator", devidx: int, syncrate: Any) -> None:
+def get_sync_rate(connection: Connection, devidx: int, syncrate: Any) -> None:
     """Tell the sync rate."""
-    syncrate[0] = simulator.initialized(devidx).read_sync_rate()
+    syncrate[0] = connection.initialized(devidx).read_sync_rate()
 
 
 @_declare("HH_GetCountRate", INT, INT, INT_OUT)
-def get_count_rate(simulator: "Simulator", devidx: int, channel: int, cntrate: Any) -> None:
+def get_count_rate(connection: Connection, devidx: int, channel: int, cntrate: Any) -> None:
     """Tell an input's rate."""
-    instrument = simulator.initialized(devidx)
+    instrument = connection.initialized(devidx)
     require(0 <= channel < instrument.inputs)
     cntrate[0] = instrument.read_count_rate(channel)
 
 
 @_declare("HH_GetFlags", INT, INT_OUT)
-def get_flags(simulator: "Simulator", devidx: int, flags: Any) -> None:
+def get_flags(connection: Connection, devidx: int, flags: Any) -> None:
     """Tell the state flags."""
-    flags[0] = int(simulator.initialized(devidx).flags())
+    flags[0] = int(connection.initialized(devidx).flags())
 
 
 @_declare("HH_GetElapsedMeasTime", INT, DOUBLE_OUT)
-def get_elapsed_meas_time(simulator: "Simulator", devidx: int, elapsed: Any) -> None:
+def get_elapsed_meas_time(connection: Connection, devidx: int, elapsed: Any) -> None:
     """Tell how long the measurement ran [ms]."""
-    elapsed[0] = simulator.initialized(devidx).elapsed_s() * 1000
+    elapsed[0] = connection.initialized(devidx).elapsed_s() * 1000
 
 
 @_declare("HH_GetWarnings", INT, INT_OUT)
-def get_warnings(simulator: "Simulator", devidx: int, warnings: Any) -> None:
+def get_warnings(connection: Connection, devidx: int, warnings: Any) -> None:
     """Judge the rates that were read last."""
-    warnings[0] = int(simulator.initialized(devidx).warnings())
+    warnings[0] = int(connection.initialized(devidx).warnings())
 
 
 @_declare("HH_GetWarningsText", INT, TEXT_OUT, INT)
-def get_warnings_text(simulator: "Simulator", devidx: int, text: Any, warnings: int) -> None:
+def get_warnings_text(connection: Connection, devidx: int, text: Any, warnings: int) -> None:
     """Name the warnings, one a line."""
-    simulator.opened(devidx)
+    connection.opened(devidx)
     write_text(text, "\n".join(f"WARNING: {bit.name}" for bit in Warn if warnings & bit))
 
 
 @_declare("HH_ReadFiFo", INT, UINT_OUT, INT, INT_OUT)
-def read_fifo(simulator: "Simulator", devidx: int, buffer: Any, count: int, nactual: Any) -> None:
+def read_fifo(connection: Connection, devidx: int, buffer: Any, count: int, nactual: Any) -> None:
     """Deliver no records."""
     require(0 < count <= LONGEST_FIFO_READ and count % FIFO_RECORDS_STEP == 0)
-    instrument = simulator.initialized(devidx)
+    instrument = connection.initialized(devidx)
     require(instrument.mode in (Mode.T2, Mode.T3), Code.INVALID_MODE)
     nactual[0] = 0
 
 
 @_declare("HH_GetContModeBlock", INT, BUFFER, INT_OUT)
-def get_cont_mode_block(simulator: "Simulator", devidx: int, buffer: Any, nbytesreceived: Any) -> None:
+def get_cont_mode_block(connection: Connection, devidx: int, buffer: Any, nbytesreceived: Any) -> None:
     """Deliver no block."""
-    instrument = simulator.initialized(devidx)
+    instrument = connection.initialized(devidx)
     require(instrument.mode is Mode.CONTINUOUS, Code.INVALID_MODE)
     nbytesreceived[0] = 0

@@ -4,14 +4,12 @@ Some check their arguments before they look at the instrument, others after, as 
 observed to do; where it could not be observed the check comes after. None works while a measurement runs.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simulators.wire.hydraharp.codes import BINNING_STEPS, Code, Mode
+from simulators.wire.hydraharp.connection import Connection
 from simulators.wire.hydraharp.exports import INT, INT_OUT, UINT, Exports, require
 from simulators.wire.hydraharp.instrument import Instrument
-
-if TYPE_CHECKING:
-    from simulators.wire.hydraharp.simulator import HydraHarpSimulator as Simulator
 
 EXPORTS = Exports()
 _declare = EXPORTS.declare
@@ -24,88 +22,88 @@ LARGEST_CONTINUOUS_LENGTH_CODE = 3
 
 
 @_declare("HH_Calibrate", INT)
-def calibrate(simulator: "Simulator", devidx: int) -> None:
+def calibrate(connection: Connection, devidx: int) -> None:
     """Allow measurements."""
-    simulator.idle(devidx).calibrated = True
+    connection.idle(devidx).calibrated = True
 
 
 @_declare("HH_SetSyncDiv", INT, INT)
-def set_sync_div(simulator: "Simulator", devidx: int, div: int) -> None:
+def set_sync_div(connection: Connection, devidx: int, div: int) -> None:
     """Set the sync divider; the rates begin anew."""
     require(1 <= div <= 16)
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(div in (1, 2, 4, 8, 16))
     instrument.settings.sync_divider = div
     instrument.restart_rates()
 
 
 @_declare("HH_SetSyncCFD", INT, INT, INT)
-def set_sync_cfd(simulator: "Simulator", devidx: int, level: int, zerocross: int) -> None:
+def set_sync_cfd(connection: Connection, devidx: int, level: int, zerocross: int) -> None:
     """Accept the discriminator's setting; pulses are found at any level."""
     _require_cfd(level, zerocross)
-    simulator.idle(devidx)
+    connection.idle(devidx)
 
 
 @_declare("HH_SetSyncChannelOffset", INT, INT)
-def set_sync_channel_offset(simulator: "Simulator", devidx: int, value: int) -> None:
+def set_sync_channel_offset(connection: Connection, devidx: int, value: int) -> None:
     """Delay the sync input; that a positive value delays is unconfirmed."""
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(abs(value) <= LARGEST_CHANNEL_OFFSET_PS)
     instrument.settings.sync_offset_ps = value
 
 
 @_declare("HH_SetInputCFD", INT, INT, INT, INT)
-def set_input_cfd(simulator: "Simulator", devidx: int, channel: int, level: int, zerocross: int) -> None:
+def set_input_cfd(connection: Connection, devidx: int, channel: int, level: int, zerocross: int) -> None:
     """Accept the discriminator's setting; pulses are found at any level."""
-    _with_channel(simulator, devidx, channel)
+    _with_channel(connection, devidx, channel)
     _require_cfd(level, zerocross)
 
 
 @_declare("HH_SetInputChannelOffset", INT, INT, INT)
-def set_input_channel_offset(simulator: "Simulator", devidx: int, channel: int, value: int) -> None:
+def set_input_channel_offset(connection: Connection, devidx: int, channel: int, value: int) -> None:
     """Delay an input; that a positive value delays is unconfirmed."""
-    instrument = _with_channel(simulator, devidx, channel)
+    instrument = _with_channel(connection, devidx, channel)
     require(abs(value) <= LARGEST_CHANNEL_OFFSET_PS)
     instrument.settings.input_offset_ps[channel] = value
 
 
 @_declare("HH_SetInputChannelEnable", INT, INT, INT)
-def set_input_channel_enable(simulator: "Simulator", devidx: int, channel: int, enable: int) -> None:
+def set_input_channel_enable(connection: Connection, devidx: int, channel: int, enable: int) -> None:
     """Switch an input on or off."""
-    instrument = _with_channel(simulator, devidx, channel)
+    instrument = _with_channel(connection, devidx, channel)
     require(enable in (0, 1))
     instrument.settings.input_enabled[channel] = enable == 1
 
 
 @_declare("HH_SetStopOverflow", INT, INT, UINT)
-def set_stop_overflow(simulator: "Simulator", devidx: int, stop_ovfl: int, stopcount: int) -> None:
+def set_stop_overflow(connection: Connection, devidx: int, stop_ovfl: int, stopcount: int) -> None:
     """Choose whether a full bin stops the measurement."""
     require(stop_ovfl in (0, 1) and stopcount >= 1)
-    settings = simulator.idle(devidx).settings
+    settings = connection.idle(devidx).settings
     settings.stop_overflow = stop_ovfl == 1
     settings.stop_count = stopcount
 
 
 @_declare("HH_SetBinning", INT, INT)
-def set_binning(simulator: "Simulator", devidx: int, binning: int) -> None:
+def set_binning(connection: Connection, devidx: int, binning: int) -> None:
     """Set the bin width."""
-    instrument = _not_t2(simulator, devidx)
+    instrument = _not_t2(connection, devidx)
     require(0 <= binning < BINNING_STEPS)
     instrument.settings.binning = binning
 
 
 @_declare("HH_SetOffset", INT, INT)
-def set_offset(simulator: "Simulator", devidx: int, offset: int) -> None:
+def set_offset(connection: Connection, devidx: int, offset: int) -> None:
     """Set the time that is subtracted before histogramming."""
     require(0 <= offset <= LARGEST_OFFSET_NS)
-    _not_t2(simulator, devidx).settings.offset_ns = offset
+    _not_t2(connection, devidx).settings.offset_ns = offset
 
 
 @_declare("HH_SetHistoLen", INT, INT, INT_OUT)
-def set_histo_len(simulator: "Simulator", devidx: int, lencode: int, actuallen: Any) -> None:
+def set_histo_len(connection: Connection, devidx: int, lencode: int, actuallen: Any) -> None:
     """Set the histogram length and tell it in bins."""
     require(0 <= lencode <= LARGEST_LENGTH_CODE)
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(instrument.mode in (Mode.HISTOGRAM, Mode.CONTINUOUS), Code.INVALID_MODE)
     require(instrument.mode is Mode.HISTOGRAM or lencode <= LARGEST_CONTINUOUS_LENGTH_CODE)
     instrument.settings.length = actuallen[0] = 1024 << lencode
@@ -113,33 +111,33 @@ def set_histo_len(simulator: "Simulator", devidx: int, lencode: int, actuallen: 
 
 @_declare("HH_SetMeasControl", INT, INT, INT, INT)
 def set_meas_control(
-    simulator: "Simulator", devidx: int, control: int, startedge: int, stopedge: int
+    connection: Connection, devidx: int, control: int, startedge: int, stopedge: int
 ) -> None:
     """Choose what starts a measurement; 4 to 6 are for continuous mode only."""
     require(0 <= control <= 6 and startedge in (0, 1) and stopedge in (0, 1))
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(control <= 3 or instrument.mode is Mode.CONTINUOUS, Code.INVALID_MODE)
     instrument.settings.control = control
 
 
 @_declare("HH_SetMarkerHoldoffTime", INT, INT)
-def set_marker_holdoff_time(simulator: "Simulator", devidx: int, holdofftime: int) -> None:
+def set_marker_holdoff_time(connection: Connection, devidx: int, holdofftime: int) -> None:
     """Accept the hold-off time; no marker ever comes."""
     require(0 <= holdofftime <= LARGEST_HOLDOFF_NS)
-    simulator.idle(devidx)
+    connection.idle(devidx)
 
 
 @_declare("HH_SetMarkerEdges", INT, INT, INT, INT, INT)
-def set_marker_edges(simulator: "Simulator", devidx: int, *edges: int) -> None:
+def set_marker_edges(connection: Connection, devidx: int, *edges: int) -> None:
     """Accept the edges; no marker ever comes."""
     require(all(edge in (0, 1) for edge in edges))
-    simulator.idle(devidx)
+    connection.idle(devidx)
 
 
 @_declare("HH_SetMarkerEnable", INT, INT, INT, INT, INT)
-def set_marker_enable(simulator: "Simulator", devidx: int, *enable: int) -> None:
+def set_marker_enable(connection: Connection, devidx: int, *enable: int) -> None:
     """Accept the switches; no marker ever comes."""
-    simulator.idle(devidx)
+    connection.idle(devidx)
     require(all(switch in (0, 1) for switch in enable))
 
 
@@ -147,14 +145,14 @@ def _require_cfd(level: int, zerocross: int) -> None:
     require(0 <= level <= 1000 and 0 <= zerocross <= 40)
 
 
-def _with_channel(simulator: "Simulator", devidx: int, channel: int) -> Instrument:
-    instrument = simulator.idle(devidx)
+def _with_channel(connection: Connection, devidx: int, channel: int) -> Instrument:
+    instrument = connection.idle(devidx)
     require(0 <= channel < instrument.inputs)
     return instrument
 
 
-def _not_t2(simulator: "Simulator", devidx: int) -> Instrument:
+def _not_t2(connection: Connection, devidx: int) -> Instrument:
     """T2 mode has no bins; the code for that is unconfirmed."""
-    instrument = simulator.idle(devidx)
+    instrument = connection.idle(devidx)
     require(instrument.mode is not Mode.T2, Code.INVALID_MODE)
     return instrument

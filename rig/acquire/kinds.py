@@ -1,0 +1,184 @@
+"""The kinds of devices: for each role a table from the kind that a configuration names to what opens it.
+
+A new device of a known role costs its driver, its simulator at the wire, its section in `rig.model.config`,
+and a line here.
+"""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
+from drivers.hydraharp.settings import HydraHarpSettings
+from drivers.id120 import Id120Spad
+from drivers.katana.laser import KatanaLaser
+from drivers.optotune import OptotuneMirror
+from rig.acquire.playback import Playback
+from rig.files.scan import ScanFile
+from rig.model.config import (
+    HydraHarpConfig,
+    Id120Config,
+    KatanaConfig,
+    OptotuneConfig,
+    PlaybackConfig,
+    RigConfig,
+)
+from rig.model.devices import Clock, Galvo, GatedSpad, Laser, Tcspc
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Where each driver finds its device.
+
+    Attributes
+    ----------
+    galvo, laser
+        Serial ports or pyserial URLs.
+    usb_backend
+        Of pyusb; None for the system's.
+    hhlib
+        Gives the HydraHarp's library, when it is needed.
+    clock
+        The time that all devices share.
+    """
+
+    galvo: str
+    laser: str
+    usb_backend: object
+    hhlib: Callable[[], HHLib]
+    clock: Clock
+
+
+class TimingLimits(Protocol):
+    """What a timing instrument can be asked for, known without it."""
+
+    def check_exposure(self, exposure_s: float) -> None:
+        """Raise `drivers.errors.LimitError` unless an exposure is possible."""
+        ...
+
+    def check_histogram(self, bins: int, bin_width_s: float) -> None:
+        """Raise `drivers.errors.LimitError` unless a histogram can have so many bins of this width."""
+        ...
+
+
+class AnyExposure:
+    """The limits of an instrument that has none."""
+
+    def check_exposure(self, exposure_s: float) -> None:
+        """Allow every exposure."""
+
+    def check_histogram(self, bins: int, bin_width_s: float) -> None:
+        """Allow every histogram."""
+
+
+@dataclass(frozen=True)
+class TimingKind:
+    """A kind of timing instrument.
+
+    Attributes
+    ----------
+    open
+        Of the configuration, the wires, and the step of the plan with which it begins.
+    limits
+        What it can be asked for.
+    time_axis
+        Number and width of the bins that it will have, as far as that is known without it.
+    """
+
+    open: Callable[[RigConfig, Wires, int], AbstractContextManager[Tcspc]]
+    limits: TimingLimits
+    time_axis: Callable[[Any], tuple[int, float]]
+
+
+def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManager[Galvo]:
+    """Return the steering mirror, to be entered."""
+    limits_rad = (config.max_angle_x_rad, config.max_angle_y_rad)
+    return OptotuneMirror(wires.galvo, clock=wires.clock, max_angle_rad=limits_rad)
+
+
+def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[GatedSpad]:
+    """Return the detector, to be entered."""
+    return Id120Spad(
+        serial=config.serial,
+        backend=wires.usb_backend,
+        clock=wires.clock,
+        gated=config.gated,
+        gate_delay_s=config.gate_delay_s,
+        gate_width_s=config.gate_width_s,
+        hold_off_s=config.hold_off_s,
+        excess_bias_v=config.excess_bias_v,
+    )
+
+
+def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[Laser]:
+    """Return the laser, to be entered."""
+    return KatanaLaser(
+        wires.laser,
+        clock=wires.clock,
+        power_setpoint=config.power_setpoint,
+        repetition_hz=config.repetition_hz,
+    )
+
+
+def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
+    """Return the HydraHarp, to be entered; it counts from any step on."""
+    harp = config.tcspc
+    assert isinstance(harp, HydraHarpConfig)
+    return HydraHarp(
+        wires.hhlib(),
+        clock=wires.clock,
+        serial=harp.serial,
+        settings=HydraHarpSettings(
+            inputs=tuple(channel.input for channel in config.channels),
+            input_level_v=harp.input_level_v,
+            input_zero_cross_v=harp.input_zero_cross_v,
+            sync_level_v=harp.sync_level_v,
+            sync_zero_cross_v=harp.sync_zero_cross_v,
+            sync_divider=harp.sync_divider,
+            bin_width_s=harp.bin_width_s,
+            bins=harp.bins,
+            offset_s=harp.offset_s,
+        ),
+    )
+
+
+def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
+    """Return the player of a scan file, to be entered."""
+    played = config.tcspc
+    assert isinstance(played, PlaybackConfig)
+    return Playback(played.file, channels=len(config.channels), clock=wires.clock, first=first)
+
+
+def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
+    with ScanFile(config.file) as scan:
+        return scan.bins, scan.bin_width_s
+
+
+GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {"optotune": open_optotune}
+LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"katana": open_katana}
+DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
+TIMING: dict[str, TimingKind] = {
+    "hydraharp": TimingKind(
+        open_hydraharp, HYDRAHARP_LIMITS, lambda config: (config.bins, config.bin_width_s)
+    ),
+    "playback": TimingKind(open_playback, AnyExposure(), _axis_of_file),
+}
+
+
+def timing_limits(config: RigConfig) -> TimingLimits:
+    """Return what the configured timing instrument can be asked for."""
+    return TIMING[config.tcspc.kind].limits
+
+
+def time_axis(config: RigConfig) -> tuple[int, float]:
+    """Return number and width of the bins that the configured timing instrument will have.
+
+    Raises
+    ------
+    DataFileError
+        If it plays a file that cannot be read.
+    """
+    return TIMING[config.tcspc.kind].time_axis(config.tcspc)

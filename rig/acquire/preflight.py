@@ -1,0 +1,115 @@
+"""What is known of a scan before anything moves: how much it is, and whether the rig can do it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import disk_usage
+
+import numpy as np
+
+from rig.acquire.kinds import time_axis, timing_limits
+from rig.errors import RefusedError
+from rig.files.writer import RESERVE_BYTES
+from rig.model.plan import Grid, ScanPlan
+from rig.model.quantities import show_length
+from rig.model.state import RigState
+
+#: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
+BYTES_PER_PHOTON = 0.85
+#: Detections a second that the size estimate assumes (the paper's Table 1: 205 to 265 thousand).
+ASSUMED_RATE_HZ = 265e3
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How much a scan is.
+
+    Attributes
+    ----------
+    bins, bin_width_s
+        Of each histogram.
+    bytes_in_memory
+        Size of all histograms, uncompressed.
+    bytes_on_disk
+        Of the compressed scan file, at the paper's count rate.
+    mirror_rad
+        Largest optical angles that it needs, right and up.
+    """
+
+    bins: int
+    bin_width_s: float
+    bytes_in_memory: int
+    bytes_on_disk: int
+    mirror_rad: tuple[float, float]
+
+
+def estimate(plan: ScanPlan, state: RigState) -> Estimate:
+    """Say how much a scan is.
+
+    Raises
+    ------
+    RefusedError
+        If the plan goes beyond what was calibrated.
+    """
+    bins, bin_width_s = time_axis(state.config)
+    in_memory = len(plan) * len(state.channels) * bins * 4
+    photons = plan.exposure_total_s * ASSUMED_RATE_HZ * len(state.channels)
+    on_disk = int(min(in_memory, photons * BYTES_PER_PHOTON + len(plan) * 500))
+    x_rad, y_rad = np.abs(state.pointing.angles_rad(plan.spots_m)).max(axis=0).tolist()
+    return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad))
+
+
+def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
+    """Refuse what the rig cannot do, before anything moves, and say how much the scan is.
+
+    Parameters
+    ----------
+    plan, state
+        What is to be measured, and on what rig.
+    folder
+        Where the scan file shall be.
+
+    Raises
+    ------
+    RefusedError
+        If a spot is outside the mirror's limits, or the disk would overflow.
+    drivers.errors.LimitError
+        If the timing instrument cannot be set so.
+    """
+    if not folder.is_dir():
+        raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
+    if not len(plan):
+        raise RefusedError(
+            "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
+        )
+    found = estimate(plan, state)
+    _check_angles(plan, state, found)
+    limits = timing_limits(state.config)
+    limits.check_histogram(found.bins, found.bin_width_s)
+    for one in plan.passes:
+        limits.check_exposure(one.exposure_s)
+    free = disk_usage(folder).free
+    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
+        raise RefusedError(
+            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
+            "free. Free some space, or choose another place with --out"
+        )
+    return found
+
+
+def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
+    galvo = state.config.galvo
+    limits = (galvo.max_angle_x_rad, galvo.max_angle_y_rad)
+    for axis, angle, limit in zip("xy", found.mirror_rad, limits, strict=True):
+        if angle > limit:
+            raise RefusedError(
+                f"{_in_words(plan)} needs {np.degrees(angle):.1f} deg of mirror angle in {axis}, "
+                f"{np.degrees(limit):.1f} deg is the limit. "
+                f"Use a smaller grid or spacing, or raise galvo.max_angle_{axis} if the mirror can do it"
+            )
+
+
+def _in_words(plan: ScanPlan) -> str:
+    grid = plan.passes[0].positions
+    if not isinstance(grid, Grid):
+        return f"the list of {len(plan)} positions"
+    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}"
