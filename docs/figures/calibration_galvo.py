@@ -8,12 +8,12 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "rig"))
+sys.path.insert(0, str(ROOT / "tests" / "calibration"))
 
 from misaligned import misaligned  # noqa: E402
 
 from rig.acquire.acquisition import Watch  # noqa: E402
-from rig.calibrate.galvo.flight_routine import FlightRoutine  # noqa: E402
+from rig.calibrate.galvo.flight import FlightRoutine  # noqa: E402
 from rig.calibrate.galvo.routine import CameraRoutine  # noqa: E402
 from rig.calibrate.run import measured  # noqa: E402
 from rig.commands.operator import ConsoleOperator  # noqa: E402

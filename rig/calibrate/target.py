@@ -16,9 +16,8 @@ from rig.acquire.preflight import check
 from rig.calibrate import peaks
 from rig.calibrate.counts import counts_of
 from rig.calibrate.first_bounce import WINDOW_S, highest
-from rig.calibrate.legs_fit import TAPE_ERROR_M, TILT_ERROR_RAD
+from rig.calibrate.geometry_fit import TAPE_ERROR_M, TILT_ERROR_RAD
 from rig.calibrate.routine import origin
-from rig.calibrate.time_zero import belief
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
@@ -90,7 +89,7 @@ class TargetRoutine:
         """
         known = state.calibrations
         with ScanFile(files[0]) as scan:
-            legs = belief(state).legs
+            legs = state.nominal.delays
             head_m = np.array(known.galvo.mirror_m) if known.galvo else legs.laser_head_m
             spots_m = _spots_m(scan, state)
             found = self._stack(scan, spots_m, head_m, legs.detector_head_m)

@@ -12,22 +12,56 @@ from numpy.typing import NDArray
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
-from rig.calibrate.legs_fit import Belief, LegsFit, fit_legs
+from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometry
 from rig.calibrate.routine import origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import TimeZero
 from rig.model.config import RigConfig
+from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length
 from rig.model.state import RigState
 
 #: Fewest positions: two for each parameter of delay, detector and mirror.
-FEWEST_POSITIONS = 28
+MIN_POSITIONS = 28
 #: Residuals so many times their errors (squared) are no chance with a few dozen positions.
-LARGEST_CHI2 = 2.0
+MAX_CHI2 = 2.0
 #: A drift is told where it is beyond so many standard errors.
 SURE = 3.0
+#: No spots are known better, whatever a calibration says.
+MIN_SPOT_ERROR_M = 1e-5
+
+
+@dataclass(frozen=True)
+class FittedDelays:
+    """What arrivals say of the paths outside the scene.
+
+    Attributes
+    ----------
+    delays
+        Delay and heads.
+    delay_error_s
+        Standard error of the delay alone, which trades with the heads.
+    rectified_error_s
+        (N,) standard error of what is subtracted from recorded time at each spot.
+    spots_m
+        (N, 2) where the model of the mirror puts the beam.
+    residual_s
+        (N,) what the fit leaves.
+    chi2
+        Mean square of residuals by their errors, corrected for what was fitted; about 1.
+    moved_m
+        (N, 2) by how much the arrivals move the spots from where the model of the mirror puts them.
+    """
+
+    delays: PathDelays
+    delay_error_s: float
+    rectified_error_s: NDArray[np.float64]
+    spots_m: NDArray[np.float64]
+    residual_s: NDArray[np.float64]
+    chi2: float
+    moved_m: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -59,7 +93,7 @@ class TimeZeroRoutine:
         return paths
 
     def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
-        """Return delay and heads; see `legs_fit.fit_legs`."""
+        """Return delay and heads; see `fit_path_delays`."""
         with ExitStack() as stack:
             scans = [stack.enter_context(ScanFile(path)) for path in files]
             bounces = [first_bounces(scan) for scan in scans]
@@ -68,10 +102,10 @@ class TimeZeroRoutine:
             return TimeZero(
                 **origin(TimeZero, scans),
                 valid_days=30,
-                electronics_delay_s=found.legs.electronics_delay_s,
+                electronics_delay_s=found.delays.electronics_delay_s,
                 electronics_delay_error_s=found.delay_error_s,
-                laser_head_m=_point(found.legs.laser_head_m),
-                detector_head_m=_point(found.legs.detector_head_m),
+                laser_head_m=_point(found.delays.laser_head_m),
+                detector_head_m=_point(found.delays.detector_head_m),
                 detector_spot_m=_point(scans[0].detector_m[0, 0]),
                 rectified_error_s=float(np.median(found.rectified_error_s)),
                 rectified_error_worst_s=float(found.rectified_error_s.max()),
@@ -138,26 +172,28 @@ def _fitted(
     bounces: Sequence[FirstBounces],
     drift: Drift | None,
     state: RigState,
-) -> LegsFit:
+) -> FittedDelays:
     positions = len(np.unique(np.concatenate([one.mirror_rad for one in bounces]).round(6), axis=0))
-    if positions < FEWEST_POSITIONS:
+    if positions < MIN_POSITIONS:
         raise CalibrationError(
             f"{scans[0].path}: {positions} positions with a first bounce are too few, at least "
-            f"{FEWEST_POSITIONS} are needed: measure a grid of 11 x 9 or so over the whole wall"
+            f"{MIN_POSITIONS} are needed: measure a grid of 11 x 9 or so over the whole wall"
         )
     arrivals_s = [one.arrival_s for one in bounces]
     if drift is not None:
         arrivals_s = [
             at_s - drift.rate * after_s for at_s, after_s in zip(arrivals_s, drift.after_s, strict=True)
         ]
-    found = fit_legs(
-        np.concatenate(arrivals_s),
-        np.concatenate([one.error_s for one in bounces]),
-        np.concatenate([one.mirror_rad for one in bounces]),
+    found = fit_path_delays(
+        Arrivals(
+            np.concatenate([one.mirror_rad for one in bounces]),
+            np.concatenate(arrivals_s),
+            np.concatenate([one.error_s for one in bounces]),
+        ),
         scans[0].detector_m[0, 0],
-        belief(state),
+        state,
     )
-    for name, head_m in (("galvo", found.legs.laser_head_m), ("detector", found.legs.detector_head_m)):
+    for name, head_m in (("galvo", found.delays.laser_head_m), ("detector", found.delays.detector_head_m)):
         if not (np.isfinite(head_m).all() and head_m[2] > 0):
             raise CalibrationError(
                 f"{scans[0].path}: the arrivals put the {name} behind the wall: these are no first bounces "
@@ -166,14 +202,49 @@ def _fitted(
     return found
 
 
-def belief(state: RigState) -> Belief:
-    """Return what configuration and galvo calibration say before arrivals are looked at."""
-    galvo = state.calibrations.galvo
-    return Belief(
-        legs=state.nominal.delays,
-        nominal=state.nominal.pointing,
-        calibrated=galvo.pointing() if galvo else None,
-        spot_error_m=galvo.spot_error_m if galvo else None,
+def fit_path_delays(
+    arrivals: Arrivals, detector_spot_m: NDArray[np.float64], state: RigState
+) -> FittedDelays:
+    """Fit delay, mirror and detector to the arrivals of first bounces.
+
+    Mirror and detector are nearly exchangeable, and the delay trades with both, so that they are not well
+    known one by one: what was known before, with its errors, keeps them in place. What imaging needs, the
+    delay T0 + |g - x_p| / c + |x_c - h| / c, hardly depends on it. A calibrated mirror takes part as its
+    spots, as well as they are known.
+
+    Parameters
+    ----------
+    arrivals
+        Of N first bounces.
+    detector_spot_m
+        (3,) x_c.
+    state
+        The rig as it is known before.
+    """
+    galvo, mirror_rad = state.calibrations.galvo, arrivals.mirror_rad
+    spots_m = state.pointing.spots_m(mirror_rad)
+    calibrated = []
+    if galvo:
+        # that many spots with such errors know as much as the model's ten numbers do
+        error_m = max(galvo.spot_error_m, MIN_SPOT_ERROR_M) * np.sqrt(len(mirror_rad) / 10)
+        calibrated = [Spots(mirror_rad, spots_m[:, :2], float(error_m))]
+    fit = fit_geometry(state.config, [arrivals], calibrated, robust=True)
+    delays, at_m = fit.rig.delays, detector_spot_m[None]
+
+    def rectified_s(rig: RigGeometry) -> NDArray[np.float64]:
+        return rig.delays.delay_s(rig.pointing.spots_m(mirror_rad), at_m)
+
+    # a scan puts the spots where the model has them: what the arrivals move them by stays an error of its own
+    remains_s = rectified_s(fit.rig) - delays.delay_s(spots_m, at_m)
+    delay_variance = fit.covariance_of(lambda rig: np.array([rig.delays.electronics_delay_s]))
+    return FittedDelays(
+        delays=delays,
+        delay_error_s=float(np.sqrt(delay_variance[0, 0])),
+        rectified_error_s=np.sqrt(np.diag(fit.covariance_of(rectified_s)) + remains_s**2),
+        spots_m=spots_m[:, :2],
+        residual_s=arrivals.residuals(fit.rig) * arrivals.error_s,
+        chi2=fit.chi2,
+        moved_m=(fit.rig.pointing.spots_m(mirror_rad) - spots_m)[:, :2],
     )
 
 
@@ -182,7 +253,7 @@ def _point(place_m: NDArray[np.float64]) -> tuple[float, float, float]:
     return x_m, y_m, z_m
 
 
-def _warnings(found: LegsFit, drift: Drift | None, state: RigState) -> list[str]:
+def _warnings(found: FittedDelays, drift: Drift | None, state: RigState) -> list[str]:
     warnings = []
     known = state.calibrations
     worst_s = show(float(found.rectified_error_s.max()), "s", 2)
@@ -193,7 +264,7 @@ def _warnings(found: LegsFit, drift: Drift | None, state: RigState) -> list[str]
             f"are taken to be, and rectified time is known to {worst_s} only. Run rig calibrate galvo, and "
             "this again"
         )
-    if found.chi2 > LARGEST_CHI2:
+    if found.chi2 > MAX_CHI2:
         reason = (
             "the calibration of the galvo does not hold (rig calibrate galvo)"
             if known.galvo

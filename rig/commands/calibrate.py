@@ -43,7 +43,7 @@ def galvo(
 
         run(CameraRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
     else:
-        from rig.calibrate.galvo.flight_routine import FlightRoutine
+        from rig.calibrate.galvo.flight import FlightRoutine
 
         run(FlightRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
 

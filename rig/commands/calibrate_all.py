@@ -67,7 +67,7 @@ def _routines(without_cameras: bool) -> "list[Routine]":
     """Return all routines with their usual options, in the order of `rig.model.calibrations.kinds.KINDS`."""
     from rig.calibrate.dark import DarkRoutine
     from rig.calibrate.dnl import DnlRoutine
-    from rig.calibrate.galvo.flight_routine import FlightRoutine
+    from rig.calibrate.galvo.flight import FlightRoutine
     from rig.calibrate.galvo.routine import CameraRoutine
     from rig.calibrate.gate import GateRoutine
     from rig.calibrate.irf import ResponseRoutine

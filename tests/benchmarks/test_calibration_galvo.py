@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.galvo.flight_routine import FlightRoutine
-from rig.calibrate.galvo.model_fit import spot_covariances_m2
+from rig.calibrate.galvo.flight import FlightRoutine
+from rig.calibrate.galvo.mirror import spot_covariances_m2
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator

@@ -9,7 +9,7 @@ from misaligned import errors_m, misaligned
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station, open_station
 from rig.bench.operator import BenchCamera
-from rig.calibrate.galvo.flight_routine import FlightRoutine
+from rig.calibrate.galvo.flight import FlightRoutine
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.errors import CalibrationError, DataFileError, UsageError
 from rig.model.config import built_in

@@ -6,10 +6,8 @@ from misaligned import misaligned, true_spots_m
 from scipy.spatial.transform import Rotation
 
 from rig.bench.simulated import true_geometry
-from rig.calibrate.galvo.boards import CalibratedCameras, board_points_m, calibrate_cameras
-from rig.calibrate.galvo.flight import Marks, fit_flight
-from rig.calibrate.galvo.lens import CameraModel
-from rig.calibrate.galvo.model_fit import fit_mirror, spot_covariances_m2
+from rig.calibrate.galvo.cameras import CalibratedCameras, CameraModel, board_points_m, calibrate_cameras
+from rig.calibrate.galvo.mirror import Fiducials, fit_flight, fit_mirror, spot_covariances_m2
 from rig.calibrate.galvo.routine import mirror_angles_rad
 from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import locate
@@ -83,7 +81,7 @@ def flight_data(config, rng):
     arrival_s = np.array([direct_s((x, y, 0.0), geometry) for x, y in true_spots_m(config, angles)])
     steered = np.array([[0, 0], [-0.35, -0.25], [0.35, -0.25], [0.35, 0.25], [-0.35, 0.25]])
     marks_m = true_spots_m(config, steered) + 0.3e-3 * rng.standard_normal((5, 2))
-    return angles, arrival_s + 1e-12 * rng.standard_normal(len(angles)), Marks(marks_m, steered)
+    return angles, arrival_s + 1e-12 * rng.standard_normal(len(angles)), Fiducials(marks_m, steered)
 
 
 def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
@@ -93,7 +91,7 @@ def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
     for _ in range(20):
         config = misaligned(signs=rng.choice([-1, 1], 16))
         angles, arrival_s, marks = flight_data(config, rng)
-        fit = fit_flight(angles, arrival_s, np.full(len(angles), 1e-13), marks, config).mirror
+        fit = fit_flight(angles, arrival_s, np.full(len(angles), 1e-13), marks, config)
         off = fit.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)
         errors.append(np.linalg.norm(off, axis=1))
         spread = spot_covariances_m2(fit.pointing, fit.covariance, angles)
@@ -109,11 +107,11 @@ def test_flight_refuses_too_little_and_what_does_not_fit():
     with pytest.raises(CalibrationError, match="arrivals are too few"):
         fit_flight(angles[:5], arrival_s[:5], error_s[:5], marks, config)
     with pytest.raises(CalibrationError, match="3 marks are too few"):
-        fit_flight(angles, arrival_s, error_s, Marks(marks.mark_m[:3], marks.mirror_rad[:3]), config)
-    line = Marks(marks.mark_m * (1, 0.01), marks.mirror_rad)
+        fit_flight(angles, arrival_s, error_s, Fiducials(marks.place_m[:3], marks.mirror_rad[:3]), config)
+    line = Fiducials(marks.place_m * (1, 0.01), marks.mirror_rad)
     with pytest.raises(CalibrationError, match="nearly on one line"):
         fit_flight(angles, arrival_s, error_s, line, config)
-    wrong = Marks(marks.mark_m[[0, 2, 1, 3, 4]], marks.mirror_rad)
+    wrong = Fiducials(marks.place_m[[0, 2, 1, 3, 4]], marks.mirror_rad)
     with pytest.raises(CalibrationError, match="no rig as configured fits"):
         fit_flight(angles, arrival_s, error_s, wrong, config)
 

@@ -157,3 +157,13 @@ def test_what_a_calibration_doubts_itself_is_told_by_each_scan(tmp_path):
     assert resolved(configured(tmp_path)).warnings == (
         "the time-zero calibration: the galvo is not calibrated",
     )
+
+
+def test_the_newest_is_read_alone_and_once(tmp_path):
+    store = CalibrationStore(tmp_path)
+    old, new = (store.add(time_zero(created=NOON + timedelta(hours=hours))) for hours in (0, 1))
+    old.write_text("damaged, and no matter: a newer one is there")
+    assert store.newest("time-zero", DEVICES, "simulated rig").path == new
+    new.write_text("what is known is not read again")
+    assert store.newest("time-zero").path == new
+    assert CalibrationStore(tmp_path / "empty").newest("time-zero") is None

@@ -17,11 +17,11 @@ from misaligned_rig import (
 from recon.defaults import shortest_wavelength_m, wavelength
 from rig.acquire.acquisition import Watch, acquire
 from rig.calibrate import irf, peaks
+from rig.calibrate.geometry_fit import Arrivals
 from rig.calibrate.irf import ResponseRoutine
-from rig.calibrate.legs_fit import fit_legs
 from rig.calibrate.run import fitted, measured
 from rig.calibrate.target import TargetRoutine, place
-from rig.calibrate.time_zero import TimeZeroRoutine, belief
+from rig.calibrate.time_zero import TimeZeroRoutine, fit_path_delays
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.store import CalibrationStore
@@ -49,8 +49,8 @@ def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
         error_s = np.full(len(angles), 0.3e-12)
         seen_s = true_arrivals_s(config, angles) + error_s * rng.standard_normal(len(angles))
         seen_s[7] += 200e-12  # an outlier may not matter
-        found = fit_legs(seen_s, error_s, angles, np.zeros(3), belief(RigState(config, known)))
-        wrong_s = errors_s(found.legs, config, known, angles)
+        found = fit_path_delays(Arrivals(angles, seen_s, error_s), np.zeros(3), RigState(config, known))
+        wrong_s = errors_s(found.delays, config, known, angles)
         assert np.median(np.abs(wrong_s)) < 5e-12
         assert np.abs(wrong_s).max() < 15e-12
         pulls.append(wrong_s / (found.rectified_error_s / np.sqrt(max(found.chi2, 1))))

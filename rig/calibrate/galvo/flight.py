@@ -1,165 +1,175 @@
-"""The mirror's model from times of flight and a few marks: mirror, detector and delay fitted together.
+"""The steering mirror calibrated without cameras: times of flight over the wall, and a few marks."""
 
-A first bounce arrives at delay + |p - x| / c + |x - h| / c: pivot p, spot x(angles) on the wall, head h of
-the detector. Where it arrives late, the spot is far out; marks say where it is at some angles for certain.
-"""
-
-from dataclasses import dataclass, replace
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
+from matplotlib.figure import Figure
 
-from recon.capture import C_M_PER_S
-from rig.calibrate.galvo.lens import Floats
-from rig.calibrate.galvo.model_fit import (
-    MISSED,
-    WIDTHS,
-    FittedMirror,
-    covariance_of_pointing,
-    hull,
-    mirror,
-    rig_turn,
-)
-from rig.errors import CalibrationError
+from rig.acquire.acquisition import Watch
+from rig.acquire.connect import Station
+from rig.atomic import appearing
+from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
+from rig.calibrate.galvo.mirror import Fiducials, fit_flight, galvo_model
+from rig.calibrate.galvo.pictures import flight_figure
+from rig.calibrate.routine import Origin, origin
+from rig.errors import DataFileError, UsageError
+from rig.files.scan import ScanFile
+from rig.model.calibrations.base import Calibration
+from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
+from rig.model.devices import Preparation
+from rig.model.state import RigState
 
-#: Standard deviations, before anything is measured, of the detector's place in the rig [m] and of the delay
-#: [s].
-HEAD_WIDTH_M, DELAY_WIDTH_S = 0.05, 10e-9
-ALL_WIDTHS = np.array([*WIDTHS, *[HEAD_WIDTH_M] * 3, DELAY_WIDTH_S])
-#: How well a person steers the beam onto a mark, along either axis [m].
-AIMED_TO_M = 0.3e-3
-#: What an arrival may be off besides its counting error: unequal bins and drift of the instrument [s].
-INSTRUMENT_S = 1e-12
-#: Fewest marks, fewest arrivals, and the least width of the marks across their longest line [m].
-LEAST_MARKS, LEAST_ARRIVALS, LEAST_WIDTH_M = 4, 12, 0.2
-#: Largest root mean square that the fit may leave of arrivals [s] and of marks [m].
-WORST_ARRIVALS_S, WORST_MARKS_M = 20e-12, 5e-3
-#: Beyond so many standard errors an arrival counts by its size, not its square (Huber).
-ROBUST_FROM = 4.0
+Pair = tuple[float, float]
+
+FORMAT = "rig-wall-marks"
+#: Marks are so far outside the corners of the scan, so that the whole scan lies between them.
+OUTSIDE_M = 0.02
 
 
 @dataclass(frozen=True)
-class Marks:
-    """Points on the wall onto which the beam was steered.
+class FlightRoutine:
+    """Learns from times of flight where the beam meets the wall.
 
     Attributes
     ----------
-    mark_m
-        (M, 2) their x and y [m].
-    mirror_rad
-        (M, 2) the angles commanded there.
+    columns, rows
+        Positions at which the first bounce is timed.
+    exposure_s
+        At each.
     """
 
-    mark_m: Floats
-    mirror_rad: Floats
+    columns: int = 11
+    rows: int = 9
+    exposure_s: float = 0.1
+    kind: str = GalvoModel.kind
+
+    def setup(self, config: RigConfig) -> RigConfig:
+        """Return a detector that runs free, and a histogram of the whole period."""
+        return free_running(config)
+
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
+        """Let a person steer the beam onto marks, then scan."""
+        scan_path, marks_path = folder / "galvo-flight.h5", folder / "galvo-marks.json"
+        galvo, laser = station.devices.galvo, station.devices.laser
+        station.operator.prepare(Preparation.ATTENUATE)
+        galvo.point(0.0, 0.0)  # aims before it lights
+        galvo.wait_settled(state.config.galvo.settle_timeout_s)
+        pairs = []
+        try:
+            laser.arm()
+            laser.emit()
+            for mark in wall_marks_m(state.config):
+                pairs.append((mark, station.operator.aim_at(galvo, mark)))
+                if watch.should_stop():
+                    return []
+        finally:
+            laser.stop()
+        write_marks(marks_path, pairs, galvo.identity)
+        # as configured, not as calibrated before: what is measured must not depend on it
+        record_first_bounces(
+            station, state.nominal, scan_path, watch,
+            columns=self.columns, rows=self.rows, exposure_s=self.exposure_s,
+        )  # fmt: skip
+        return [scan_path, marks_path]
+
+    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+        """Return the mirror's model from a scan and a file of marks."""
+        bounces, marks, source = _read(files)
+        mirror = fit_flight(bounces.mirror_rad, bounces.arrival_s, bounces.error_s, marks, state.config)
+        return galvo_model(
+            "flight",
+            mirror,
+            marks.mirror_rad,
+            marks.place_m,
+            source,
+            positions=len(bounces.arrival_s),
+            detector_head_m=tuple(mirror.rig.delays.detector_head_m.tolist()),
+            electronics_delay_s=mirror.rig.delays.electronics_delay_s,
+        )
+
+    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+        """Draw positions with what the fit leaves of their arrivals, and the marks."""
+        assert isinstance(calibration, GalvoModel)
+        bounces, _, _ = _read(files)
+        return flight_figure(calibration, bounces.mirror_rad, bounces.arrival_s, bounces.error_s)
 
 
-@dataclass(frozen=True)
-class FittedFlight:
-    """What arrivals and marks say.
+def _read(files: Sequence[Path]) -> tuple[FirstBounces, Fiducials, Origin]:
+    scans = [path for path in files if path.suffix != ".json"]
+    marks_files = [path for path in files if path.suffix == ".json"]
+    if len(scans) != 1 or len(marks_files) != 1:
+        raise UsageError(
+            f"the mirror is calibrated from one scan and one file of marks (*.json), {len(scans)} and "
+            f"{len(marks_files)} were given: --from galvo-flight.h5 --from galvo-marks.json"
+        )
+    with ScanFile(scans[0]) as scan:
+        marks, digest = read_marks(marks_files[0], scan.devices)
+        source = origin(GalvoModel, [scan])
+        source["measured_from"][marks_files[0].name] = digest
+        return first_bounces(scan), marks, source
 
-    Attributes
+
+def wall_marks_m(config: RigConfig) -> list[Pair]:
+    """Return the marks (x, y): the wall's centre, and just outside the corners of the scan [m]."""
+    scan = config.scan
+    x_m = (scan.columns - 1) / 2 * scan.spacing_m + OUTSIDE_M
+    y_m = (scan.rows - 1) / 2 * scan.spacing_m + OUTSIDE_M
+    return [(0.0, 0.0), (-x_m, -y_m), (x_m, -y_m), (x_m, y_m), (-x_m, y_m)]
+
+
+def write_marks(path: Path, pairs: Sequence[tuple[Pair, Pair]], galvo: str) -> None:
+    """Write (mark [m], commanded angles [rad]) pairs, and the identity of the mirror that was steered."""
+    content = {
+        "format": FORMAT,
+        "version": 1,
+        "galvo": galvo,
+        "marks": [{"mark_m": list(mark), "mirror_rad": list(angles)} for mark, angles in pairs],
+    }
+    with appearing(path) as partial:
+        partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def read_marks(path: Path, devices: Mapping[str, Mapping[str, object]]) -> tuple[Fiducials, str]:
+    """Return the marks of a file, and its SHA-256.
+
+    Parameters
     ----------
-    mirror
-        The mirror's model; its residual is that of the marks.
-    head_m, delay_s
-        (3,) the detector's lens, and the electronics' delay, which stand in for each other in part.
-    left_s
-        (N,) what the fit leaves of each arrival.
-    """
-
-    mirror: FittedMirror
-    head_m: Floats
-    delay_s: float
-    left_s: Floats
-
-
-def fit_flight(
-    angles_rad: Floats, arrival_s: Floats, error_s: Floats, marks: Marks, config: RigConfig
-) -> FittedFlight:
-    """Fit mirror, detector and delay to (N,) arrivals at (N, 2) commanded angles, and to marks.
+    path
+        The file.
+    devices
+        Of the scan that belongs to it.
 
     Raises
     ------
-    CalibrationError
-        If there are too few arrivals or marks, or no such rig makes them.
+    DataFileError
+        If it cannot be read, is of another kind, or of another mirror.
     """
-    _refuse_few(arrival_s, marks)
-    sigma_s = np.hypot(error_s, INSTRUMENT_S)
-    count = len(arrival_s)
-
-    def left_s(numbers: Floats) -> Floats:
-        pointing = mirror(numbers, config)
-        spots_m = pointing.spots_m(angles_rad)
-        head_m, delay_s = head_and_delay(numbers, config)
-        path_m = np.linalg.norm(spots_m - pointing.mirror_m, axis=1) + np.linalg.norm(
-            spots_m - head_m, axis=1
+    try:
+        data = path.read_bytes()
+        content = json.loads(data)
+        if content.get("format") != FORMAT or content.get("version") != 1:
+            raise ValueError(f"it is no {FORMAT} of version 1")
+        marks = Fiducials(
+            np.array([one["mark_m"] for one in content["marks"]], dtype=float).reshape(-1, 2),
+            np.array([one["mirror_rad"] for one in content["marks"]], dtype=float).reshape(-1, 2),
         )
-        return np.asarray(arrival_s - delay_s - path_m / C_M_PER_S)
-
-    def off_m(numbers: Floats) -> Floats:
-        return mirror(numbers, config).spots_m(marks.mirror_rad)[:, :2] - marks.mark_m
-
-    def residuals(numbers: Floats) -> Floats:
-        measured = np.concatenate([left_s(numbers) / sigma_s, off_m(numbers).ravel() / AIMED_TO_M])
-        return np.concatenate([np.nan_to_num(measured, nan=MISSED), numbers / ALL_WIDTHS])
-
-    start = np.zeros(len(ALL_WIDTHS))
-    for loss in ("linear", "huber"):  # strays are told from the rest once the rest nearly fits
-        fit = least_squares(
-            residuals,
-            start,
-            x_scale=ALL_WIDTHS,
-            xtol=1e-9,
-            ftol=1e-9,
-            gtol=1e-9,
-            loss=loss,
-            f_scale=ROBUST_FROM,
+        if not (np.isfinite(marks.place_m).all() and np.isfinite(marks.mirror_rad).all()):
+            raise ValueError("a number in it is none")
+    except OSError as error:
+        raise DataFileError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DataFileError(
+            f"{path}: is no file of marks: {error}. It holds mark_m and mirror_rad, two numbers each, for "
+            "every mark; see docs/calibration/galvo.md"
+        ) from None
+    mine, steered = devices.get("galvo", {}).get("identity"), content.get("galvo")
+    if steered and mine and steered != mine:
+        raise DataFileError(
+            f"{path} is of the mirror '{steered}', the scan is of '{mine}': give files of one rig"
         )
-        start = fit.x
-    left, off = left_s(fit.x), off_m(fit.x)
-    rms_s, rms_m = float(np.sqrt((left**2).mean())), float(np.sqrt((off**2).sum(axis=1).mean()))
-    if not (rms_s < WORST_ARRIVALS_S and rms_m < WORST_MARKS_M):
-        worst = int(np.abs(left).argmax())
-        raise CalibrationError(
-            f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
-            f"square; the worst is position {worst}) and {rms_m * 1e3:.1f} mm of the marks. Are the marks "
-            "right, in metres from the wall's centre? Was something moved meanwhile? Are galvo.position and "
-            "spad.position right to a few centimetres?"
-        )
-    pointing = mirror(fit.x, config)
-    # each number that is measured rather than believed costs one arrival
-    excess = max(1.0, float((fit.fun[:count] ** 2).sum()) / max(count - 8, 1))
-    covariance = covariance_of_pointing(fit.x, np.linalg.inv(fit.jac.T @ fit.jac), config) * excess
-    everywhere = np.concatenate([angles_rad, marks.mirror_rad])
-    head_m, delay_s = head_and_delay(fit.x, config)
-    return FittedFlight(
-        FittedMirror(replace(pointing, area_m=hull(pointing, everywhere)), covariance, rms_m),
-        head_m,
-        delay_s,
-        left,
-    )
-
-
-def head_and_delay(numbers: Floats, config: RigConfig) -> tuple[Floats, float]:
-    """Return the detector's place (3,) [m] and the delay [s] for the (16,) numbers of `ALL_WIDTHS`."""
-    head_m = rig_turn(numbers).apply(np.add(config.detector.position_m, numbers[12:15]))
-    return head_m, config.timing.electronics_delay_s + float(numbers[15])
-
-
-def _refuse_few(arrival_s: Floats, marks: Marks) -> None:
-    if len(arrival_s) < LEAST_ARRIVALS:
-        raise CalibrationError(
-            f"{len(arrival_s)} arrivals are too few, {LEAST_ARRIVALS} are needed: scan more positions"
-        )
-    if len(marks.mark_m) < LEAST_MARKS:
-        raise CalibrationError(
-            f"{len(marks.mark_m)} marks are too few, {LEAST_MARKS} are needed: without them times of flight "
-            "leave the spots open by turns of the mirror"
-        )
-    width_m = np.linalg.svd(marks.mark_m - marks.mark_m.mean(axis=0), compute_uv=False)[1]
-    if width_m < LEAST_WIDTH_M:
-        raise CalibrationError(
-            "the marks lie nearly on one line: spread them over the wall, best to the corners of the scan"
-        )
+    return marks, hashlib.sha256(data).hexdigest()

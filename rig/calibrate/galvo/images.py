@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import rig
 from rig.atomic import appearing
-from rig.calibrate.galvo.lens import Floats
+from rig.calibrate.geometry_fit import Floats
 from rig.errors import CalibrationError, DataFileError
 from rig.files.check import check_format, open_hdf5, plain, reading
 from rig.model.calibrations.base import utc_now

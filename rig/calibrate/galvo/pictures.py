@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from recon.capture import C_M_PER_S
-from rig.calibrate.galvo.lens import Floats
+from rig.calibrate.geometry_fit import Floats
 from rig.model.calibrations.kinds import GalvoModel
 
 _MEASURED, _MODEL, _AREA = "#1f5fa8", "#c8502d", "0.55"

@@ -10,15 +10,13 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.calibrate.galvo.boards import CalibratedCameras, calibrate_cameras, find_corners
+from rig.calibrate.galvo.cameras import CalibratedCameras, calibrate_cameras, find_corners, opencv
 from rig.calibrate.galvo.images import ImagesWriter, WallImages, writing
-from rig.calibrate.galvo.lens import Floats
-from rig.calibrate.galvo.model_fit import fit_mirror
-from rig.calibrate.galvo.opencv import opencv
+from rig.calibrate.galvo.mirror import fit_mirror, galvo_model
 from rig.calibrate.galvo.pictures import spots_figure
-from rig.calibrate.galvo.record import galvo_model
 from rig.calibrate.galvo.spots import background, find_spot
-from rig.calibrate.galvo.triangulation import LEAST_SPOTS, locate
+from rig.calibrate.galvo.triangulation import MIN_SPOTS, locate
+from rig.calibrate.geometry_fit import Floats
 from rig.calibrate.routine import origin
 from rig.errors import CalibrationError
 from rig.model.calibrations.base import Calibration
@@ -64,9 +62,9 @@ class CameraRoutine:
                 f"two cameras are needed, {len(station.cameras)} are configured: name two as "
                 "cameras.addresses, or calibrate without them: rig calibrate galvo --method flight"
             )
-        if self.columns * self.rows < LEAST_SPOTS:
+        if self.columns * self.rows < MIN_SPOTS:
             raise CalibrationError(
-                f"{self.columns} x {self.rows} mirror angles are too few, {LEAST_SPOTS} are needed: measure "
+                f"{self.columns} x {self.rows} mirror angles are too few, {MIN_SPOTS} are needed: measure "
                 "more"
             )
         path = folder / "galvo-images.h5"

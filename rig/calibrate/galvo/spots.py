@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import least_squares
 
-from rig.calibrate.galvo.lens import Floats
+from rig.calibrate.geometry_fit import Floats
 from rig.errors import CalibrationError
 
 #: A spot is looked for in squares of so many pixels a side, which makes it quick and sees faint ones,

@@ -4,21 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import approx_fprime
 
-from rig.calibrate.galvo.boards import CalibratedCameras
-from rig.calibrate.galvo.lens import NUMBERS, CameraModel, Floats
+from rig.calibrate.galvo.cameras import NUMBERS, CalibratedCameras, CameraModel
+from rig.calibrate.geometry_fit import Floats
 from rig.errors import CalibrationError
 
 #: Fewest spots from which a wall is told, and the part of them that has to be on it.
-LEAST_SPOTS, LEAST_ON_WALL = 12, 0.8
+MIN_SPOTS, MIN_ON_WALL = 12, 0.8
 #: A spot is on the wall up to so many standard deviations, and at any rate up to this distance.
 OFF_WALL, OFF_WALL_M = 5.0, 3e-3
 #: Planes through three spots that are tried.
 TRIED = 200
 #: Least angle between a camera's view of the spots and the wall.
-LEAST_VIEW_RAD = np.radians(12.0)
+MIN_VIEW_RAD = np.radians(12.0)
 #: Largest root mean square distance at which the cameras' rays may pass each other [pixels].
-WORST_MISS_PX = 1.0
+MAX_MISS_PX = 1.0
 
 Cameras = tuple[CameraModel, CameraModel]
 
@@ -82,21 +83,20 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
         If there are too few spots, the cameras contradict each other, too many spots are off any plane, or a
         camera sees the wall nearly edge-on.
     """
-    if len(pixels) < LEAST_SPOTS:
+    if len(pixels) < MIN_SPOTS:
         raise CalibrationError(
-            f"{len(pixels)} spots are too few for a calibration, {LEAST_SPOTS} are needed: measure more "
-            "angles"
+            f"{len(pixels)} spots are too few for a calibration, {MIN_SPOTS} are needed: measure more angles"
         )
     cameras = calibrated.cameras
     points_m, spread_m2, missed_px = triangulate(cameras, pixels, covariances)
-    if missed_px > WORST_MISS_PX:
+    if missed_px > MAX_MISS_PX:
         raise CalibrationError(
             f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
-            f"square), more than {WORST_MISS_PX:g}: was one moved after the boards were shown? Show them "
+            f"square), more than {MAX_MISS_PX:g}: was one moved after the boards were shown? Show them "
             "again"
         )
     kept = on_one_plane(points_m, spread_m2, seed)
-    if kept.sum() < max(LEAST_SPOTS, LEAST_ON_WALL * len(kept)):
+    if kept.sum() < max(MIN_SPOTS, MIN_ON_WALL * len(kept)):
         raise CalibrationError(
             f"only {kept.sum()} of {len(kept)} spots lie on one plane: does the beam meet something before "
             "the wall, or is the wall not flat? Clear the way, or measure a smaller area"
@@ -114,10 +114,7 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
 
     numbers = np.concatenate([camera.numbers for camera in cameras])
     steps = 0.1 * np.sqrt(calibrated.covariance.diagonal())
-    slopes = np.stack(
-        [(with_numbers(numbers + by) - with_numbers(numbers - by)) / (2 * by.sum()) for by in np.diag(steps)],
-        axis=1,
-    )
+    slopes = approx_fprime(numbers, with_numbers, steps)
     covariance = slopes @ calibrated.covariance @ slopes.T
     for index, block in enumerate(own_m2):
         covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2] += block
@@ -157,19 +154,16 @@ def _nearest(
 ) -> tuple[Floats, Floats, float]:
     """Move points along (k, 3) ``ways`` until their images are nearest to the pixels, by Gauss and Newton."""
     roots = np.linalg.inv(np.linalg.cholesky(covariances))  # (N, camera, 2, 2) make pixels' errors 1
-    tiny = 1e-5
-
-    def images(at_m: Floats) -> Floats:
-        return np.stack([camera.project(at_m) for camera in cameras], axis=-2)
-
     for _ in range(3):  # the start is nearly there: each step squares what is left
-        slopes = np.stack([(images(points_m + tiny * way) - images(points_m - tiny * way)) / (2 * tiny)
-                           for way in ways], axis=-1)  # fmt: skip
+        seen = [camera.projected(points_m) for camera in cameras]
+        images = np.stack([pixels for pixels, _, _ in seen], axis=1)
+        slopes = np.stack([by_point for _, _, by_point in seen], axis=1) @ ways.T
         weighted = (roots @ slopes).reshape(len(points_m), 4, len(ways))
-        missing = (roots @ (pixels - images(points_m))[..., None]).reshape(len(points_m), 4, 1)
+        missing = (roots @ (pixels - images)[..., None]).reshape(len(points_m), 4, 1)
         spread_m2 = np.linalg.inv(weighted.swapaxes(1, 2) @ weighted)
         points_m = points_m + (spread_m2 @ weighted.swapaxes(1, 2) @ missing)[..., 0] @ ways
-    missed_px = np.sqrt(((pixels - images(points_m)) ** 2).sum(axis=-1).mean())
+    images = np.stack([camera.project(points_m) for camera in cameras], axis=1)
+    missed_px = np.sqrt(((pixels - images) ** 2).sum(axis=-1).mean())
     return points_m, np.asarray(spread_m2, dtype=float), float(missed_px)
 
 
@@ -210,9 +204,9 @@ def _refuse_edge_on(cameras: Cameras, points_m: Floats, wall: WallPlane) -> None
     for number, camera in enumerate(cameras, 1):
         view = camera.position_m - points_m.mean(axis=0)
         angle = np.arcsin(abs(view @ wall.axes[2]) / np.linalg.norm(view))
-        if angle < LEAST_VIEW_RAD:
+        if angle < MIN_VIEW_RAD:
             raise CalibrationError(
                 f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots "
-                f"tell little across it. Put it where it sees the wall at {np.degrees(LEAST_VIEW_RAD):.0f} "
+                f"tell little across it. Put it where it sees the wall at {np.degrees(MIN_VIEW_RAD):.0f} "
                 "deg or more"
             )

@@ -33,6 +33,7 @@ class CalibrationStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._stored: dict[Path, Stored] = {}
 
     def add(self, calibration: Calibration) -> Path:
         """Store a calibration in a new file, whole or not at all, and return its path.
@@ -66,15 +67,14 @@ class CalibrationStore:
         Raises
         ------
         DataFileError
-            If a file of this kind is damaged.
+            If a file of this kind is damaged; older ones are not read.
         """
-        mine = [
-            one
-            for one in self._all(kind)
-            if rig_name in {None, one.calibration.rig_name}
-            and not one.calibration.strangers(identities or {})
-        ]
-        return max(mine, key=lambda one: one.calibration.created, default=None)
+        for path in sorted(self.folder.glob(f"{kind}-*.json"), reverse=True):  # the names carry the date
+            one = self._read(path)
+            of_rig = rig_name in {None, one.calibration.rig_name}
+            if of_rig and not one.calibration.strangers(identities or {}):
+                return one
+        return None
 
     def everything(self) -> Iterator[Stored]:
         """Return all calibrations, kind by kind, the oldest first.
@@ -85,11 +85,13 @@ class CalibrationStore:
             If a file is damaged.
         """
         for kind in KINDS:
-            yield from sorted(self._all(kind), key=lambda one: one.calibration.created)
+            yield from map(self._read, sorted(self.folder.glob(f"{kind}-*.json")))
 
-    def _all(self, kind: str) -> Iterator[Stored]:
-        for path in self.folder.glob(f"{kind}-*.json"):
-            yield Stored(path, read(path))
+    def _read(self, path: Path) -> Stored:
+        """Return a stored calibration; a file is never changed once it is there, so it is read once."""
+        if path not in self._stored:
+            self._stored[path] = Stored(path, read(path))
+        return self._stored[path]
 
 
 def read(path: Path) -> Calibration:

@@ -1,0 +1,211 @@
+"""The mirror's model, fitted to spots or to times of flight, and what is stored of it."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.optimize import approx_fprime
+from scipy.spatial import ConvexHull
+
+from rig.calibrate import require
+from rig.calibrate.geometry_fit import (
+    Arrivals,
+    Data,
+    FittedGeometry,
+    Floats,
+    RigGeometry,
+    Spots,
+    fit_geometry,
+)
+from rig.calibrate.routine import Origin
+from rig.model.calibrations.kinds import GalvoModel
+from rig.model.config import RigConfig
+from rig.model.pointing import Pointing
+
+#: Largest root mean square distance of spots from the fitted model [m].
+MAX_SPOTS_M = 3e-3
+#: What an arrival may be off besides its counting error: unequal bins and drift of the instrument [s].
+INSTRUMENT_S = 1e-12
+#: How well a person steers the beam onto a fiducial, along either axis [m].
+AIMED_TO_M = 0.3e-3
+#: Fewest fiducials, fewest arrivals, and the least width of the fiducials across their longest line [m].
+MIN_FIDUCIALS, MIN_ARRIVALS, MIN_WIDTH_M = 4, 12, 0.2
+#: Largest root mean square that the fit may leave of arrivals [s] and of fiducials [m].
+MAX_ARRIVALS_S, MAX_FIDUCIALS_M = 20e-12, 5e-3
+
+
+@dataclass(frozen=True)
+class Fiducials:
+    """Points on the wall onto which the beam was steered.
+
+    Attributes
+    ----------
+    place_m
+        (M, 2) their x and y [m].
+    mirror_rad
+        (M, 2) the angles commanded there.
+    """
+
+    place_m: Floats
+    mirror_rad: Floats
+
+
+@dataclass(frozen=True)
+class FittedMirror:
+    """A mirror's model and how well it is known.
+
+    Attributes
+    ----------
+    rig
+        Mirror, detector and delay, as fitted.
+    pointing
+        The mirror's model, with the hull of its spots as the calibrated area.
+    covariance
+        (10, 10) of place, rotation, offset and gain.
+    residual_m
+        Root mean square distance of measured from modelled spots [m].
+    """
+
+    rig: RigGeometry
+    pointing: Pointing
+    covariance: Floats
+    residual_m: float
+
+
+def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: RigConfig) -> FittedMirror:
+    """Fit the model to (K, 2) spots measured at (K, 2) commanded angles, with their (2K, 2K) covariance.
+
+    Raises
+    ------
+    CalibrationError
+        If the spots are not where any such mirror would send the beam.
+    """
+    fit = fit_geometry(config, [Spots(angles_rad, spots_m, covariance)], robust=False)
+    off_m = _off_m(fit.rig.pointing, angles_rad, spots_m)
+    residual_m = float(np.sqrt((off_m**2).mean()))
+    worst = int(off_m.argmax())
+    require(
+        residual_m < MAX_SPOTS_M,
+        f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
+        f"could send them, the worst at x = {spots_m[worst, 0]:.3f} m, y = {spots_m[worst, 1]:.3f} m. "
+        "Was something moved meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in "
+        "metres right?",
+    )
+    return _fitted(fit, angles_rad, residual_m)
+
+
+def fit_flight(
+    angles_rad: Floats, arrival_s: Floats, error_s: Floats, fiducials: Fiducials, config: RigConfig
+) -> FittedMirror:
+    """Fit mirror, detector and delay to (N,) arrivals at (N, 2) commanded angles, and to fiducials.
+
+    Where a first bounce arrives late, the spot is far out; fiducials say where it is at some angles for
+    certain.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few arrivals or fiducials, or no such rig makes them.
+    """
+    steered_rad, fiducial_m = fiducials.mirror_rad, fiducials.place_m
+    _refuse_few(arrival_s, fiducial_m)
+    measured: list[Data] = [
+        Arrivals(angles_rad, arrival_s, np.hypot(error_s, INSTRUMENT_S)),
+        Spots(steered_rad, fiducial_m, AIMED_TO_M),
+    ]
+    fit = fit_geometry(config, measured, robust=True)
+    left_s = arrival_s - fit.rig.arrivals_s(angles_rad)
+    off_m = _off_m(fit.rig.pointing, steered_rad, fiducial_m)
+    rms_s, rms_m = (float(np.sqrt((left**2).mean())) for left in (left_s, off_m))
+    require(
+        rms_s < MAX_ARRIVALS_S and rms_m < MAX_FIDUCIALS_M,
+        f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
+        f"square; the worst is position {int(np.abs(left_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
+        "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
+        "galvo.position and spad.position right to a few centimetres?",
+    )
+    return _fitted(fit, np.concatenate([angles_rad, steered_rad]), rms_m)
+
+
+def _refuse_few(arrival_s: Floats, fiducial_m: Floats) -> None:
+    require(
+        len(arrival_s) >= MIN_ARRIVALS,
+        f"{len(arrival_s)} arrivals are too few, {MIN_ARRIVALS} are needed: scan more positions",
+    )
+    require(
+        len(fiducial_m) >= MIN_FIDUCIALS,
+        f"{len(fiducial_m)} marks are too few, {MIN_FIDUCIALS} are needed: without them times of flight "
+        "leave the spots open by turns of the mirror",
+    )
+    width_m = np.linalg.svd(fiducial_m - fiducial_m.mean(axis=0), compute_uv=False)[1]
+    require(
+        width_m >= MIN_WIDTH_M,
+        "the marks lie nearly on one line: spread them over the wall, best to the corners of the scan",
+    )
+
+
+def _off_m(pointing: Pointing, angles_rad: Floats, spots_m: Floats) -> Floats:
+    """(K,) distances of the modelled from the measured spots."""
+    return np.asarray(np.linalg.norm(pointing.spots_m(angles_rad)[:, :2] - spots_m, axis=1))
+
+
+def _fitted(fit: FittedGeometry, angles_rad: Floats, residual_m: float) -> FittedMirror:
+    spots_m = fit.rig.pointing.spots_m(angles_rad)[:, :2]
+    corners_m = spots_m[ConvexHull(spots_m).vertices]  # counter-clockwise
+    return FittedMirror(
+        fit.rig,
+        replace(fit.rig.pointing, area_m=tuple((float(x), float(y)) for x, y in corners_m)),
+        fit.covariance_of(lambda rig: _numbers(rig.pointing)),
+        residual_m,
+    )
+
+
+def _numbers(pointing: Pointing) -> Floats:
+    """Return the (10,) numbers of a model that a calibration fits."""
+    return np.array([*pointing.mirror_m, *pointing.rotation_rad, *pointing.offset_rad, *pointing.gain])
+
+
+def spot_covariances_m2(pointing: Pointing, covariance: Floats, angles_rad: Floats) -> Floats:
+    """Return the (K, 2, 2) covariances of the spots that a model predicts for (K, 2) angles.
+
+    ``covariance`` is that of the model's 10 numbers, see `GalvoModel`.
+    """
+
+    def spots_m(numbers: Floats) -> Floats:
+        place_m, rotation, offset, gain = (tuple(part.tolist()) for part in np.split(numbers, [3, 6, 8]))
+        moved = replace(pointing, mirror_m=place_m, rotation_rad=rotation, offset_rad=offset, gain=gain)
+        return moved.spots_m(angles_rad)[:, :2].ravel()
+
+    slopes = approx_fprime(_numbers(pointing), spots_m, 1e-6).reshape(-1, 2, 10)
+    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
+
+
+def galvo_model(
+    method: Literal["cameras", "flight"],
+    mirror: FittedMirror,
+    angles_rad: Floats,
+    spots_m: Floats,
+    source: Origin,
+    **more: Any,
+) -> GalvoModel:
+    """Return the calibration of a fitted mirror, with the angles and spots it was fitted to, and ``more``."""
+    spread_m2 = spot_covariances_m2(mirror.pointing, mirror.covariance, angles_rad)
+    pointing = mirror.pointing
+    return GalvoModel(
+        **source,
+        valid_days=30,
+        method=method,
+        mirror_m=pointing.mirror_m,
+        rotation_rad=pointing.rotation_rad,
+        offset_rad=pointing.offset_rad,
+        gain=pointing.gain,
+        mirrors=pointing.mirrors,
+        separation_m=pointing.separation_m,
+        area_m=list(pointing.area_m),
+        covariance=tuple(tuple(row) for row in mirror.covariance.tolist()),
+        spot_error_m=float(np.sqrt(np.trace(spread_m2, axis1=1, axis2=2).mean())),
+        residual_m=mirror.residual_m,
+        mirror_rad=tuple((float(x), float(y)) for x, y in angles_rad),
+        spots_m=tuple((float(x), float(y)) for x, y in spots_m),
+        **{"positions": len(angles_rad), **more},
+    )

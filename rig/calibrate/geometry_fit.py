@@ -1,0 +1,190 @@
+"""One fit of the rig's geometry: mirror, detector and delay, from what is known where and when.
+
+A first bounce arrives at delay + |g - x| / c + |x - h| / c: pivot g of the mirror, spot x(commanded angles)
+on the wall, head h of the detector. Arrivals, spots that cameras see and fiducials onto which a person steers
+the beam are fitted together, by least squares.
+
+On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
+model has more: place, turn, offset and gain can in part stand for each other, and so can g, h and the delay.
+So the configuration's values take part in the fit, with honest standard deviations. What they leave open
+moves no spot and no arrival, and the covariance says so.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import approx_fprime, least_squares
+from scipy.spatial.transform import Rotation
+
+from rig.model.config import RigConfig
+from rig.model.delays import PathDelays
+from rig.model.pointing import Pointing
+from rig.model.state import RigState
+
+Floats = NDArray[np.float64]
+
+#: How well the configuration knows where mirror and detector stand: a tape measure.
+TAPE_ERROR_M = 0.02
+#: How well the wall is square to the rig; if it is not, mirror and detector are turned about its centre.
+TILT_ERROR_RAD = np.radians(5.0)
+#: Standard deviations, before anything is measured, of the unknowns: the rig's turn against the wall about
+#: the wall's axes [rad], which moves mirror and detector together; the mirror's place in the rig [m], its own
+#: turn [rad], offset [rad] and gain; the detector's place in the rig [m]; the delay [s]: metres of forgotten
+#: cable.
+WIDTHS = np.repeat(
+    [TILT_ERROR_RAD, TAPE_ERROR_M, np.radians(2.0), np.radians(1.0), 0.01, TAPE_ERROR_M, 10e-9],
+    [3, 3, 3, 2, 2, 3, 1],
+)
+#: Most evaluations of a search; where the data fits it takes a tenth of them.
+MAX_EVALUATIONS = 100
+#: Beyond so many standard errors a residual counts by its size, not its square (Huber).
+ROBUST_FROM = 3.0
+#: What a fit counts, in standard errors, for a beam that misses the wall.
+MISSED = 1e6
+
+
+@dataclass(frozen=True)
+class RigGeometry:
+    """Where mirror and detector stand, how the mirror turns, and what cables delay."""
+
+    pointing: Pointing
+    delays: PathDelays
+
+    def arrivals_s(self, mirror_rad: Floats) -> Floats:
+        """Return when first bounces arrive for (N, 2) commanded angles."""
+        spots_m = self.pointing.spots_m(mirror_rad)
+        return self.delays.delay_s(spots_m, spots_m)
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """(N,) times at which first bounces arrived for (N, 2) commanded angles, and their standard errors."""
+
+    mirror_rad: Floats
+    arrival_s: Floats
+    error_s: Floats
+
+    def residuals(self, rig: RigGeometry) -> Floats:
+        """Return (N,) measured less modelled, in standard errors."""
+        return (self.arrival_s - rig.arrivals_s(self.mirror_rad)) / self.error_s
+
+
+@dataclass(frozen=True)
+class Spots:
+    """(K, 2) places on the wall where the beam was for (K, 2) commanded angles: spots, or fiducials.
+
+    Their error is one standard deviation for each coordinate, or the (2K, 2K) covariance.
+    """
+
+    mirror_rad: Floats
+    spot_m: Floats
+    error: float | Floats
+
+    def residuals(self, rig: RigGeometry) -> Floats:
+        """Return (2K,) measured less modelled, in standard errors, made independent."""
+        off_m = (self.spot_m - rig.pointing.spots_m(self.mirror_rad)[:, :2]).ravel()
+        if np.ndim(self.error) == 0:
+            return np.asarray(off_m / self.error)
+        return np.linalg.solve(np.linalg.cholesky(self.error), off_m)
+
+
+class Data(Protocol):
+    """Something measured, that tells of the geometry."""
+
+    def residuals(self, rig: RigGeometry) -> Floats:
+        """Return measured less modelled, in standard errors."""
+        ...
+
+
+@dataclass(frozen=True)
+class FittedGeometry:
+    """What the data says.
+
+    Attributes
+    ----------
+    rig
+        The geometry.
+    chi2
+        Mean square of what the fit leaves of the measured data, in its errors, corrected for what was fitted;
+        about 1.
+    unknowns, covariance
+        Of the fit, in units of `WIDTHS`; where ``chi2`` is above 1 all errors are raised by as much.
+    """
+
+    rig: RigGeometry
+    chi2: float
+    unknowns: Floats
+    covariance: Floats
+    _config: RigConfig
+
+    def covariance_of(self, quantity: Callable[[RigGeometry], Floats]) -> Floats:
+        """Return the (n, n) covariance of n numbers that the geometry gives."""
+        slopes = np.atleast_2d(
+            approx_fprime(self.unknowns, lambda at: quantity(geometry(at, self._config)), 1e-4)
+        )
+        return np.asarray(slopes @ self.covariance @ slopes.T)
+
+
+def geometry(unknowns: Floats, config: RigConfig) -> RigGeometry:
+    """Return the rig for the unknowns in units of `WIDTHS`, all 0 as configured."""
+    tilt, place_m, turn, offset, gain, head_m, delay_s = np.split(unknowns * WIDTHS, [3, 6, 9, 11, 13, 16])
+    rig_turn = Rotation.from_rotvec(tilt)
+    mirror_m = rig_turn.apply(np.add(config.galvo.position_m, place_m))
+    pointing = replace(
+        RigState(config).pointing,
+        mirror_m=tuple(mirror_m.tolist()),
+        rotation_rad=tuple((rig_turn * Rotation.from_rotvec(turn)).as_rotvec().tolist()),
+        offset_rad=tuple(offset.tolist()),
+        gain=tuple((1 + gain).tolist()),
+    )
+    head_m = rig_turn.apply(np.add(config.detector.position_m, head_m))
+    return RigGeometry(
+        pointing, PathDelays(mirror_m, head_m, config.timing.electronics_delay_s + float(delay_s[0]))
+    )
+
+
+def fit_geometry(
+    config: RigConfig, measured: Sequence[Data], calibrated: Sequence[Data] = (), *, robust: bool
+) -> FittedGeometry:
+    """Fit the rig to what was measured, and to what was ``calibrated`` before.
+
+    Parameters
+    ----------
+    config
+        The rig as far as a tape measure knows it.
+    measured
+        Its residuals say how good the fit is.
+    calibrated
+        Takes part in the fit, with its errors.
+    robust
+        Whether single data may be far off (Huber).
+    """
+    data = [*measured, *calibrated]
+    number = sum(len(one.residuals(geometry(np.zeros(len(WIDTHS)), config))) for one in measured)
+
+    def residuals(unknowns: Floats) -> Floats:
+        rig = geometry(unknowns, config)
+        return np.nan_to_num(np.concatenate([*(one.residuals(rig) for one in data), unknowns]), nan=MISSED)
+
+    at = np.zeros(len(WIDTHS))
+    for loss in ("linear", "huber")[: 2 if robust else 1]:  # a robust search from far away may get stuck
+        fit = least_squares(
+            residuals,
+            at,
+            loss=loss,
+            f_scale=ROBUST_FROM,
+            x_scale="jac",
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-9,
+            max_nfev=MAX_EVALUATIONS,
+        )
+        at = fit.x
+    left, slopes = residuals(at)[:number], fit.jac[:number]
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
+    freedom = number - float(np.einsum("ni,ij,nj->", slopes, covariance, slopes))
+    chi2 = float((left**2).sum() / max(freedom, 1.0))
+    return FittedGeometry(geometry(at, config), chi2, at, covariance * max(chi2, 1.0), config)
