@@ -10,7 +10,7 @@ from recon.errors import GeometryError
 #: How far a position may be from its lattice point [m]: a hundredth of a turn of phase at lambda = 2 cm.
 TOLERANCE_M = 2e-4
 #: Least part of the lattice's lines that must hold a position; scattered spots "fit" any fine enough lattice.
-LEAST_LINES = 0.5
+MIN_LINES = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _axis(values_m: NDArray[np.float64], name: str) -> tuple[LatticeAxis, NDArra
         axis, index, error_m = _number(values_m, *_fit(levels, float(np.median(steps))))
         if error_m.max() > TOLERANCE_M:
             finer = _number(values_m, *_fit(levels, float(steps[steps < 1.5 * steps.min()].mean())))
-            if finer[2].max() <= TOLERANCE_M and len(lines) >= LEAST_LINES * finer[0].count:
+            if finer[2].max() <= TOLERANCE_M and len(lines) >= MIN_LINES * finer[0].count:
                 axis, index, error_m = finer
     if error_m.max() > TOLERANCE_M:
         worst = int(error_m.argmax())

@@ -19,9 +19,9 @@ FWHM_SIGMAS = 2.355
 #: The paper's trade-off: a wavelength of four spacings.
 SPACINGS = 4.0
 #: Fewest wavelengths across the wall with which anything is told apart.
-LEAST_WAVELENGTHS = 4.0
+MIN_WAVELENGTHS = 4.0
 #: Part of a lattice that must be filled for its pitch to be the spacing.
-LEAST_FILLED = 0.5
+MIN_FILLED = 0.5
 #: Nearest object in the paper's rooms, and the farthest depth that is imaged unasked.
 NEAR_M, FAR_M = 0.5, 3.0
 
@@ -47,7 +47,7 @@ def spacing_m(capture: Capture) -> float:
         aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
         return _side_of_each_m(spots_m)
-    if len(spots_m) < LEAST_FILLED * aperture.x.count * aperture.y.count:
+    if len(spots_m) < MIN_FILLED * aperture.x.count * aperture.y.count:
         return _side_of_each_m(spots_m)
     return max(aperture.x.pitch_m, aperture.y.pitch_m)
 
@@ -75,8 +75,8 @@ def _side_of_each_m(spots_m: NDArray[np.float64]) -> float:
 
 
 def _slowest_response_s(extent_m: float) -> float:
-    """Return the response whose shortest wavelength a wall of this extent holds `LEAST_WAVELENGTHS` times."""
-    return extent_m / LEAST_WAVELENGTHS * FWHM_SIGMAS / (pi * C_M_PER_S)
+    """Return the response whose shortest wavelength a wall of this extent holds `MIN_WAVELENGTHS` times."""
+    return extent_m / MIN_WAVELENGTHS * FWHM_SIGMAS / (pi * C_M_PER_S)
 
 
 def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice:
@@ -180,13 +180,13 @@ def warnings(
         )
     extent_m = float(np.ptp(capture.laser_m, axis=0).max())
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
-    if response_fwhm_s and extent_m < LEAST_WAVELENGTHS * passed_m:
+    if response_fwhm_s and extent_m < MIN_WAVELENGTHS * passed_m:
         found.append(
             f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
             f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
-            f"{extent_m / passed_m:.1f} of those wide where {LEAST_WAVELENGTHS:g} are the least: "
+            f"{extent_m / passed_m:.1f} of those wide where {MIN_WAVELENGTHS:g} are the least: "
             "no wavelength can image this record; "
-            f"scan a wall of {LEAST_WAVELENGTHS * passed_m:.2g} m, or use a response of "
+            f"scan a wall of {MIN_WAVELENGTHS * passed_m:.2g} m, or use a response of "
             f"{_slowest_response_s(extent_m) * 1e12:.0f} ps or less"
         )
     elif response_fwhm_s and pulse.wavelength_m < passed_m * (1 - 1e-3):
@@ -194,7 +194,7 @@ def warnings(
             f"an instrument response of {response_fwhm_s * 1e12:.0f} ps blurs a wavelength of "
             f"{pulse.wavelength_m * 100:.3g} cm away; use {passed_m * 100:.3g} cm or more"
         )
-    elif extent_m < LEAST_WAVELENGTHS * pulse.wavelength_m:
+    elif extent_m < MIN_WAVELENGTHS * pulse.wavelength_m:
         found.append(
             f"the wall is only {extent_m / pulse.wavelength_m:.1f} wavelengths wide: at a depth of its own "
             f"width nothing smaller than {0.61 * pulse.wavelength_m * 100:.3g} cm is resolved"

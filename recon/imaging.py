@@ -17,7 +17,7 @@ from recon.grid import VoxelGrid
 from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
 from recon.result import Image
 from recon.sampling import CONFOCAL, path_limits_m, slabs
-from recon.solvers.problem import Solver, Task, ignore
+from recon.solvers.problem import ImagingProblem, Solver, ignore
 from recon.wave import VirtualPulse
 from recon.window import Fades
 
@@ -94,16 +94,16 @@ def image(
             "it computes on the cpu alone",
             f"Use {' or '.join(taking('device'))}, or the cpu.",
         )
-    task = replace(plan(capture, pulse, grid, camera, fades, progress), device=device, fft=fft)
-    if task.frames != 1:
+    problem = replace(plan(capture, pulse, grid, camera, fades, progress), device=device, fft=fft)
+    if problem.frames != 1:
         raise ParameterError(
-            f"{camera.name} camera", "an image", f"it shows {task.frames} frames", "Ask for a video."
+            f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
-    task = bounded(task, solver, memory_bytes)
+    problem = bounded(problem, solver, memory_bytes)
     field = np.empty(grid.shape, np.complex64)
-    for index, plane in enumerate(planes(task, solver)):
+    for index, plane in enumerate(planes(problem, solver)):
         field[index] = plane[0]
-    return Image(grid, field, solver, fades, camera, pulse, task.slabs)
+    return Image(grid, field, solver, fades, camera, pulse, problem.slabs)
 
 
 def plan(
@@ -113,28 +113,28 @@ def plan(
     camera: Camera,
     fades: Fades,
     progress: Progress | None = None,
-) -> Task:
+) -> ImagingProblem:
     """Choose bins and frequencies for a volume; raises as `image`."""
     grid.check_in_front()
     light = camera.light(pulse)
     parts = tuple(slabs(capture, light, grid, camera))
     if not any(part.reached for part in parts):
         raise _unreached(capture, grid, camera)
-    return Task(capture, grid, camera, light, parts, fades, progress or ignore)
+    return ImagingProblem(capture, grid, camera, light, parts, fades, progress or ignore)
 
 
-def planes(task: Task, solver: str) -> Iterator[NDArray[np.complexfloating]]:
+def planes(problem: ImagingProblem, solver: str) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
     _known(solver)
     focus: Solver = load(SOLVERS[solver].place)
-    return focus(task)
+    return focus(problem)
 
 
-def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
-    """Cut a task so that it keeps to a bound on memory, if there is one; raises as `image`."""
+def bounded(problem: ImagingProblem, solver: str, memory_bytes: int | None) -> ImagingProblem:
+    """Cut a problem so that it keeps to a bound on memory, if there is one; raises as `image`."""
     _known(solver)
     if memory_bytes is None:
-        return task
+        return problem
     needs = SOLVERS[solver].needs
     if needs is None:
         raise ParameterError(
@@ -143,7 +143,7 @@ def bounded(task: Task, solver: str, memory_bytes: int | None) -> Task:
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
         )
-    return memory.cut(task, load(needs), memory_bytes)
+    return memory.cut(problem, load(needs), memory_bytes)
 
 
 def _known(solver: str) -> None:

@@ -29,7 +29,7 @@ from os import cpu_count
 
 from recon.errors import MemoryBoundError
 from recon.sampling import Slab
-from recon.solvers.problem import Need, Task
+from recon.solvers.problem import ImagingProblem, Need
 
 #: Positions in a block of the record, as the readers of this program make them.
 BLOCK_POSITIONS = 1024
@@ -43,15 +43,15 @@ SLACK_BYTES = 32 * 2**20
 
 
 #: A solver's memory for a part of the depth.
-Needs = Callable[[Task, Slab], Need]
+Needs = Callable[[ImagingProblem, Slab], Need]
 
 
-def cut(task: Task, needs_of: Needs, memory_bytes: int) -> Task:
+def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingProblem:
     """Cut the work so that its peak stays below a bound.
 
     Parameters
     ----------
-    task
+    problem
         What is imaged.
     needs_of
         What its solver needs.
@@ -63,15 +63,15 @@ def cut(task: Task, needs_of: Needs, memory_bytes: int) -> Task:
     MemoryBoundError
         If not even one frequency at a time fits, or one plane of a video; it names the least that is needed.
     """
-    capture, grid, parts = task.capture, task.grid, task.slabs
-    needs = [needs_of(task, part) if part.reached else Need(0, 0, 1) for part in parts]
+    capture, grid, parts = problem.capture, problem.grid, problem.slabs
+    needs = [needs_of(problem, part) if part.reached else Need(0, 0, 1) for part in parts]
     reached = [part for part in parts if part.reached]
     bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
     spectrum = (8 if len(capture.first_bin_s) == 1 else 48) * capture.positions + 40 * bins
     solver, together = max(need.least for need in needs), max(need.together for need in needs)
     # The Fourier matrix of a frequency is complex128 for a moment, which is in `spectrum`.
     fixed = SLACK_BYTES + 8 * min(BLOCK_POSITIONS, capture.positions) * bins
-    frames, pixels = task.frames, len(grid.y_m) * len(grid.x_m)
+    frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
     plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
     fixed += 8 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
     least = fixed + max(need.fixed for need in needs) + together * spectrum + solver
@@ -107,8 +107,8 @@ def cut(task: Task, needs_of: Needs, memory_bytes: int) -> Task:
             room -= stop - start
             start = stop
     return replace(
-        task,
+        problem,
         passes=tuple(map(tuple, passes)),
         working_bytes=working,
-        plane_bytes=task.plane_bytes if frames == 1 else 2 * threads * plane,
+        plane_bytes=problem.plane_bytes if frames == 1 else 2 * threads * plane,
     )

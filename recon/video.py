@@ -3,7 +3,7 @@
 For each plane the fields of all frequencies are kept, and one small matrix product turns them into its
 frames; these go to a sink, and into a front view that holds one image for each moment. In memory, for F
 frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front view and, on each thread, about
-8 (F + 3 T) V bytes; fewer threads run where the latter would be more than `Task.plane_bytes`.
+8 (F + 3 T) V bytes; fewer threads run where the latter would be more than `ImagingProblem.plane_bytes`.
 """
 
 from collections.abc import Callable
@@ -72,10 +72,10 @@ def video(
             "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
         )
     fades = fades or Fades()
-    task = bounded(plan(capture, pulse, grid, camera, fades, progress), solver, memory_bytes)
+    problem = bounded(plan(capture, pulse, grid, camera, fades, progress), solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
-    for index, fields in enumerate(planes(task, solver)):
+    for index, fields in enumerate(planes(problem, solver)):
         frames = (fields.real**2 + fields.imag**2).astype(np.float32)
         if sink:
             sink(index, frames)
@@ -86,7 +86,7 @@ def video(
         else:
             seen += frames
     times_s = np.asarray(camera.times_s, np.float64)
-    return Image(grid, None, solver, fades, camera, pulse, task.slabs, times_s, seen)
+    return Image(grid, None, solver, fades, camera, pulse, problem.slabs, times_s, seen)
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 #: Samples that a cubic spline needs on a profile.
-LEAST_SAMPLES = 4
+MIN_SAMPLES = 4
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def half_maximum_width(profile: NDArray, axis_m: NDArray[np.float64]) -> Width:
     """
     unknown = float("nan")
     top = int(np.argmax(profile))
-    if len(profile) < LEAST_SAMPLES or not profile[top] > 0:
+    if len(profile) < MIN_SAMPLES or not profile[top] > 0:
         return Width(float(axis_m[top]), unknown, unknown)
     # relative to the peak's sample, so that coordinates of some metres keep their last digits
     centre_m = float(axis_m[top])

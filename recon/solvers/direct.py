@@ -10,7 +10,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
-from recon.solvers.problem import Task
+from recon.solvers.problem import ImagingProblem
 from recon.solvers.spectral import Field, SumPropagator, by_planes, spectral
 
 
@@ -63,8 +63,8 @@ def _sum(
                     wave *= turn
 
 
-def _focus_slab(task: Task, emitted: Field) -> Iterator[Field]:
-    return by_planes(task, DirectPropagator(task.capture, emitted, task.band, task.grid).focus)
+def _focus_slab(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
+    return by_planes(problem, DirectPropagator(problem.capture, emitted, problem.band, problem.grid).focus)
 
 
 focus = spectral(_focus_slab, np.complex128)

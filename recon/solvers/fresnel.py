@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import Slab
-from recon.solvers.problem import Need, Task
+from recon.solvers.problem import ImagingProblem, Need
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan
 from recon.solvers.rsd.regular import LatticePropagator, Workspace, aperture
@@ -28,7 +28,7 @@ from recon.solvers.rsd.regular import needs as lattice_needs
 from recon.solvers.spectral import Field, by_planes, spectral
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
-LARGEST_FIGURE = 0.1
+MAX_FIGURE = 0.1
 
 
 def figure(capture: Capture, wavelength_m: float, depth_m: float) -> float:
@@ -42,9 +42,9 @@ def warnings(capture: Capture, wavelength_m: float, grid: VoxelGrid) -> list[str
     """Say if the approximation is poor somewhere in a volume, and from which depth on it is good."""
     near_m = float(grid.z_m[0])
     found = figure(capture, wavelength_m, near_m)
-    if found <= LARGEST_FIGURE:
+    if found <= MAX_FIGURE:
         return []
-    good_m = near_m * (found / LARGEST_FIGURE) ** (1 / 3)
+    good_m = near_m * (found / MAX_FIGURE) ** (1 / 3)
     return [
         f"the Fresnel approximation needs d^4/(4 L^3 lambda) << 1, and it is {found:.2g} at a depth of "
         f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is good from "
@@ -78,17 +78,17 @@ def _chirp(axis: AxisPlan, k: float, z_m: float) -> NDArray[np.complex64]:
     return (dct(wave.real, type=1) + 1j * dct(wave.imag, type=1)).astype(np.complex64)
 
 
-def _focus_slab(task: Task, emitted: Field) -> Iterator[Field]:
-    legs = 2 if task.capture.confocal else 1
-    wall = aperture(task.capture)
-    through = FresnelPropagator(wall, emitted, task.band, task.grid, legs, task.wall_bytes)
-    return by_planes(task, through.focus)
+def _focus_slab(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
+    legs = 2 if problem.capture.confocal else 1
+    wall = aperture(problem.capture)
+    through = FresnelPropagator(wall, emitted, problem.band, problem.grid, legs, problem.wall_bytes)
+    return by_planes(problem, through.focus)
 
 
-def needs(task: Task, part: Slab) -> Need:
+def needs(problem: ImagingProblem, part: Slab) -> Need:
     """Return the memory that a slab takes; raises as `aperture`."""
-    wall = aperture(task.capture)
-    return lattice_needs(task, part, wall.x, wall.y, 2 if task.capture.confocal else 1)
+    wall = aperture(problem.capture)
+    return lattice_needs(problem, part, wall.x, wall.y, 2 if problem.capture.confocal else 1)
 
 
-focus = spectral(_focus_slab, check=lambda task: aperture(task.capture))
+focus = spectral(_focus_slab, check=lambda problem: aperture(problem.capture))

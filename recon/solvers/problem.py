@@ -1,7 +1,7 @@
 """What a solver is given, and the seam that all of them share.
 
-A solver is a function of a task that yields U(v, t) plane by plane, (T, y, x) complex, in order of depth. It
-asks the camera for light, reading times and aperture weights, and never what camera it is.
+A solver is a function of a problem that yields U(v, t) plane by plane, (T, y, x) complex, in order of depth.
+It asks the camera for light, reading times and aperture weights, and never what camera it is.
 """
 
 from collections.abc import Callable, Iterator
@@ -40,7 +40,7 @@ class Need:
 
 
 @dataclass(frozen=True)
-class Task:
+class ImagingProblem:
     """What to image.
 
     Attributes
@@ -90,7 +90,7 @@ class Task:
 
     @property
     def band(self) -> Band:
-        """The frequencies of a task of one slab."""
+        """The frequencies of a problem of one slab."""
         return self.slabs[0].band
 
     @property
@@ -104,4 +104,4 @@ class Task:
         return self.camera.aperture_weights(self.capture.laser_m)
 
 
-Solver = Callable[[Task], Iterator[NDArray[np.complexfloating]]]
+Solver = Callable[[ImagingProblem], Iterator[NDArray[np.complexfloating]]]

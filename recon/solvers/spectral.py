@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 from recon.capture import Capture
 from recon.grid import VoxelGrid
 from recon.sampling import Slab
-from recon.solvers.problem import Solver, Task, part_of
+from recon.solvers.problem import ImagingProblem, Solver, part_of
 from recon.spectrum import spectra
 from recon.wave import Band
 
@@ -103,38 +103,38 @@ def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
 
 
 def spectral(
-    focus_slab: Callable[[Task, Field], Iterator[Field]],
+    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
     dtype: DTypeLike = np.complex64,
-    check: Callable[[Task], object] | None = None,
+    check: Callable[[ImagingProblem], object] | None = None,
 ) -> Solver:
     """Make a solver of what images one slab.
 
     Parameters
     ----------
     focus_slab
-        Called for each slab with a task of it alone and the (F, P) weighted spectra g(omega) a_p
+        Called for each slab with a problem of it alone and the (F, P) weighted spectra g(omega) a_p
         H^(p, omega); yields its planes.
     dtype
         Type of spectra and fields.
     check
-        Called before the record is read; raises if the task cannot be done.
+        Called before the record is read; raises if the problem cannot be done.
     """
 
-    def focus(task: Task) -> Iterator[Field]:
+    def focus(problem: ImagingProblem) -> Iterator[Field]:
         if check:
-            check(task)
-        passes = task.passes or (task.slabs,)
-        work = sum(_work(slab) for slab in task.slabs)
-        missing = deque(len(slab.band) for slab in task.slabs)
+            check(problem)
+        passes = problem.passes or (problem.slabs,)
+        work = sum(_work(slab) for slab in problem.slabs)
+        missing = deque(len(slab.band) for slab in problem.slabs)
         held: list[Field] = []
         done = 0.0
         for pieces in passes:
-            told = part_of(task.progress, done, done := done + READING / len(passes))
-            found = spectra(task.capture, pieces, task.fades, told, dtype)
+            told = part_of(problem.progress, done, done := done + READING / len(passes))
+            found = spectra(problem.capture, pieces, problem.fades, told, dtype)
             for piece in pieces:
-                told = part_of(task.progress, done, done := done + (1 - READING) * _work(piece) / work)
-                voxels = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[piece.planes])
-                part = replace(task, grid=voxels, slabs=(piece,), progress=told)
+                told = part_of(problem.progress, done, done := done + (1 - READING) * _work(piece) / work)
+                voxels = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[piece.planes])
+                part = replace(problem, grid=voxels, slabs=(piece,), progress=told)
                 # Taken out of the list, so that its memory is free when its piece is done.
                 planes = _planes(focus_slab, part, found.pop(0), dtype)
                 missing[0] -= len(piece.band)
@@ -157,9 +157,12 @@ def _work(piece: Slab) -> int:
 
 
 def _planes(
-    focus_slab: Callable[[Task, Field], Iterator[Field]], part: Task, emitted: Field, dtype: DTypeLike
+    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
+    part: ImagingProblem,
+    emitted: Field,
+    dtype: DTypeLike,
 ) -> Iterator[Field]:
-    """Image a task of one slab: darkness, where the record does not reach it."""
+    """Image a problem of one slab: darkness, where the record does not reach it."""
     if not part.slabs[0].reached:
         return (np.zeros((part.frames, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
     emitted *= part.band.weights[:, None]
@@ -167,26 +170,28 @@ def _planes(
     return focus_slab(part, emitted)
 
 
-def by_planes(task: Task, focus: Callable[[float, NDArray[np.float64]], Field]) -> Iterator[Field]:
-    """Image a task of one slab plane by plane.
+def by_planes(
+    problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64]], Field]
+) -> Iterator[Field]:
+    """Image a problem of one slab plane by plane.
 
     Planes are shared out to threads, and come in order, with no more in work than memory is meant for.
 
     Parameters
     ----------
-    task
+    problem
         Its planes.
     focus
         Called with a depth and the moments there, as `Propagator.focus`.
     """
 
     def one_plane(plane: int) -> Field:
-        return focus(float(task.grid.z_m[plane]), task.times_s(plane))
+        return focus(float(problem.grid.z_m[plane]), problem.times_s(plane))
 
-    planes = range(len(task.grid.z_m))
-    frequencies = len(task.band) if task.frames > 1 else 1
-    one = 8 * (frequencies + task.frames) * task.grid.shape[1] * task.grid.shape[2]
-    workers = max(1, min(cpu_count() or 1, task.plane_bytes // (2 * one)))
+    planes = range(len(problem.grid.z_m))
+    frequencies = len(problem.band) if problem.frames > 1 else 1
+    one = 8 * (frequencies + problem.frames) * problem.grid.shape[1] * problem.grid.shape[2]
+    workers = max(1, min(cpu_count() or 1, problem.plane_bytes // (2 * one)))
     with ThreadPoolExecutor(workers) as threads:
         waiting: deque[Future[Field]] = deque()
         unsent = iter(planes)
@@ -195,7 +200,7 @@ def by_planes(task: Task, focus: Callable[[float, NDArray[np.float64]], Field]) 
                 for plane in islice(unsent, 2 * workers + 1 - len(waiting)):
                     waiting.append(threads.submit(one_plane, plane))
                 yield waiting.popleft().result()
-                task.progress((done + 1) / len(planes))
+                problem.progress((done + 1) / len(planes))
         finally:
             for unwanted in waiting:
                 unwanted.cancel()

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from recon.errors import ParameterError
 from recon.sampling import path_limits_m
-from recon.solvers.problem import Task
+from recon.solvers.problem import ImagingProblem
 from recon.wave import VirtualPulse
 
 #: Nodes of the baseband for each sigma_t.
@@ -35,7 +35,7 @@ NODES_PER_SIGMA = 8
 CUT_SIGMAS = 5.0
 
 
-def focus(task: Task) -> Iterator[NDArray[np.complex64]]:
+def focus(problem: ImagingProblem) -> Iterator[NDArray[np.complex64]]:
     """Image a volume: positions may lie anywhere, with one detector spot or one for each.
 
     Yields
@@ -48,16 +48,16 @@ def focus(task: Task) -> Iterator[NDArray[np.complex64]]:
     ParameterError
         If the camera's light is no pulse.
     """
-    if not isinstance(task.light, VirtualPulse):
+    if not isinstance(problem.light, VirtualPulse):
         raise ParameterError(
             "solver backprojection",
-            f"the {task.camera.name} camera",
+            f"the {problem.camera.name} camera",
             "its light is one frequency, an infinitely long pulse, which has no moment at which to read a "
             "histogram",
             "Use the rsd, fresnel or direct solver.",
         )
-    capture, grid, pulse = task.capture, task.grid, task.light
-    shortest_m, longest_m = path_limits_m(capture, grid, task.camera)
+    capture, grid, pulse = problem.capture, problem.grid, problem.light
+    shortest_m, longest_m = path_limits_m(capture, grid, problem.camera)
     spacing_s = pulse.sigma_s / NODES_PER_SIGMA
     begin_s = shortest_m / C_M_PER_S - 2 * spacing_s
     nodes = ceil((longest_m - shortest_m) / C_M_PER_S / spacing_s) + 5
@@ -65,17 +65,17 @@ def focus(task: Task) -> Iterator[NDArray[np.complex64]]:
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     bins = slice(0, capture.bins)
-    end = task.fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
+    end = problem.fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
     for block, counts in capture.histograms.blocks():
         faded = np.array(counts, dtype=np.float32) * end
-        start = task.fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
+        start = problem.fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
         faded[:, : start.shape[1]] *= start
         baseband[block] = _baseband(faded, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
-    baseband *= task.weights.astype(np.float32)[:, None]
+    baseband *= problem.weights.astype(np.float32)[:, None]
     laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
     detector_m = np.ascontiguousarray(capture.detector_m if capture.round_trip else np.empty((0, 3)))
     for index, z_m in enumerate(grid.z_m):
-        times_s = task.times_s(index)
+        times_s = problem.times_s(index)
         fields = np.zeros((len(times_s), *grid.shape[1:]), np.complex64)
         for field, moments_s in zip(fields, times_s, strict=True):
             _project(
@@ -92,7 +92,7 @@ def focus(task: Task) -> Iterator[NDArray[np.complex64]]:
                 field,
             )
         yield fields
-        task.progress((index + 1) / len(grid.z_m))
+        problem.progress((index + 1) / len(grid.z_m))
 
 
 def _baseband(

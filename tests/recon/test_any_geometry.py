@@ -151,10 +151,10 @@ def test_each_frequency_is_the_direct_sum(geometry):
     "camera", [PhotoCamera(), TransientCamera(np.linspace(2e-9, 5e-9, 5))], ids=lambda c: c.name
 )
 def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
-    task = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Fades())
-    task = replace(task, fft=fft)
-    found, wanted = (np.stack(list(planes(task, solver))) for solver in ("rsd", "direct"))
-    assert found.shape == (2, task.frames, 11, 12)
+    problem = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Fades())
+    problem = replace(problem, fft=fft)
+    found, wanted = (np.stack(list(planes(problem, solver))) for solver in ("rsd", "direct"))
+    assert found.shape == (2, problem.frames, 11, 12)
     assert worst(found, wanted) < 1e-3
 
 
@@ -162,10 +162,10 @@ def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
 def test_few_positions_at_a_time_give_the_same(geometry):
     capture, grid = taken(WALLS["curved"], geometry), GRIDS["as the wall"]
     parts = []
-    task = plan(capture, PULSE, grid, ConfocalCamera(), Fades(), parts.append)
-    whole = np.stack(list(planes(task, "rsd")))
+    problem = plan(capture, PULSE, grid, ConfocalCamera(), Fades(), parts.append)
+    whole = np.stack(list(planes(problem, "rsd")))
     parts.clear()
-    cut = np.stack(list(planes(replace(task, working_bytes=10**5), "rsd")))
+    cut = np.stack(list(planes(replace(problem, working_bytes=10**5), "rsd")))
     assert worst(cut, whole) < 1e-5
     assert parts == sorted(parts)
     assert parts[-1] == pytest.approx(1)

@@ -213,11 +213,11 @@ def test_little_memory_gives_the_same_video():
     camera = TransientCamera(np.linspace(1e-9, 4e-9, 13))
     whole = video(capture, PULSE, GRID, camera).intensity
     # a few of the wall's spectra
-    task = replace(plan(capture, PULSE, GRID, camera, Fades()), wall_bytes=3 * 8 * 48 * 40)
+    problem = replace(plan(capture, PULSE, GRID, camera, Fades()), wall_bytes=3 * 8 * 48 * 40)
     with pytest.raises(MemoryBoundError) as refused:
-        bounded(task, "rsd", 1)
+        bounded(problem, "rsd", 1)
     least = int(re.search(r"Allow (\d+) MB", str(refused.value))[1]) * 10**6  # one thread
-    little = (np.abs(np.stack(list(planes(bounded(task, "rsd", least), "rsd")))) ** 2).max(axis=0)
+    little = (np.abs(np.stack(list(planes(bounded(problem, "rsd", least), "rsd")))) ** 2).max(axis=0)
     np.testing.assert_allclose(little, whole, atol=1e-6 * whole.max())
 
 

@@ -167,8 +167,8 @@ def test_moving_wall_and_scene_moves_the_image():
 def test_few_frequencies_at_a_time_give_the_same():
     whole = image(capture(), PULSE, voxels()).field
     parts = []
-    task = plan(capture(), PULSE, voxels(), ConfocalCamera(), Fades(), parts.append)
-    cut = np.concatenate(list(planes(replace(task, wall_bytes=5 * 8 * 48 * 40), "rsd")))
+    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Fades(), parts.append)
+    cut = np.concatenate(list(planes(replace(problem, wall_bytes=5 * 8 * 48 * 40), "rsd")))
     assert worst(cut, whole) < 1e-5
     assert parts == sorted(parts)
     assert parts[-1] == pytest.approx(1)

@@ -26,7 +26,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError, ParameterError
 from recon.grid import VoxelGrid
 from recon.sampling import Slab
-from recon.solvers.problem import Need, Task, part_of
+from recon.solvers.problem import ImagingProblem, Need, part_of
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd import regular as rsd_regular
 from recon.solvers.rsd import tabulated
@@ -74,47 +74,47 @@ class Run:
         return np.sqrt(across + (z_m - self.detector_m[2]) ** 2) / C_M_PER_S
 
 
-def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[Field]:
-    """Image a task of one slab; yield its planes."""
-    runs = planar_runs(task.capture)
-    if task.device != "cpu":
-        return _on_device(task, emitted, runs[0])
-    if _by_fft(task, task.band, task.grid, runs):
-        return _on_lattices(task, emitted, runs)
-    if task.frames == 1:
-        return tabulated.focus_slab(task, emitted)
-    return by_planes(task, TermwisePropagator(task.capture, emitted, task.band, task.grid).focus)
+def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[Field]:
+    """Image a problem of one slab; yield its planes."""
+    runs = planar_runs(problem.capture)
+    if problem.device != "cpu":
+        return _on_device(problem, emitted, runs[0])
+    if _by_fft(problem, problem.band, problem.grid, runs):
+        return _on_lattices(problem, emitted, runs)
+    if problem.frames == 1:
+        return tabulated.focus_slab(problem, emitted)
+    return by_planes(problem, TermwisePropagator(problem.capture, emitted, problem.band, problem.grid).focus)
 
 
-def needs(task: Task, part: Slab) -> Need:
+def needs(problem: ImagingProblem, part: Slab) -> Need:
     """Return the memory that a slab takes, by the way that `focus_slab` goes."""
-    capture, many = task.capture, len(part.band)
+    capture, many = problem.capture, len(part.band)
     runs = planar_runs(capture)
-    planes = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes])
-    if not _by_fft(task, part.band, planes, runs):
-        if task.frames == 1:
-            return tabulated.needs(task, part)
+    planes = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes])
+    if not _by_fft(problem, part.band, planes, runs):
+        if problem.frames == 1:
+            return tabulated.needs(problem, part)
         # term by term, from a copy of the spectra
         return Need(100 * capture.positions, 8 * capture.positions * many, many)
     legs = runs[0].legs
     if regular(capture, runs):
         aperture = recognise(capture.laser_m - [0, 0, runs[0].depth_m])
-        return rsd_regular.needs(task, part, aperture.x, aperture.y, legs)
+        return rsd_regular.needs(problem, part, aperture.x, aperture.y, legs)
     # The lattice over all positions is as large as that of any run.
     x, y = lattice(capture.laser_m, legs, part.band, planes)
-    need = rsd_regular.needs(task, part, x, y, legs)
+    need = rsd_regular.needs(problem, part, x, y, legs)
     taps = 2 * taps_half_width(x.pitch_m * legs * part.band.last_rad_per_s / C_M_PER_S / pi)
     spreading = (TAP_BYTES * taps + 8) * capture.positions
     spread_bytes = 8 * x.count * y.count + 8 * capture.positions
     return Need(need.fixed + spreading, need.least + need.together * spread_bytes, need.together)
 
 
-def _by_fft(task: Task, band: Band, grid: VoxelGrid, runs: Sequence[Run]) -> bool:
+def _by_fft(problem: ImagingProblem, band: Band, grid: VoxelGrid, runs: Sequence[Run]) -> bool:
     """Return whether a slab is imaged on lattices: as asked, else as is quicker."""
-    if task.fft is not None:
-        return task.fft
-    return regular(task.capture, runs) or quicker_on_lattice(
-        runs, task.capture.laser_m, band, grid, task.frames
+    if problem.fft is not None:
+        return problem.fft
+    return regular(problem.capture, runs) or quicker_on_lattice(
+        runs, problem.capture.laser_m, band, grid, problem.frames
     )
 
 
@@ -177,16 +177,18 @@ def lattice(
     )
 
 
-def _put(task: Task, emitted: NDArray[np.complex64], run: Run) -> tuple[Aperture, NDArray[np.complex64]]:
+def _put(
+    problem: ImagingProblem, emitted: NDArray[np.complex64], run: Run
+) -> tuple[Aperture, NDArray[np.complex64]]:
     """Return a run's positions as a lattice and what its points emit: as they are, or spread."""
-    laser_m = task.capture.laser_m
+    laser_m = problem.capture.laser_m
     if len(run.records) < len(laser_m):
         laser_m, emitted = laser_m[run.records], emitted[:, run.records]
     try:
         return recognise(laser_m - [0, 0, run.depth_m]), emitted
     except GeometryError:
-        x, y = lattice(laser_m, run.legs, task.band, task.grid)
-        return spread(laser_m, emitted, x, y, run.legs * task.band.last_rad_per_s / C_M_PER_S)
+        x, y = lattice(laser_m, run.legs, problem.band, problem.grid)
+        return spread(laser_m, emitted, x, y, run.legs * problem.band.last_rad_per_s / C_M_PER_S)
 
 
 def _from(run: Run, grid: VoxelGrid) -> VoxelGrid:
@@ -194,46 +196,50 @@ def _from(run: Run, grid: VoxelGrid) -> VoxelGrid:
     return VoxelGrid(grid.x_m, grid.y_m, grid.z_m - run.depth_m)
 
 
-def _on_lattices(task: Task, emitted: NDArray[np.complex64], runs: Sequence[Run]) -> Iterator[Field]:
+def _on_lattices(
+    problem: ImagingProblem, emitted: NDArray[np.complex64], runs: Sequence[Run]
+) -> Iterator[Field]:
     if len(runs) == 1:
-        yield from by_planes(task, _propagation(task, emitted, runs[0]))
+        yield from by_planes(problem, _propagation(problem, emitted, runs[0]))
         return
-    total: Field = np.zeros((len(task.grid.z_m), 1, *task.grid.shape[1:]), np.complex64)
+    total: Field = np.zeros((len(problem.grid.z_m), 1, *problem.grid.shape[1:]), np.complex64)
     for number, run in enumerate(runs):
-        told = part_of(task.progress, number / len(runs), (number + 1) / len(runs))
-        part = replace(task, progress=told)
-        for sum_, plane in zip(total, by_planes(part, _propagation(task, emitted, run)), strict=True):
+        told = part_of(problem.progress, number / len(runs), (number + 1) / len(runs))
+        part = replace(problem, progress=told)
+        for sum_, plane in zip(total, by_planes(part, _propagation(problem, emitted, run)), strict=True):
             sum_ += plane
     yield from total
 
 
 def _propagation(
-    task: Task, emitted: NDArray[np.complex64], run: Run
+    problem: ImagingProblem, emitted: NDArray[np.complex64], run: Run
 ) -> Callable[[float, NDArray[np.float64]], Field]:
     """Return what focuses a run on a plane at moments that do not hold the run's own leg."""
-    aperture, emitted = _put(task, emitted, run)
+    aperture, emitted = _put(problem, emitted, run)
     through = LatticePropagator(
-        aperture, emitted, task.band, _from(run, task.grid), run.legs, task.wall_bytes
+        aperture, emitted, problem.band, _from(run, problem.grid), run.legs, problem.wall_bytes
     )
-    return lambda z_m, times_s: through.focus(z_m - run.depth_m, times_s + run.leg_s(task.grid, z_m))
+    return lambda z_m, times_s: through.focus(z_m - run.depth_m, times_s + run.leg_s(problem.grid, z_m))
 
 
-def _on_device(task: Task, emitted: NDArray[np.complex64], run: Run) -> Iterator[Field]:
-    aperture, emitted = _put(task, emitted, run)
-    times_s = [task.times_s(plane) + run.leg_s(task.grid, z_m) for plane, z_m in enumerate(task.grid.z_m)]
+def _on_device(problem: ImagingProblem, emitted: NDArray[np.complex64], run: Run) -> Iterator[Field]:
+    aperture, emitted = _put(problem, emitted, run)
+    times_s = [
+        problem.times_s(plane) + run.leg_s(problem.grid, z_m) for plane, z_m in enumerate(problem.grid.z_m)
+    ]
     yield from rsd_array.focus_slab(
         aperture,
         emitted,
-        task.band,
-        _from(run, task.grid),
+        problem.band,
+        _from(run, problem.grid),
         run.legs,
         times_s,
-        task.progress,
-        on=rsd_array.backend(task.device),
+        problem.progress,
+        on=rsd_array.backend(problem.device),
     )[:, None]
 
 
-def check(task: Task) -> None:
+def check(problem: ImagingProblem) -> None:
     """Refuse what a device cannot do.
 
     Raises
@@ -243,29 +249,29 @@ def check(task: Task) -> None:
     GeometryError
         If the positions are not one run on a lattice.
     """
-    if task.device == "cpu":
+    if problem.device == "cpu":
         return
-    rsd_array.backend(task.device)
-    if task.frames > 1:
+    rsd_array.backend(problem.device)
+    if problem.frames > 1:
         raise ParameterError(
-            f"device {task.device}",
-            f"the {task.camera.name} camera",
-            f"it shows {task.frames} frames, and the device makes images of one",
+            f"device {problem.device}",
+            f"the {problem.camera.name} camera",
+            f"it shows {problem.frames} frames, and the device makes images of one",
             "Use the cpu.",
         )
-    runs = planar_runs(task.capture)
+    runs = planar_runs(problem.capture)
     if len(runs) != 1:
         raise GeometryError(
-            f"device {task.device}",
+            f"device {problem.device}",
             "laser positions on one plane, with one detector spot or seen where they are lit",
             f"there are {len(runs)} detector spots on it" if runs else "the wall is not flat",
             "Use the cpu, which takes any geometry.",
         )
-    slab = next(slab for slab in task.slabs if slab.reached)
-    near = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[slab.planes])
-    if not regular(task.capture, runs) and _too_near(runs[0], slab.band, near):
+    slab = next(slab for slab in problem.slabs if slab.reached)
+    near = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[slab.planes])
+    if not regular(problem.capture, runs) and _too_near(runs[0], slab.band, near):
         raise GeometryError(
-            f"device {task.device}",
+            f"device {problem.device}",
             f"a volume from {near.z_m[0]:.3f} m on and positions off an even grid",
             f"that is nearer than {NEAREST_WAVELENGTHS:g} wavelengths",
             "Begin farther away, or use the cpu.",

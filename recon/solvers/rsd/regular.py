@@ -37,7 +37,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import Slab
-from recon.solvers.problem import Need, Task
+from recon.solvers.problem import ImagingProblem, Need
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan, plan_axis
 from recon.solvers.spectral import Field, Propagator
@@ -72,7 +72,7 @@ class LatticePropagator(Propagator):
     legs
         Legs of the path that the kernel stands for: 1, or 2 for confocal data.
     wall_bytes
-        As of `Task`.
+        As of `ImagingProblem`.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class LatticePropagator(Propagator):
         band: Band,
         grid: VoxelGrid,
         legs: int,
-        wall_bytes: int = Task.wall_bytes,
+        wall_bytes: int = ImagingProblem.wall_bytes,
     ) -> None:
         self.band = band
         self._emitted = emitted
@@ -205,9 +205,9 @@ class LatticePropagator(Propagator):
         return self._threads.work
 
 
-def needs(task: Task, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> Need:
+def needs(problem: ImagingProblem, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> Need:
     """Return the memory that imaging a slab from a lattice takes."""
-    grid, many = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes]), len(part.band)
+    grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
     wavenumber = legs * part.band.last_rad_per_s / C_M_PER_S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
@@ -216,9 +216,9 @@ def needs(task: Task, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> 
     thread += 48 * len(grid.y_m) * len(grid.x_m)
     # One wall field is put on its lattice at a time, in two steps where it is spread.
     fixed, wall = (cpu_count() or 1) * thread + 16 * points, 8 * points
-    if task.frames == 1:
+    if problem.frames == 1:
         return Need(24 * grid.size + fixed, wall, 1)
-    return Need(fixed, min(many * wall, task.wall_bytes), many)
+    return Need(fixed, min(many * wall, problem.wall_bytes), many)
 
 
 def aperture(capture: Capture) -> Aperture:

@@ -25,7 +25,7 @@ from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import Slab, path_limits_m
-from recon.solvers.problem import Need, Task
+from recon.solvers.problem import ImagingProblem, Need
 from recon.wave import BAND_SIGMAS, Band
 
 #: Nodes of the table for each sigma_t.
@@ -40,12 +40,12 @@ MIN_POSITIONS = 256
 F32 = NDArray[np.float32]
 
 
-def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
-    """Image a task of one slab and one frame.
+def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """Image a problem of one slab and one frame.
 
     Parameters
     ----------
-    task
+    problem
         Geometry, voxels and the moment at which each is read. Its `working_bytes` bound the tables; more
         positions than fit are taken in turns.
     emitted
@@ -56,8 +56,8 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[n
     ndarray
         (1, y, x) complex64 field U of each plane.
     """
-    capture, band, grid = task.capture, task.band, task.grid
-    begin_m, nodes_per_m, nodes = node_range(capture, band, grid, task.camera)
+    capture, band, grid = problem.capture, problem.band, problem.grid
+    begin_m, nodes_per_m, nodes = node_range(capture, band, grid, problem.camera)
     middle_rad_per_s = (band.first_rad_per_s + band.last_rad_per_s) / 2
     nodes_s = (begin_m + np.arange(nodes) / nodes_per_m) / C_M_PER_S
     phases = np.exp(1j * np.multiply.outer(band.frequencies_rad_per_s - middle_rad_per_s, nodes_s))
@@ -67,7 +67,7 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[n
     lit = capture.laser_m[order].astype(np.float32)
     seen = (capture.detector_m[order] if capture.round_trip else np.empty((0, 3))).astype(np.float32)
     axes = [axis.astype(np.float32) for axis in (grid.z_m, grid.y_m, grid.x_m)]
-    at_once = max(1, min(task.working_bytes, TABLE_BYTES) // (2 * NODE_BYTES * nodes))
+    at_once = max(1, min(problem.working_bytes, TABLE_BYTES) // (2 * NODE_BYTES * nodes))
     field = np.zeros(grid.shape, np.complex64)
     for start in range(0, len(order), at_once):
         part = slice(start, min(start + at_once, len(order)))
@@ -75,7 +75,7 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[n
         table[:, :, 0] = emitted[:, order[part]].T @ phases
         np.subtract(table[:, 1:, 0], table[:, :-1, 0], out=table[:, :-1, 1])
         for plane in range(len(grid.z_m)):
-            read_m = np.broadcast_to(task.times_s(plane)[0] * C_M_PER_S, grid.shape[1:]).astype(np.float32)
+            read_m = np.broadcast_to(problem.times_s(plane)[0] * C_M_PER_S, grid.shape[1:]).astype(np.float32)
             _look_up(
                 table.view(np.float32),
                 lit[part],
@@ -90,16 +90,16 @@ def focus_slab(task: Task, emitted: NDArray[np.complex64]) -> Iterator[NDArray[n
                 field[plane],
             )
             done = start + (plane + 1) / len(grid.z_m) * (part.stop - start)
-            task.progress(done / len(order))
+            problem.progress(done / len(order))
     yield from field[:, None]
 
 
-def needs(task: Task, part: Slab) -> Need:
+def needs(problem: ImagingProblem, part: Slab) -> Need:
     """Return the memory that a slab's tables take."""
-    grid, many = VoxelGrid(task.grid.x_m, task.grid.y_m, task.grid.z_m[part.planes]), len(part.band)
-    nodes = node_range(task.capture, part.band, grid, task.camera)[2]
+    grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
+    nodes = node_range(problem.capture, part.band, grid, problem.camera)[2]
     # The table's phases, with their double-precision halves, belong to the pass's frequencies.
-    fixed = 24 * grid.size + 40 * nodes * many + 100 * task.capture.positions
+    fixed = 24 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
     return Need(fixed, 2 * NODE_BYTES * nodes * MIN_POSITIONS, many)
 
 
