@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
+from rig.files.scan import ScanFile, ScanPass
 from rig.model.config import RigConfig
 from rig.model.quantities import show
 from rig.model.state import RigState
@@ -48,27 +48,35 @@ def _refuse_unsound(scan: ScanFile) -> None:
         )
 
 
-def settings_of(scan: ScanFile) -> RigConfig:
-    """Return the configuration with which a scan was measured.
+def passes_of(scans: Sequence[ScanFile]) -> list[ScanPass]:
+    """Return the passes of all files, in order: it does not matter how many files they are in."""
+    return [one for scan in scans for one in scan.passes()]
+
+
+def settings_of(source: ScanFile | ScanPass) -> RigConfig:
+    """Return the configuration with which a scan, or a pass of it, was measured.
 
     Raises
     ------
     CalibrationError
         If it does not say.
     """
-    if scan.config is None:
-        raise CalibrationError(f"{scan.path} does not say how it was measured: give files of this program")
-    return scan.config
+    if source.config is None:
+        name = source.label if isinstance(source, ScanPass) else source.path
+        raise CalibrationError(f"{name} does not say how it was measured: give files of this program")
+    return source.config
 
 
-def counts_of(scan: ScanFile) -> NDArray[np.float64]:
-    """Return (positions, bins) counts; calibrations have few positions."""
-    return np.concatenate([counts for _, counts in scan.capture().histograms.blocks()]).astype(np.float64)
+def counts_of(source: ScanFile | ScanPass) -> NDArray[np.float64]:
+    """Return (steps, bins) counts of the one channel; calibrations have few steps."""
+    counts = source.counts if isinstance(source, ScanPass) else source.counts(range(source.steps))
+    measured = slice(None) if isinstance(source, ScanPass) else source.done
+    return np.asarray(counts[measured, 0], dtype=np.float64)
 
 
-def live_s(scan: ScanFile) -> float:
-    """Return the measurement time of all positions together [s]."""
-    return float(scan.live_time_s.astype(np.float64).sum())
+def live_s(source: ScanFile | ScanPass) -> float:
+    """Return the measurement time of all steps together [s]."""
+    return float(source.live_time_s.astype(np.float64).sum())
 
 
 def period_s(config: RigConfig) -> float:
@@ -76,12 +84,12 @@ def period_s(config: RigConfig) -> float:
     return RigState(config).sync_period_s
 
 
-def hold_off_s(scan: ScanFile) -> float:
+def hold_off_s(one: ScanPass) -> float:
     """Return the detector's hold-off, as it said itself [s]."""
-    return float(scan.devices.get("spad", {}).get("hold_off_s", settings_of(scan).detector.hold_off_s))
+    return float(one.devices.get("spad", {}).get("hold_off_s", settings_of(one).detector.hold_off_s))
 
 
-def refuse_saturated(scan: ScanFile, rate_hz: float) -> None:
+def refuse_saturated(one: ScanPass, rate_hz: float) -> None:
     """Refuse light that keeps the detector off for half of the time: the corrections for it grow too large.
 
     Raises
@@ -89,9 +97,9 @@ def refuse_saturated(scan: ScanFile, rate_hz: float) -> None:
     CalibrationError
         If ``rate_hz`` detections a second do.
     """
-    off = rate_hz * hold_off_s(scan)
+    off = rate_hz * hold_off_s(one)
     if off > 0.5:
         raise CalibrationError(
-            f"{scan.path}: {show(rate_hz, 'Hz')} keep the detector off for {100 * off:.0f} % of the time: it "
+            f"{one.label}: {show(rate_hz, 'Hz')} keep the detector off for {100 * off:.0f} % of the time: it "
             "is saturated. Attenuate the light and measure again"
         )

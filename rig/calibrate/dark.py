@@ -14,11 +14,13 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
+from rig.calibrate import require
 from rig.calibrate.afterpulses import Record, fitted, fitted_alone
 from rig.calibrate.counts import (
     counts_of,
     hold_off_s,
     live_s,
+    passes_of,
     period_s,
     refuse_saturated,
     settings_of,
@@ -26,12 +28,12 @@ from rig.calibrate.counts import (
 )
 from rig.calibrate.routine import changed, origin
 from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
+from rig.files.scan import ScanPass
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import DarkRates
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
-from rig.model.plan import ScanPlan
+from rig.model.plan import Pass, ScanPlan, Spots
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -41,6 +43,8 @@ LEAST_COUNTS = 50
 NO_CHANCE = 5.0
 #: Parts of a measurement, whose rates must agree.
 PARTS = 10
+#: Where the laser lights the wall meanwhile, if it is not blocked.
+ASIDE_M = (-0.045, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -93,40 +97,41 @@ class DarkRoutine:
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Count in the dark, in the room's light, and after the laser's pulses at each hold-off."""
-        config = state.config
-        steps = [
-            (Preparation.COVER, config.detector.hold_off_s, self.dark_s, "covered"),
-            (Preparation.BLOCK, config.detector.hold_off_s, self.ambient_s, "uncovered"),
+        passes = [
+            self._pass("covered", self.dark_s, Preparation.COVER),
+            self._pass("uncovered", self.ambient_s, Preparation.BLOCK),
         ]
         for hold_s in self.hold_offs_s:
-            steps.append((Preparation.ATTENUATE, hold_s, self.afterpulse_s, f"pulsed-{hold_s * 1e9:.0f}ns"))
-        files: list[Path] = []
-        prepared = None
-        for preparation, hold_s, exposure_s, name in steps:
-            if preparation is not prepared:
-                station.operator.prepare(preparation)
-                prepared = preparation
-            station.devices.spad.set_hold_off(hold_s)
-            plan = ScanPlan.grid(
-                config, columns=PARTS, rows=1, exposure_s=max(round(exposure_s / PARTS, 3), 1e-3), skip_m=0.0
-            )
-            path = folder / f"dark-{len(files)}-{name}.h5"
-            held = RigState(changed(config, detector={"hold_off_s": hold_s}))
-            record(plan, held, station.devices, path, watch)
-            files.append(path)
-            if watch.should_stop():
-                break
-        return files
+            name = f"pulsed, hold-off {show(hold_s, 's')}"
+            passes.append(self._pass(name, self.afterpulse_s, Preparation.ATTENUATE, hold_s))
+        path = folder / "dark.h5"
+        plan = ScanPlan(passes=tuple(passes))
+        record(plan, state.nominal, station.devices, path, watch, station.operator)
+        return [path]
+
+    def _pass(
+        self, name: str, exposure_s: float, preparation: Preparation, hold_s: float | None = None
+    ) -> Pass:
+        """Return `PARTS` exposures at one spot beside the wall's centre."""
+        return Pass(
+            name=name,
+            positions=Spots(spots=(ASIDE_M,)),
+            frames=PARTS,
+            exposure_s=max(round(exposure_s / PARTS, 3), 1e-3),
+            preparation=preparation,
+            hold_off_s=hold_s,
+        )
 
     def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
-        """Return rates and afterpulses; files in the order in which they are measured."""
-        if len(files) < 3:
-            raise CalibrationError(
-                f"{len(files)} of at least 3 files were given: first the one with the lens covered, then "
-                "uncovered with the beam blocked, then at least one with the attenuated beam"
-            )
+        """Return rates and afterpulses; passes in the order in which they are measured."""
         with sound_scans(files) as scans:
-            covered, uncovered, *pulsed = scans
+            passes = passes_of(scans)
+            require(
+                len(passes) >= 3,
+                f"{len(passes)} of at least 3 measurements were given: first the one with the lens covered, "
+                "then uncovered with the beam blocked, then at least one with the attenuated beam",
+            )
+            covered, uncovered, *pulsed = passes
             after = fitted([_record(scan) for scan in pulsed])
             alone = [fitted_alone(_record(scan), after.decay_s) for scan in pulsed]
             dark, both = (_steady(scan, after.outlasting) for scan in (covered, uncovered))
@@ -143,7 +148,7 @@ class DarkRoutine:
                 afterpulse_decay_s=after.decay_s if after.seen else None,
                 afterpulse_decay_error_s=after.decay_error_s if after.seen else None,
                 chi2_per_bin=after.chi2_per_bin,
-                hold_off_s=[hold_off_s(scan) for scan in pulsed],
+                hold_off_s=[hold_off_s(one) for one in pulsed],
                 after_hold_off=[one[0] for one in alone],
                 after_hold_off_error=[one[1] for one in alone],
             )
@@ -154,78 +159,80 @@ class DarkRoutine:
 
         assert isinstance(calibration, DarkRates)
         with sound_scans(files) as scans:
-            rates = [counts_of(scan).sum(axis=1) / scan.live_time_s for scan in scans[:2]]
-            return dark_figure(rates, [_record(scan) for scan in scans[2:]], calibration)
+            passes = passes_of(scans)
+            rates = [counts_of(one).sum(axis=1) / one.live_time_s for one in passes[:2]]
+            return dark_figure(rates, [_record(one) for one in passes[2:]], calibration)
 
 
-def _record(scan: ScanFile) -> Record:
+def _record(one: ScanPass) -> Record:
     """Return what the fit of afterpulses needs of a file with the attenuated beam."""
-    _refuse_gated(scan)
-    settings = settings_of(scan)
-    counts = counts_of(scan).sum(axis=0)
-    refuse_saturated(scan, float(counts.sum()) / live_s(scan))
-    pulses = live_s(scan) / period_s(settings)
-    return Record(str(scan.path), counts, scan.bin_width_s, period_s(settings), pulses, hold_off_s(scan))
+    _refuse_gated(one)
+    settings = settings_of(one)
+    counts = counts_of(one).sum(axis=0)
+    refuse_saturated(one, float(counts.sum()) / live_s(one))
+    pulses = live_s(one) / period_s(settings)
+    return Record(one.label, counts, one.time_axis[1], period_s(settings), pulses, hold_off_s(one))
 
 
-def _steady(scan: ScanFile, outlasting: Callable[[float], float]) -> Rate:
+def _steady(one: ScanPass, outlasting: Callable[[float], float]) -> Rate:
     """Return the rate of a steady light, after refusing what is none."""
-    _refuse_gated(scan)
-    counts = counts_of(scan)
-    total, live = float(counts.sum()), live_s(scan)
+    _refuse_gated(one)
+    counts = counts_of(one)
+    total, live = float(counts.sum()), live_s(one)
     if total < LEAST_COUNTS:
         raise CalibrationError(
-            f"{scan.path} has {total:.0f} counts, {LEAST_COUNTS} are the least: measure longer, and check "
+            f"{one.label} has {total:.0f} counts, {LEAST_COUNTS} are the least: measure longer, and check "
             "that the detector is on"
         )
     seen_hz = total / live
-    refuse_saturated(scan, seen_hz)
-    _refuse_unsteady(scan, counts.sum(axis=1))
-    _refuse_pulsed(scan, counts.sum(axis=0))
-    ready_hz = seen_hz / (1 - seen_hz * hold_off_s(scan))
-    light_hz = ready_hz * (1 - outlasting(hold_off_s(scan)))
+    refuse_saturated(one, seen_hz)
+    _refuse_unsteady(one, counts.sum(axis=1))
+    _refuse_pulsed(one, counts.sum(axis=0))
+    ready_hz = seen_hz / (1 - seen_hz * hold_off_s(one))
+    light_hz = ready_hz * (1 - outlasting(hold_off_s(one)))
     return Rate(light_hz, light_hz / np.sqrt(total))  # the hold-off thins counts and their noise alike
 
 
-def _ambient(dark: Rate, both: Rate, covered: ScanFile, uncovered: ScanFile) -> Rate:
+def _ambient(dark: Rate, both: Rate, covered: ScanPass, uncovered: ScanPass) -> Rate:
     ambient = Rate(both.hz - dark.hz, float(np.hypot(both.error_hz, dark.error_hz)))
     if ambient.hz < 3 * ambient.error_hz:
         raise CalibrationError(
-            f"{covered.path} has {show(dark.hz, 'Hz')} and {uncovered.path} {show(both.hz, 'Hz')}: covering "
-            "the lens makes no difference. Either it was not covered, or a light was on meanwhile, or the "
-            "files are not in the order covered, uncovered. In a room without any light leave a weak one on"
+            f"{covered.label} has {show(dark.hz, 'Hz')} and {uncovered.label} {show(both.hz, 'Hz')}: "
+            "covering the lens makes no difference. Either it was not covered, or a light was on meanwhile, "
+            "or the order was not covered, uncovered. In a room without any light leave a weak one on"
         )
     return ambient
 
 
-def _refuse_gated(scan: ScanFile) -> None:
-    if settings_of(scan).detector.gated:
+def _refuse_gated(one: ScanPass) -> None:
+    if settings_of(one).detector.gated:
         raise CalibrationError(
-            f"{scan.path} was measured through the gate: let the detector run freely (spad.gated = false)"
+            f"{one.label} was measured through the gate: let the detector run freely (spad.gated = false)"
         )
-    end_s = scan.first_bin_s + scan.bins * scan.bin_width_s
-    if scan.first_bin_s > 0 or end_s < period_s(settings_of(scan)) * (1 - 1e-9):
+    bins, width_s, first_s = one.time_axis
+    end_s = first_s + bins * width_s
+    if first_s > 0 or end_s < period_s(settings_of(one)) * (1 - 1e-9):
         raise CalibrationError(
-            f"{scan.path} has bins from {show(scan.first_bin_s, 's')} to {show(end_s, 's')}, which is not "
-            f"the whole time of {show(period_s(settings_of(scan)), 's')} between pulses: choose offset 0 and "
+            f"{one.label} has bins from {show(first_s, 's')} to {show(end_s, 's')}, which is not "
+            f"the whole time of {show(period_s(settings_of(one)), 's')} between pulses: choose offset 0 and "
             "wider bins"
         )
 
 
-def _refuse_unsteady(scan: ScanFile, parts: np.ndarray) -> None:
+def _refuse_unsteady(one: ScanPass, parts: np.ndarray) -> None:
     """Refuse rates that change from part to part: somebody switched a light or lifted the cover."""
-    expected = parts.sum() * scan.live_time_s / live_s(scan)
+    expected = parts.sum() * one.live_time_s / live_s(one)
     off = (parts - expected) / np.sqrt(expected)
     if np.abs(off).max() > NO_CHANCE:
         part = int(np.abs(off).argmax())
         raise CalibrationError(
-            f"{scan.path}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, "
+            f"{one.label}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, "
             f"{expected[part]:.0f} are due as in the others: a light went on or off, or the cover moved. "
             "Keep the light as it is and measure again"
         )
 
 
-def _refuse_pulsed(scan: ScanFile, counts: np.ndarray) -> None:
+def _refuse_pulsed(one: ScanPass, counts: np.ndarray) -> None:
     """Refuse counts that follow the laser's pulses: the beam was not blocked."""
     parts = 100
     each = np.bincount(np.arange(len(counts)) * parts // len(counts), counts, parts)
@@ -233,8 +240,9 @@ def _refuse_pulsed(scan: ScanFile, counts: np.ndarray) -> None:
     expected = counts.sum() * share
     off = (each - expected) / np.sqrt(np.maximum(expected, 1))
     if off.max() > NO_CHANCE + 2:
-        at_s = scan.first_bin_s + (off.argmax() + 0.5) / parts * len(counts) * scan.bin_width_s
+        _, width_s, first_s = one.time_axis
+        at_s = first_s + (off.argmax() + 0.5) / parts * len(counts) * width_s
         raise CalibrationError(
-            f"{scan.path}: counts come in step with the laser, most of them {show(at_s, 's')} after its "
+            f"{one.label}: counts come in step with the laser, most of them {show(at_s, 's')} after its "
             "pulse. Block the beam and measure again"
         )

@@ -18,7 +18,15 @@ from scipy.stats import norm
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
-from rig.calibrate.counts import counts_of, live_s, period_s, refuse_saturated, settings_of, sound_scans
+from rig.calibrate.counts import (
+    counts_of,
+    live_s,
+    passes_of,
+    period_s,
+    refuse_saturated,
+    settings_of,
+    sound_scans,
+)
 from rig.calibrate.routine import changed, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
@@ -26,7 +34,7 @@ from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import BinWidths
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
-from rig.model.plan import ScanPlan
+from rig.model.plan import Pass, ScanPlan, Spots
 from rig.model.state import RigState
 
 #: Fewer counts a bin say nothing: their noise of 10 % is far above any instrument's non-linearity.
@@ -57,11 +65,15 @@ class DnlRoutine:
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Count a steady lamp."""
-        station.operator.prepare(Preparation.LAMP)
-        each_s = max(round(self.exposure_s / self.exposures, 3), 1e-3)
-        plan = ScanPlan.grid(state.config, columns=self.exposures, rows=1, exposure_s=each_s, skip_m=0.0)
-        path = folder / "dnl-lamp.h5"
-        record(plan, state.nominal, station.devices, path, watch)
+        lamp = Pass(
+            name="lamp",
+            positions=Spots(spots=((0.0, 0.0, 0.0),)),
+            frames=self.exposures,
+            exposure_s=max(round(self.exposure_s / self.exposures, 3), 1e-3),
+            preparation=Preparation.LAMP,
+        )
+        path = folder / "dnl.h5"
+        record(ScanPlan(passes=(lamp,)), state.nominal, station.devices, path, watch, station.operator)
         return [path]
 
     def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
@@ -124,7 +136,7 @@ def _counts(scan: ScanFile, first: ScanFile) -> NDArray[np.float64]:
         raise CalibrationError(f"{scan.path} has other bins than {first.path}: give files with the same bins")
     counts = counts_of(scan).sum(axis=0)
     part = _covered(scan).sum() * scan.bin_width_s / period_s(settings_of(scan))
-    refuse_saturated(scan, float(counts.sum()) / live_s(scan) / part)
+    refuse_saturated(passes_of([scan])[0], float(counts.sum()) / live_s(scan) / part)
     return counts
 
 

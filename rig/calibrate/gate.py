@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
-from rig.calibrate.counts import sound_scans
+from rig.calibrate.counts import passes_of, sound_scans
 from rig.calibrate.gate_edge import MIDDLE, Edge
 from rig.calibrate.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
 from rig.calibrate.peaks import FWHM_PER_SIGMA
@@ -27,7 +27,7 @@ from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
-from rig.model.plan import ScanPlan
+from rig.model.plan import Pass, ScanPlan
 from rig.model.quantities import show, show_length
 from rig.model.state import RigState
 
@@ -88,36 +88,28 @@ class GateRoutine:
         )
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
-        """Measure with the gate wide open, then at each delay."""
-        station.operator.prepare(Preparation.ATTENUATE)
-        config = state.config
+        """Measure with the gate wide open, and then at each delay about the arrivals that this shows."""
         # an earlier opening must not be set again
-        others = state.calibrations.without(GateOpening.kind)
-        plan = self._plan(config)
+        state = RigState(state.config, state.calibrations.without(GateOpening.kind))
+        grid = self._plan(state.config).passes[0]
+        files = [folder / "gate-open.h5", folder / "gate-sweep.h5"]
 
-        def scan(name: str, delay_s: float, width_s: float) -> Path:
-            station.devices.spad.set_gate(delay_s, width_s)
-            path = folder / name
-            gate = {"gate_delay_s": delay_s, "gate_width_s": width_s}
-            opened = RigState(changed(config, detector=gate), others)
-            record(plan, opened, station.devices, path, watch)
-            return path
+        def scan(path: Path, passes: list[Pass]) -> None:
+            record(ScanPlan(passes=tuple(passes)), state, station.devices, path, watch, station.operator)
 
-        files = [scan("gate-open.h5", config.detector.gate_delay_s, config.detector.gate_width_s)]
+        scan(files[0], [_with_gate(grid, "open", state.config.detector.gate_width_s, 0.0)])
         if watch.should_stop():
-            return files
+            return files[:1]
         with ScanFile(files[0]) as wide:
-            arrival_s = arrivals(wide)[0]
-        for number, delay_s in enumerate(self._delays_s(arrival_s)):
-            files.append(scan(f"gate-{number:02d}-{delay_s * 1e12:.0f}ps.h5", delay_s, CLOSED_S))
-            if watch.should_stop():
-                break
+            arrival_s = arrivals(wide.passes()[0])[0]
+        delays_s = self._delays_s(arrival_s)
+        scan(files[1], [_with_gate(grid, show(delay_s, "s", 5), CLOSED_S, delay_s) for delay_s in delays_s])
         return files
 
     def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
         """Return the opening; the file with the widest gate says what passes it when it is open."""
         with sound_scans(files) as scans:
-            sweep = read_sweep(scans, self.sigma_s)
+            sweep = read_sweep(passes_of(scans), self.sigma_s)
             about = origin(GateOpening, scans)
         config, legs, edge = state.config, state.delays, sweep.edge
         spot_m = state.channels[0].spot_m
@@ -166,7 +158,7 @@ class GateRoutine:
 
         assert isinstance(calibration, GateOpening)
         with sound_scans(files) as scans:
-            return gate_figure(read_sweep(scans, self.sigma_s), calibration)
+            return gate_figure(read_sweep(passes_of(scans), self.sigma_s), calibration)
 
     def _plan(self, config: RigConfig) -> ScanPlan:
         """Return as coarse a grid as was asked for over the scan's, no larger than it."""
@@ -184,6 +176,12 @@ class GateRoutine:
         return [
             round(delay_s, 12) for delay_s in np.arange(first_s, last_s + self.step_s, self.step_s).tolist()
         ]
+
+
+def _with_gate(one: Pass, name: str, width_s: float, delay_s: float) -> Pass:
+    """Return a pass with the attenuated beam through a gate."""
+    changes = {"name": name, "gate_s": (delay_s, width_s), "preparation": Preparation.ATTENUATE}
+    return one.model_copy(update=changes)
 
 
 def _width_s(config: RigConfig, edge: Edge, delay_s: float, first_arrival_s: float) -> float:

@@ -10,7 +10,7 @@ from recon.capture import C_M_PER_S
 from rig.calibrate.counts import counts_of, period_s, settings_of
 from rig.calibrate.gate_edge import Edge, fit_edge
 from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
+from rig.files.scan import ScanPass
 from rig.model.delays import PathDelays
 from rig.model.quantities import show
 
@@ -66,7 +66,7 @@ class Sweep:
         return self.delays_s[:, None] - self.arrival_s
 
 
-def arrivals(wide: ScanFile) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def arrivals(wide: ScanPass) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return (P,) arrivals of first bounces in the file's time, their errors, and their counts.
 
     Raises
@@ -79,11 +79,11 @@ def arrivals(wide: ScanFile) -> tuple[NDArray[np.float64], NDArray[np.float64], 
     crowd = float(np.median(histograms.sum(axis=1) / pulses))
     if crowd > CROWDED:
         raise CalibrationError(
-            f"{wide.path}: {crowd:.2f} detections a pulse through the open gate, so the first hide the "
+            f"{wide.label}: {crowd:.2f} detections a pulse through the open gate, so the first hide the "
             f"others (saturated; {CROWDED:g} are the most). Attenuate the beam more and measure again"
         )
     centres_s = _centres_s(wide)
-    size = max(round(100e-12 / wide.bin_width_s), 1)
+    size = max(round(100e-12 / wide.time_axis[1]), 1)
     smooth = np.apply_along_axis(np.convolve, 1, histograms, np.ones(size), "same")
     peak_s = centres_s[smooth.argmax(axis=1)]
     for _ in range(5):
@@ -95,7 +95,7 @@ def arrivals(wide: ScanFile) -> tuple[NDArray[np.float64], NDArray[np.float64], 
     if whole.min() < LEAST_COUNTS:
         position = int(whole.argmin())
         raise CalibrationError(
-            f"{wide.path}: only {whole[position]:.0f} counts of the first bounce through the open gate at "
+            f"{wide.label}: only {whole[position]:.0f} counts of the first bounce through the open gate at "
             f"position {position}, {LEAST_COUNTS} are the least: expose longer, attenuate less, or check "
             "that the beam is not blocked"
         )
@@ -109,8 +109,8 @@ def first_bounce_counts(
     return (histograms * (np.abs(centres_s - arrival_s[:, None]) < ABOUT_S)).sum(axis=1)
 
 
-def read_sweep(scans: Sequence[ScanFile], sigma_s: float) -> Sweep:
-    """Read a sweep, whatever the order of its files, and fit its edge.
+def read_sweep(scans: Sequence[ScanPass], sigma_s: float) -> Sweep:
+    """Read a sweep, whatever the order of its passes, and fit its edge.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def read_sweep(scans: Sequence[ScanFile], sigma_s: float) -> Sweep:
     wide, others = scans[widest], [scan for i, scan in enumerate(scans) if i != widest]
     if len(others) < 5:
         raise CalibrationError(
-            f"{wide.path} and {len(others)} others: a sweep is one file with the gate wide open and five or "
+            f"{wide.label} and {len(others)} others: a sweep is one pass with the gate wide open and five or "
             "more at other delays"
         )
     delays_s = np.array([delay_s for i, (delay_s, _) in enumerate(gates) if i != widest])
@@ -139,15 +139,15 @@ def read_sweep(scans: Sequence[ScanFile], sigma_s: float) -> Sweep:
     for scan in others:
         if scan.laser_m.shape != wide.laser_m.shape or not np.allclose(scan.laser_m, wide.laser_m):
             raise CalibrationError(
-                f"{scan.path} has other positions than {wide.path}: give files of one sweep"
+                f"{scan.label} has other positions than {wide.label}: give files of one sweep"
             )
-        if (scan.bins, scan.bin_width_s, scan.first_bin_s) != (wide.bins, wide.bin_width_s, wide.first_bin_s):
-            raise CalibrationError(f"{scan.path} has other bins than {wide.path}: give files of one sweep")
+        if scan.time_axis != wide.time_axis:
+            raise CalibrationError(f"{scan.label} has other bins than {wide.label}: give files of one sweep")
         counts = first_bounce_counts(counts_of(scan), centres_s, arrival_s)
         part.append(counts / scan.live_time_s / (open_counts / wide.live_time_s))
     order = np.argsort(delays_s)
     parts, delays_s = np.array(part)[order], delays_s[order]
-    failed, edge = _edge(str(wide.path), delays_s, parts, arrival_s, open_counts, sigma_s)
+    failed, edge = _edge(wide.label, delays_s, parts, arrival_s, open_counts, sigma_s)
     return Sweep(wide.laser_m, arrival_s, error_s, delays_s, parts, open_counts, failed, edge)
 
 
@@ -206,17 +206,18 @@ def _powers(spots_m: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
     return np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
 
 
-def _centres_s(scan: ScanFile) -> NDArray[np.float64]:
+def _centres_s(scan: ScanPass) -> NDArray[np.float64]:
     """Return (bins,) times in the file's time."""
-    return np.asarray(scan.first_bin_s + (np.arange(scan.bins) + 0.5) * scan.bin_width_s, dtype=float)
+    bins, width_s, first_s = scan.time_axis
+    return np.asarray(first_s + (np.arange(bins) + 0.5) * width_s, dtype=float)
 
 
-def _gate(scan: ScanFile) -> tuple[float, float]:
+def _gate(scan: ScanPass) -> tuple[float, float]:
     """Return delay and width of the gate, as the detector said itself."""
     settings = settings_of(scan).detector
     if not settings.gated:
         raise CalibrationError(
-            f"{scan.path} was measured without the gate: give files of a sweep of its delay"
+            f"{scan.label} was measured without the gate: give files of a sweep of its delay"
         )
     said = scan.devices.get("spad", {})
     delay_s, width_s = (

@@ -54,6 +54,30 @@ class ScanPass:
     devices: Mapping[str, Settings]
 
     @property
+    def label(self) -> str:
+        """File and pass, for messages."""
+        alone = len(self.steps) == self.scan.steps
+        return str(self.scan.path) if alone or self.asked is None else f"{self.scan.path} ({self.asked.name})"
+
+    @property
+    def config(self) -> RigConfig | None:
+        """The configuration as it was set for this pass; None where the file does not say."""
+        config, asked = self.scan.config, self.asked
+        if config is None or asked is None:
+            return config
+        changes: dict[str, float] = {}
+        if asked.gate_s is not None:
+            changes |= {"gate_delay_s": asked.gate_s[0], "gate_width_s": asked.gate_s[1]}
+        if asked.hold_off_s is not None:
+            changes["hold_off_s"] = asked.hold_off_s
+        return config.model_copy(update={"detector": config.detector.model_copy(update=changes)})
+
+    @property
+    def time_axis(self) -> tuple[int, float, float]:
+        """Number and width of the bins, and the left edge of the first, in the file's time."""
+        return self.scan.bins, self.scan.bin_width_s, self.scan.first_bin_s
+
+    @property
     def counts(self) -> NDArray:
         """(steps, channels, bins) counts, read now; for the few steps of a calibration."""
         return self.scan.counts(self.steps)

@@ -16,6 +16,7 @@ from rig.calibrate.gate_sweep import nearest_after_s
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
+from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
@@ -140,14 +141,34 @@ def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):
         GateRoutine(columns=6, nearest_m=0.01).fit(files, RigState(config))
 
 
-def test_a_sweep_that_misses_the_edge_is_refused(sweep):
+def part_of(path, kept, target):
+    """Write a scan file that holds some of the passes of another."""
+    with ScanFile(path) as scan:
+        passes = scan.passes()[kept]
+        plan = ScanPlan(passes=tuple(one.asked for one in passes))
+        description = ScanDescription(
+            plan.spots_m, scan.detector_m, *passes[0].time_axis, plan=plan, state=scan.state, simulated=True
+        )
+        with ScanWriter.create(target, description) as writer:
+            for number, one in enumerate(passes):
+                writer.record_devices(one.devices, number)
+                for counts, live_s in zip(one.counts, one.live_time_s, strict=True):
+                    writer.append(counts, live_s)
+    return target
+
+
+def test_a_sweep_that_misses_the_edge_is_refused(sweep, tmp_path):
     config, files = sweep
-    with pytest.raises(CalibrationError, match="does not reach the gate's edge"):
-        ROUTINE.fit(files[:8], RigState(config))
-    with pytest.raises(CalibrationError, match="does not show the gate's edge"):
-        ROUTINE.fit([files[0], *files[-5:]], RigState(config))
-    with pytest.raises(CalibrationError, match="five or more at other delays"):
-        ROUTINE.fit(files[:4], RigState(config))
+    wide, whole = files
+    cases = (
+        (slice(7), "does not reach the gate's edge"),
+        (slice(-5, None), "does not show the gate's edge"),
+        (slice(3), "five or more at other delays"),
+    )
+    for number, (kept, reason) in enumerate(cases):
+        part = part_of(whole, kept, tmp_path / f"{number}.h5")
+        with pytest.raises(CalibrationError, match=reason):
+            ROUTINE.fit([wide, part], RigState(config))
 
 
 def test_the_command_fits_a_recorded_sweep(sweep, rig, tmp_path):
