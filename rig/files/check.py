@@ -162,6 +162,8 @@ def _wrong_object(place: Any, entry: Entry, sizes: dict[str, int]) -> str:
 
 
 def _shape_fits(shape: tuple[int, ...], wanted: tuple[int | str, ...], sizes: dict[str, int]) -> bool:
+    if wanted == ("any",):
+        return len(shape) == 1
     if wanted and wanted[0] == "...":
         wanted = wanted[1:]
         shape = shape[-len(wanted) :]

@@ -146,6 +146,10 @@ SCAN: Layout = {
     ),
     "/calibration": Entry("group", "the calibrations that the scan used, one dataset for each kind"),
     "/calibration/*": Entry("document", "the calibration as it was stored, with its own digest", ()),
+    "/calibration_data": Entry("group", "numbers of calibrations that are too many for text"),
+    "/calibration_data/*": Entry(
+        "float", "one field of a calibration, named KIND.FIELD; its digest is in the text", ("any",)
+    ),
     "/transients": Entry("group", "photons of each step and channel over time", required=True),
     "/transients@bin_width_s": Entry("number", "width of a bin [s]", required=True),
     "/transients@first_bin_s": Entry("number", "left edge of bin 0 [s]", required=True),
@@ -195,9 +199,15 @@ SCAN: Layout = {
     "/stop@warnings": Entry("json", "list of what went less than well, as plain sentences"),
 }
 
+_NEW_IN_2 = ("/channels", "/passes", "/calibration_data")
+
 #: What is otherwise in a scan file of version 1: one channel, which has no axis, and positions for steps.
 SCAN_1: Layout = {
-    **{path: entry for path, entry in SCAN.items() if not path.startswith(("/channels", "/passes"))},
+    **{
+        path: entry
+        for path, entry in SCAN.items()
+        if not path.startswith(("/channels", "/passes", "/calibration_data"))
+    },
     "/geometry/detector_m": Entry(
         "float",
         "spot that the detector sees [m]: one for all, or one for each position",

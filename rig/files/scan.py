@@ -354,7 +354,9 @@ class ScanFile:
         with reading(self.path):
             group = self._file.get("calibration", {})
             documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
-        return recorded_calibrations(documents, self.path)
+            beside = self._file.get("calibration_data", {})
+            arrays = {name: dataset[()] for name, dataset in beside.items()}
+        return recorded_calibrations(documents, arrays, self.path)
 
     def passes(self) -> list[ScanPass]:
         """Return the passes of the plan; a file without a plan is one.

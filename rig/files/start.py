@@ -56,6 +56,8 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
         calibrations = file.create_group("calibration")
         for kind, document in documents.items():
             calibrations[kind] = document
+    for name, array in (description.state.calibrations.arrays() if description.state else {}).items():
+        file.require_group("calibration_data")[name] = np.asarray(array, "<f8")
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
     transients.attrs["bins"] = bins

@@ -11,11 +11,13 @@ from rig.acquire.acquisition import Watch
 from rig.calibrate.dnl import DnlRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
-from rig.errors import CalibrationError
-from rig.files import ScanFile
+from rig.errors import CalibrationError, DataFileError
+from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.image.even_bins import corrected
-from rig.model.calibrations.base import Calibration
-from rig.model.calibrations.store import parse
+from rig.model.calibrations.base import Calibration, digest
+from rig.model.calibrations.chosen import Calibrations
+from rig.model.calibrations.store import CalibrationStore, read
+from rig.model.config import built_in
 from rig.model.state import RigState
 
 BINS = 2000
@@ -82,7 +84,7 @@ def test_the_simulated_rig_is_measured_and_the_command_stores_it(tmp_path, rig):
     assert told["nonlinearity"] == pytest.approx(0.0128, abs=0.006)
     assert told["kept"] > 0.05
     stored = next((tmp_path / "calibrations").glob("dnl-*.json"))
-    found = parse(stored.read_text())
+    found = read(stored)
     assert found.widths.shape == (290,)
     # the sync period ends 72 ns after the first bin's edge: 281 whole bins, of which three may reach over it
     assert [width is None for width in found.measured] == [False] * 278 + [True] * 12
@@ -177,3 +179,40 @@ def test_files_are_added_only_where_their_bins_agree(tmp_path):
     other = write_counts(tmp_path / "later.h5", lamp(rng), later, exposure_s=1000.0)
     with pytest.raises(CalibrationError, match="other bins"):
         DnlRoutine().fit([*files, other], RigState(config))
+
+
+def test_widths_are_kept_beside_the_text_and_in_scans_and_come_back_whole(tmp_path):
+    found = calibrated(tmp_path, lamp())
+    assert len(found.document()) < 3000  # thousands of widths are not in it
+    store = CalibrationStore(tmp_path / "store")
+    path = store.add(found)
+    assert read(path) == found
+    state = RigState(built_in(), Calibrations({"dnl": found}))
+    description = ScanDescription(np.zeros((1, 3)), np.zeros((1, 3)), 5, 4e-12, 0.0, state=state)
+    with ScanWriter.create(tmp_path / "scan.h5", description) as writer:
+        writer.append(np.zeros(5, "u4"))
+    with ScanFile(tmp_path / "scan.h5") as scan:
+        assert scan.state == state
+
+
+def test_widths_that_are_missing_or_others_are_noticed(tmp_path):
+    found = calibrated(tmp_path, lamp())
+    path = CalibrationStore(tmp_path / "store").add(found)
+    beside = path.with_suffix(".npz")
+    np.savez(beside, measured=np.ones(BINS))
+    with pytest.raises(DataFileError, match="'measured' is missing, or another one"):
+        read(path)
+    beside.write_bytes(b"PK damaged")
+    with pytest.raises(DataFileError, match="damaged"):
+        read(path)
+    beside.unlink()
+    with pytest.raises(DataFileError, match="'measured' is missing"):
+        read(path)
+
+
+def test_widths_that_an_older_program_kept_in_the_text_are_read(tmp_path):
+    found = calibrated(tmp_path, lamp())
+    content = {"kind": "dnl", **found.model_dump(mode="json")}
+    path = tmp_path / "dnl-20260101T000000Z.json"
+    path.write_text(json.dumps({**content, "digest": digest(content)}))
+    assert read(path) == found

@@ -5,6 +5,8 @@ import json
 from datetime import UTC, datetime, timedelta
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 import rig
@@ -28,6 +30,8 @@ class Calibration(BaseModel):
     kind: ClassVar[str]
     #: The devices, by their names in a scan file, whose exchange makes a calibration of this kind void.
     belongs_to: ClassVar[tuple[str, ...]]
+    #: Fields of so many numbers that they are kept as arrays beside the text; a missing number is NaN there.
+    bulky: ClassVar[tuple[str, ...]] = ()
 
     created: datetime = Field(default_factory=utc_now)
     valid_days: float = Field(gt=0)
@@ -56,9 +60,23 @@ class Calibration(BaseModel):
         return [name for name, mine in self.devices.items() if identities.get(name, mine) != mine]
 
     def document(self) -> str:
-        """Return the JSON text that is stored; its digest covers all the rest."""
-        content = {"kind": self.kind, **self.model_dump(mode="json")}
+        """Return the JSON text that is stored; its digest covers all the rest, and that of each array."""
+        content = {"kind": self.kind, **self.model_dump(mode="json", exclude=set(self.bulky))}
+        if self.bulky:
+            content["arrays"] = {name: digest_of_array(array) for name, array in self.arrays().items()}
         return json.dumps({**content, "digest": digest(content)}, indent=1)
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return the fields that are kept as arrays, by name."""
+        return {
+            name: np.array([np.nan if one is None else one for one in getattr(self, name)], float)
+            for name in self.bulky
+        }
+
+
+def digest_of_array(array: NDArray[np.float64]) -> str:
+    """Return the SHA-256 of an array's numbers as little-endian float64, hexadecimal."""
+    return hashlib.sha256(np.ascontiguousarray(array, "<f8").tobytes()).hexdigest()
 
 
 def digest(content: dict) -> str:

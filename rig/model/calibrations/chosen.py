@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.errors import DataFileError
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import (
@@ -74,6 +77,14 @@ class Calibrations:
         """Return the JSON text of each, as a scan file holds it."""
         return {kind: record.document() for kind, record in self.records.items()}
 
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return the arrays beside these texts, by ``KIND.FIELD``."""
+        return {
+            f"{kind}.{name}": array
+            for kind, record in self.records.items()
+            for name, array in record.arrays().items()
+        }
+
     def in_words(self) -> str:
         """Return a line about what is used; empty where nothing is."""
         return ", ".join(
@@ -123,8 +134,8 @@ def choose(
     return Calibrations(records, tuple(warnings))
 
 
-def recorded(documents: Mapping[str, str], source: Path) -> Calibrations:
-    """Read the calibrations that a scan file holds.
+def recorded(documents: Mapping[str, str], arrays: Mapping[str, NDArray], source: Path) -> Calibrations:
+    """Read the calibrations that a scan file holds, and their arrays, by ``KIND.FIELD``.
 
     Raises
     ------
@@ -132,6 +143,11 @@ def recorded(documents: Mapping[str, str], source: Path) -> Calibrations:
         If one is damaged.
     """
     try:
-        return Calibrations({kind: parse(text) for kind, text in documents.items()})
+        return Calibrations({kind: parse(text, _of(kind, arrays)) for kind, text in documents.items()})
     except ValueError as error:
         raise DataFileError(f"{source}: a calibration in it cannot be read: {error}") from None
+
+
+def _of(kind: str, arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Return the arrays of one kind, by field."""
+    return {name.removeprefix(f"{kind}."): one for name, one in arrays.items() if name.startswith(f"{kind}.")}

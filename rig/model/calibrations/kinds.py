@@ -181,6 +181,7 @@ class BinWidths(Calibration):
 
     kind: ClassVar[str] = "dnl"
     belongs_to: ClassVar[tuple[str, ...]] = ("tcspc",)
+    bulky: ClassVar[tuple[str, ...]] = ("measured",)
 
     bin_width_s: float
     first_bin_s: float

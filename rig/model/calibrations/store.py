@@ -1,16 +1,19 @@
-"""The folder in which calibrations are kept, one dated JSON file for each."""
+"""The folder in which calibrations are kept: a dated JSON file for each, and its arrays beside it."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from zipfile import BadZipFile
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
-from rig.model.calibrations.base import Calibration, digest, utc_now
+from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
 
 
@@ -46,6 +49,9 @@ class CalibrationStore:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             path = self.path_for(calibration, ".json")
+            if calibration.bulky:
+                with appearing(path.with_suffix(".npz")) as temporary:
+                    np.savez_compressed(temporary, **calibration.arrays())  # type: ignore[arg-type]
             with appearing(path) as temporary:
                 temporary.write_text(calibration.document() + "\n", encoding="utf-8")
         except OSError as error:
@@ -103,15 +109,27 @@ def read(path: Path) -> Calibration:
         If it cannot be read, is of an unknown kind, or was changed after it was stored.
     """
     try:
-        return parse(path.read_text(encoding="utf-8"))
+        return parse(path.read_text(encoding="utf-8"), _arrays_beside(path))
     except OSError as error:
         raise DataFileError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise DataFileError(f"{path}: {error}. Move it away, or measure it again: rig calibrate") from None
 
 
-def parse(text: str) -> Calibration:
-    """Read a calibration's JSON text.
+def _arrays_beside(path: Path) -> dict[str, NDArray]:
+    """Return the arrays that are kept beside a calibration's text; raises as `read`."""
+    beside = path.with_suffix(".npz")
+    if not beside.is_file():
+        return {}
+    try:
+        with np.load(beside, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (BadZipFile, EOFError, ValueError, AttributeError) as error:
+        raise DataFileError(f"{beside} is damaged: {error}. Measure it again: rig calibrate") from None
+
+
+def parse(text: str, arrays: Mapping[str, NDArray] | None = None) -> Calibration:
+    """Read a calibration's JSON text, and the arrays that it names.
 
     Raises
     ------
@@ -128,6 +146,11 @@ def parse(text: str) -> Calibration:
     if kind not in KINDS:
         raise ValueError(f"it is of the unknown kind '{kind}', perhaps of a newer version of this program")
     del content["kind"]
+    for name, wanted in content.pop("arrays", {}).items():
+        array = (arrays or {}).get(name)
+        if array is None or digest_of_array(array) != wanted:
+            raise ValueError(f"its array '{name}' is missing, or another one")
+        content[name] = [None if np.isnan(one) else one for one in array.tolist()]
     try:
         return KINDS[kind].model_validate(content)
     except ValidationError as error:
