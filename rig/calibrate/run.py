@@ -7,6 +7,7 @@ from pathlib import Path
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import open_station
 from rig.calibrate.routine import Routine
+from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
@@ -31,6 +32,11 @@ def measured(
 
     The rig is left prepared as for a scan.
     """
+    if len(config.channels) > 1:
+        raise UsageError(
+            f"a calibration is measured with one channel, {len(config.channels)} are configured: give a "
+            "configuration with the one that is to be calibrated"
+        )
     setup = routine.setup(config)
     with open_station(setup, operator) as station:
         state = RigState(setup).of_devices(station.devices.identities())

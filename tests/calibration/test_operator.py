@@ -2,6 +2,7 @@
 
 import io
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,3 +69,10 @@ def test_without_a_terminal_nothing_waits_for_ever(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     with pytest.raises(UsageError, match="Run this in a terminal"):
         ConsoleOperator().prepare(Preparation.BLOCK)
+
+
+def test_a_rig_of_several_channels_is_calibrated_channel_by_channel(rig):
+    Path("two.toml").write_text('[[channels]]\n[[channels]]\nname = "b"\ninput = 1\n[simulation]\n')
+    done = rig("calibrate", "irf", "--config", "two.toml")
+    assert done.code == 2
+    assert "measured with one channel, 2 are configured" in done.err
