@@ -66,7 +66,7 @@ def test_what_was_set_before_is_set_again():
 
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGTSTP"])
 def test_a_scan_ends_in_order_when_its_terminal_is_closed_or_ctrl_z_is_pressed(tmp_path, name):
-    command = [sys.executable, "-m", "rig", "scan", "--grid", "20x150", "--spacing", "8mm", "--out", "a.h5"]
+    command = [sys.executable, "-m", "rig", "scan", "--grid", "20x600", "--spacing", "2mm", "--out", "a.h5"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as scan:
         for line in scan.stderr:
             if "10 %" in line:
