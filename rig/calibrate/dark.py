@@ -199,7 +199,8 @@ def _ambient(dark: Rate, both: Rate, covered: ScanPass, uncovered: ScanPass) -> 
         raise CalibrationError(
             f"{covered.label} has {show(dark.hz, 'Hz')} and {uncovered.label} {show(both.hz, 'Hz')}: "
             "covering the lens makes no difference. Either it was not covered, or a light was on meanwhile, "
-            "or the order was not covered, uncovered. In a room without any light leave a weak one on"
+            "or the files are not in the order covered, uncovered. In a room without any light leave a weak "
+            "one on"
         )
     return ambient
 
