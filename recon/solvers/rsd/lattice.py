@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from math import ceil, gcd, log, pi
 
 import numpy as np
-from ducc0.fft import good_size
 from numpy.typing import NDArray
 
 from recon.aperture import LatticeAxis
@@ -149,8 +148,19 @@ def _plan(
 
 
 def _good_size(least: int, divisor: int = 1) -> int:
-    """Return the first multiple of a divisor, itself of such a length, that an FFT takes quickly."""
-    return int(good_size(ceil(least / divisor), False)) * divisor
+    """Return the first multiple of a divisor from `least` on without prime factors above 11.
+
+    An FFT takes such lengths quickly.
+    """
+    size = ceil(least / divisor) * divisor
+    while True:
+        rest = size
+        for prime in (2, 3, 5, 7, 11):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return size
+        size += divisor
 
 
 def taps_half_width(rho: float) -> int:
