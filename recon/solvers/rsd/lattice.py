@@ -150,7 +150,8 @@ def _plan(
 def _good_size(least: int, divisor: int = 1) -> int:
     """Return the first multiple of a divisor from `least` on without prime factors above 11.
 
-    An FFT takes such lengths quickly.
+    An FFT takes such lengths quickly. `ducc0.fft.good_size` gives the same, but the array solver, which
+    counts on this, needs numpy alone.
     """
     size = ceil(least / divisor) * divisor
     while True:
