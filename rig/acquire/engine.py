@@ -233,7 +233,8 @@ class ScanEngine:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
         gate = self._state.gate
         gate_s = one.gate_s or (self._gate_s if gate is None else (gate.delay_s, gate.width_s))
-        hold_off_s = one.hold_off_s or self._state.config.detector.hold_off_s
+        usual_s = self._state.config.detector.hold_off_s
+        hold_off_s = usual_s if one.hold_off_s is None else one.hold_off_s
         asked = one.preparation if one.preparation is not self._prepared else None
         if gate_s == self._gate_s and hold_off_s == self._hold_off_s and asked is None:
             return

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
 from rig.calibrate import require
@@ -81,9 +82,7 @@ class DarkRoutine:
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a free-running detector, and bins over the whole time between slow pulses."""
         period = RigState(changed(config, laser={"repetition_hz": self.repetition_hz})).sync_period_s
-        width_s = 64e-12
-        while period / width_s > 65_536:
-            width_s *= 2
+        width_s = LIMITS.bin_width_covering(period, finest_s=64e-12)
         return changed(
             config,
             detector={"gated": False},

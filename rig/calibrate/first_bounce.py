@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
 from rig.acquire.preflight import check
@@ -39,8 +40,6 @@ FULL_BINS = 5
 FULL_COUNTERS = (2**16 - 1, 2**32 - 1)
 #: Below this expectation counts are too skew for a sum of squares.
 ENOUGH_FOR_CHI2 = 5
-#: The longest histogram of the timing instrument.
-MOST_BINS = 65_536
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class FirstBounces:
 def free_running(config: RigConfig) -> RigConfig:
     """Return a configuration in which the detector runs free and the histogram holds the whole period."""
     period_s = 1 / config.laser.repetition_hz
-    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), MOST_BINS)
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
     return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
 from rig.calibrate.counts import passes_of, sound_scans
@@ -78,9 +79,7 @@ class GateRoutine:
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a gated detector, and bins over the whole time between pulses."""
         period = RigState(config).sync_period_s
-        width_s = 8e-12
-        while period / width_s > 65_536:
-            width_s *= 2
+        width_s = LIMITS.bin_width_covering(period, finest_s=8e-12)
         return changed(
             config,
             detector={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},
@@ -112,7 +111,6 @@ class GateRoutine:
             sweep = read_sweep(passes_of(scans), self.sigma_s)
             about = origin(GateOpening, scans)
         config, legs, edge = state.config, state.delays, sweep.edge
-        spot_m = state.channels[0].spot_m
         spot_m = state.channels[0].spot_m
         blocked_s, open_s = edge.blocks_from_s(MAY_PASS), edge.open_until_s(MAY_PASS)
         wanted_m = ScanPlan.grid(config).spots_m
