@@ -89,6 +89,10 @@ class Capture:
         """Number of bins B."""
         return self.histograms.shape[1]
 
+    def begins_s(self, positions: slice) -> NDArray[np.float64]:
+        """Return the left edge of bin 0 in rectified time for some positions: (block,), or (1,) for all."""
+        return self.first_bin_s if len(self.first_bin_s) == 1 else self.first_bin_s[positions]
+
     def begin_m(self, positions: slice, first: int = 0) -> NDArray[np.float64]:
         """Return the path c t in rectified time at the left edge of a bin, for some positions, (block,)."""
         first_bin_s = np.broadcast_to(self.first_bin_s, self.positions)[positions]

@@ -6,8 +6,8 @@ the intensity that they give at a voxel is on average
     E|U(v)|^2 = sum_p w_p(v)^2 sum_n H[p, n] |pulse(tau_p(v) - t_n)|^2,    w_p = 1/r_p,
 
 the sum that makes the image, without its phases. It is smooth over the volume: it is evaluated at a few
-places of each plane, from a sample of positions, and interpolated. Around that average such an intensity is
-distributed exponentially (the field is a sum of many small terms, hence Gaussian), so that
+places of each plane, from neighbouring positions together, and interpolated. Around that average such an
+intensity is distributed exponentially (the field is a sum of many small terms, hence Gaussian), so that
 
     P(|U|^2 > rho E|U|^2) = exp(-rho).
 """
@@ -24,30 +24,32 @@ from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from recon.window import Window
 
-#: Positions of the sample: the noise of a sum over them is known to a thirtieth.
-SAMPLE = 1024
-#: Cells of the sampled histograms in a pulse's sigma_t.
+#: Places on the wall that stand for all positions.
+TILES = 1024
+#: Cells of the tallied histograms in a pulse's sigma_t.
 CELLS_PER_SIGMA = 2
+#: Photons more than there are: so few add up as they like, which is not exponentially distributed.
+HANDFUL = 10.0
 #: Places along x and y at which the noise is evaluated.
 PLACES = 5
 
 
 @dataclass
-class Sampled:
-    """Histograms that keep a coarse copy of some positions while they are read.
+class Tally:
+    """Histograms that are summed up coarsely while they are read.
 
     Attributes
     ----------
     capture
         Whose histograms they are.
     window
-        Soft edges, applied to the copy.
+        Soft edges, applied to the sums.
     group
-        Bins of a cell of the copy.
-    rows
-        (S,) positions that are copied.
+        Bins of a cell of the sums.
+    tile
+        (P,) tile of each position: neighbours are summed together.
     cells
-        (S, cells) counts.
+        (tiles, cells) counts.
     whole
         Whether all that was read were whole numbers: photon counts, of which the noise is known.
     """
@@ -55,17 +57,16 @@ class Sampled:
     capture: Capture
     window: Window
     group: int
-    rows: NDArray[np.intp] = field(init=False)
+    tile: NDArray[np.intp] = field(init=False)
     cells: NDArray[np.float32] = field(init=False)
     whole: bool = True
 
     def __post_init__(self) -> None:
-        positions = self.capture.positions
-        # In random order, so that a sample of a grid is no coarser grid.
-        chosen = np.random.default_rng(0).permutation(positions)[:SAMPLE]
-        self.rows = np.sort(chosen)
-        self.cells = np.zeros((len(chosen), -(-self.capture.bins // self.group)), np.float32)
-        self._taken = np.zeros(self.capture.bins, bool)
+        capture = self.capture
+        ends_m = np.hstack([capture.laser_m, np.broadcast_to(capture.detector_m, capture.laser_m.shape)])
+        self.tile = _tiles(ends_m)
+        self.cells = np.zeros((self.tile.max() + 1, -(-capture.bins // self.group)), np.float32)
+        self._taken = np.zeros(capture.bins, bool)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -75,27 +76,41 @@ class Sampled:
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (positions, counts) in order."""
         first, stop, _ = bins.indices(self.capture.bins)
-        fresh = np.flatnonzero(~self._taken[first:stop]) + first
+        fresh = (~self._taken[first:stop]).astype(np.float32)
         for positions, counts in self.capture.histograms.blocks(bins):
-            if len(fresh):
-                self._copy(positions, first, fresh, counts)
+            self.whole &= bool(np.issubdtype(counts.dtype, np.integer))
+            if fresh.any():
+                self._add(positions, slice(first, stop), fresh, counts)
             yield positions, counts
         self._taken[first:stop] = True
 
-    def _copy(self, positions: slice, first: int, fresh: NDArray[np.intp], counts: NDArray) -> None:
-        low, high = np.searchsorted(self.rows, [positions.start, positions.stop])
-        rows = self.rows[low:high]
-        self.whole &= np.issubdtype(counts.dtype, np.integer)
-        if not len(rows):
-            return
+    def _add(self, positions: slice, bins: slice, fresh: NDArray[np.float32], counts: NDArray) -> None:
         capture = self.capture
-        part = np.array(counts[rows - positions.start], np.float32)
-        first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)[rows]
-        bins = slice(first, first + part.shape[1])
-        start = self.window.start_weights(first_bin_s, bins, capture.bin_width_s)
-        part[:, : start.shape[1]] *= start
-        part *= self.window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(np.float32)
-        np.add.at(self.cells[low:high].T, fresh // self.group, part[:, fresh - first].T)
+        end = self.window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(np.float32)
+        soft = counts * (fresh * end)
+        start = self.window.start_weights(capture.begins_s(positions), bins, capture.bin_width_s)
+        soft[:, : start.shape[1]] *= start
+        cells = np.arange(bins.start, bins.stop) // self.group
+        starts = np.flatnonzero(np.diff(cells, prepend=-1))
+        summed = np.zeros((len(soft), self.cells.shape[1]), np.float32)
+        summed[:, cells[starts]] = np.add.reduceat(soft, starts, axis=1)
+        np.add.at(self.cells, self.tile[positions], summed)
+
+
+def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Give positions (P, coordinates) the numbers of tiles: halved along their longest extent until they are many."""
+    tiles = [np.arange(len(ends_m))]
+    while 2 * len(tiles) <= TILES and len(tiles) < len(ends_m):
+        halves = []
+        for members in tiles:
+            longest = np.ptp(ends_m[members], axis=0).argmax()
+            order = members[np.argsort(ends_m[members, longest], kind="stable")]
+            halves += [half for half in np.array_split(order, 2) if len(half)]
+        tiles = halves
+    number = np.empty(len(ends_m), np.intp)
+    for tile, members in enumerate(tiles):
+        number[members] = tile
+    return number
 
 
 @dataclass(frozen=True)
@@ -136,32 +151,37 @@ def quiet_level(intensity: NDArray[np.float32]) -> Noise:
     return Noise(quarter[:, None, None] / -np.log(0.75), photons=False)
 
 
-def sampled(capture: Capture, pulse: VirtualPulse, window: Window) -> tuple[Capture, Sampled]:
-    """Return a capture that is read as the given one, and what keeps a sample of it meanwhile."""
+def tallied(capture: Capture, pulse: VirtualPulse, window: Window) -> tuple[Capture, Tally]:
+    """Return a capture that is read as the given one, and what sums it up meanwhile."""
     group = max(1, int(pulse.sigma_s / CELLS_PER_SIGMA / capture.bin_width_s))
-    sample = Sampled(capture, window, group)
-    return replace(capture, histograms=sample), sample
+    tally = Tally(capture, window, group)
+    return replace(capture, histograms=tally), tally
 
 
-def photon_noise(sample: Sampled, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
-    """Evaluate the noise over a volume, from what was sampled while it was imaged."""
-    capture, rows = sample.capture, sample.rows
-    cell_s = sample.group * capture.bin_width_s
+def photon_noise(tally: Tally, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
+    """Evaluate the noise over a volume, from what was summed up while it was imaged."""
+    capture, tiles = tally.capture, len(tally.cells)
+    cell_s = tally.group * capture.bin_width_s
     # |pulse|^2 is a Gaussian of sigma_t / sqrt(2), with a peak of one.
     sigma = pulse.sigma_s / np.sqrt(2) / cell_s
-    seen = gaussian_filter1d(sample.cells, sigma, mode="constant", truncate=5) * np.sqrt(2 * np.pi) * sigma
-    begin_s = np.broadcast_to(capture.first_bin_s, capture.positions)[rows]
-    laser_m = capture.laser_m[rows]
-    detector_m = np.broadcast_to(capture.detector_m, capture.laser_m.shape)[rows]
+    seen = gaussian_filter1d(tally.cells, sigma, mode="constant", truncate=5) * np.sqrt(2 * np.pi) * sigma
+    members = np.bincount(tally.tile, minlength=tiles)
+
+    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        full = np.broadcast_to(values, (capture.positions, *values.shape[1:]))
+        sums = np.zeros((tiles, *values.shape[1:]))
+        np.add.at(sums, tally.tile, full)
+        return (sums.T / members).T
+
+    begin_s, laser_m, detector_m = mean(capture.first_bin_s), mean(capture.laser_m), mean(capture.detector_m)
     x_m, y_m = (np.linspace(axis[0], axis[-1], min(PLACES, len(axis))) for axis in (grid.x_m, grid.y_m))
     levels = np.empty((len(grid.z_m), len(y_m), len(x_m)))
-    scale = capture.positions / len(rows)
     for k, z_m in enumerate(grid.z_m):
         places_m = np.stack(np.broadcast_arrays(x_m[None, :], y_m[:, None], z_m), axis=-1)[..., None, :]
         r_p = np.linalg.norm(places_m - laser_m, axis=-1)
         delay_s = (r_p + np.linalg.norm(places_m - detector_m, axis=-1)) / C_M_PER_S
         cell = np.clip(((delay_s - begin_s) / cell_s).astype(int), 0, seen.shape[1] - 1)
         weights = 1 / r_p**2
-        # One count more than there were: a handful of photons adds up as it likes, and is no evidence.
-        levels[k] = (seen[np.arange(len(rows)), cell] * weights).sum(axis=-1) * scale + weights.mean(axis=-1)
+        levels[k] = (seen[np.arange(tiles), cell] * weights).sum(axis=-1)
+        levels[k] += HANDFUL * weights.mean(axis=-1)
     return Noise(levels, photons=True)

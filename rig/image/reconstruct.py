@@ -18,7 +18,7 @@ from recon.capture import Capture
 from recon.depth import compensate_falloff
 from recon.grid import VoxelGrid
 from recon.imaging import image
-from recon.noise import photon_noise, quiet_level, sampled
+from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
@@ -267,12 +267,12 @@ def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | No
 
 def _imaged(work: _Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
-    capture, sample = sampled(work.capture, work.pulse, work.window)
+    capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
     found = _focused(reading, ConfocalCamera(), progress)
-    counted = sample.whole and found.pulse is not None
+    counted = tally.whole and found.pulse is not None
     return found, find(
-        found, photon_noise(sample, work.pulse, work.grid) if counted else quiet_level(found.intensity)
+        found, photon_noise(tally, work.pulse, work.grid) if counted else quiet_level(found.intensity)
     )
 
 
