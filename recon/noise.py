@@ -98,7 +98,7 @@ class Tally:
 
 
 def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Give positions (P, coordinates) the numbers of tiles: halved along their longest extent until they are many."""
+    """Give positions (P, coordinates) the numbers of tiles, halved along the longest until they are many."""
     tiles = [np.arange(len(ends_m))]
     while 2 * len(tiles) <= TILES and len(tiles) < len(ends_m):
         halves = []
