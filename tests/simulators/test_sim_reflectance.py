@@ -95,8 +95,8 @@ def sent(built, p, c, edge_m=None):
 def test_a_glossy_plate_glints_where_a_mirror_would(model, elsewhere, retro, at_x_m):
     """Halfway between laser and detector; a retroreflector sends it back.
 
-    Little else of it goes from one spot to the other: 0.1 as a Lambertian surface, nothing by Ward's facets of
-    slopes of 0.3 and more, which that needs, and up to pi D / 4 = 0.3 by those of GGX.
+    Little of it goes on to the other spot: 0.1 as by a Lambertian surface, nothing by Ward's facets of the
+    slopes that this needs, 0.3 and more, and up to pi D / 4 = 0.3 by those of GGX.
     """
     p, c = (0.4, 0.1, 0.0), (-0.5, -0.1, 0.0)
     ratio = sent(plate(0.1, model, retro=retro), p, c) / sent(plate(1.0), p, c)
