@@ -93,8 +93,8 @@ def ours_of_three_bounces(built, spots):
 def test_a_glossy_room_agrees_at_three_bounces(tmp_path, unit, roughness):
     """The path tracer takes masking and shadowing as independent: 1 % darker at 60 degrees and roughness 0.4.
 
-    Patches of this room are 15 cm long, which costs up to another per cent at 0.2. With Ward's gloss likeness
-    would be 0.972 and 0.991.
+    The patches of this room are up to 11 cm long, which costs 0.4 % of the light at 0.2. With Ward's gloss
+    likeness would be 0.972 and 0.991.
     """
     reference, spots = path_traced(tmp_path, (3,), roughness=roughness, samples=400_000)
     a, b = unit * ours_of_three_bounces(room(roughness), spots), reference[0]
