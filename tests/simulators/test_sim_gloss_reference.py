@@ -10,7 +10,7 @@ from simulators.transport.patches import tessellate
 from simulators.transport.reflectance import gloss
 from simulators.transport.renderer import Transport
 
-RAYS = 2_000_000
+RAYS, RAYS_TRACED = 1_000_000, 2_000_000
 #: Cells of the disk under the hemisphere, and points along the side of a cell.
 CELLS, POINTS = 20, 32
 alphas = pytest.mark.parametrize("alpha", [0.1, 0.4, 0.8])
@@ -89,22 +89,21 @@ CORNERS = MIDDLE + np.array([-ALONG - UPWARDS, ALONG - UPWARDS, ALONG + UPWARDS,
 #: Parts of the wall where light is caught.
 SQUARES, SIDE_M = np.array([[-0.45, 0.25], [-0.1, 0.1], [-0.6, -0.4], [0.5, 0.4]]), 0.2
 EDGES_M = np.arange(1.7, 3.2, 0.02)
-MIDDLES_M = (EDGES_M[1:] + EDGES_M[:-1]) / 2
 
 
 def sent(alpha, rng):
     """Rays of the laser spot that leave the plate: paths (N,), points, directions (N, 3) and light (N,)."""
     axes = np.array([ALONG, np.cross(NORMAL, ALONG), NORMAL])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
-    u, v = rng.uniform(-1, 1, (2, RAYS, 1))
+    u, v = rng.uniform(-1, 1, (2, RAYS_TRACED, 1))
     point_m = MIDDLE + u * ALONG + v * UPWARDS
     path_m = np.linalg.norm(LASER - point_m, axis=1)
     i = (LASER - point_m) / path_m[:, None] @ axes.T
     area_m2 = 4 * np.linalg.norm(np.cross(ALONG, UPWARDS))
-    light = ALBEDO * area_m2 / RAYS * (point_m[:, 2] / path_m) * i[:, 2] / (np.pi * path_m**2)
+    light = ALBEDO * area_m2 / RAYS_TRACED * (point_m[:, 2] / path_m) * i[:, 2] / (np.pi * path_m**2)
     o, share = reflect(i, alpha, rng)
-    matt, around, outwards = rng.random(RAYS) < alpha, rng.uniform(0, 2 * np.pi, RAYS), rng.random(RAYS)
-    across = np.sqrt(outwards)
+    matt, outwards = rng.random((2, RAYS_TRACED))
+    matt, around, across = matt < alpha, rng.uniform(0, 2 * np.pi, RAYS_TRACED), np.sqrt(outwards)
     o[matt] = np.column_stack([across * np.cos(around), across * np.sin(around), np.sqrt(1 - outwards)])[matt]
     light *= np.where(matt, 1.0, share)
     return path_m, point_m, o @ axes, light
@@ -130,7 +129,8 @@ def caught(alpha):
 def test_transients_of_a_tilted_plate_agree_with_traced_rays(alpha):
     """Three bounces onto squares; ours are means of 7 x 7 detector spots (Gauss) in each.
 
-    Likeness is limited by counting: the dimmest square catches 2000 rays in some 20 bins.
+    The difference over all bins of 2 cm is what counting makes, of 2000 rays on the dimmest square to 50 000,
+    and 1 % for light that goes by the centres of patches and to 49 spots.
     """
     reference, variances = caught(alpha)
     nodes, weights = np.polynomial.legendre.leggauss(7)
@@ -143,8 +143,7 @@ def test_transients_of_a_tilted_plate_agree_with_traced_rays(alpha):
     )
     for a, b, variance in zip(ours, reference, variances, strict=True):
         assert a.sum() == pytest.approx(b.sum(), abs=4 * np.sqrt(variance))
-        assert (a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum()) > 0.995
-        assert a @ MIDDLES_M / a.sum() == pytest.approx(b @ MIDDLES_M / b.sum(), abs=0.005)
+        assert np.linalg.norm(a - b) < 2 * np.sqrt(variance) + 0.01 * np.linalg.norm(b)
 
 
 def test_a_smooth_plate_shows_the_laser_spot_behind_it():
