@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
 
 from rig.acquire.acquisition import Watch
 from rig.calibrate.afterpulses import Record, fitted
@@ -13,6 +12,7 @@ from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
 from rig.model.state import RigState
+from support.calibration_files import config_with, write_counts
 
 PERIOD_S, WIDTH_S = 500e-9, 256e-12
 BINS = 1954

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
 
 from recon.capture import ArrayHistograms
 from rig.acquire.acquisition import Watch
@@ -19,6 +18,7 @@ from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.store import CalibrationStore, read
 from rig.model.config import built_in
 from rig.model.state import RigState
+from support.calibration_files import config_with, write_counts
 
 BINS = 2000
 

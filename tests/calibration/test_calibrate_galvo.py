@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from misaligned import errors_m, misaligned
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station, open_station
@@ -17,6 +16,7 @@ from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.optics.cameras import Camera
 from simulators.optics.lens import Intrinsics, Pose
+from support.misaligned import errors_m, misaligned
 
 #: A quarter of the default cameras' pixels, so that their pictures are quickly drawn.
 SMALL = Intrinsics(550.0, 550.0, 319.5, 239.5, 640, 480)

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -22,6 +21,7 @@ from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
+from support.calibration_files import config_with, write_counts
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548

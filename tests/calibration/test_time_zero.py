@@ -5,14 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from misaligned_rig import (
-    galvo_calibration,
-    misaligned,
-    true_arrivals_s,
-    true_delays_s,
-    true_geometry,
-    true_width_s,
-)
 
 from recon.defaults import shortest_wavelength_m, wavelength
 from rig.acquire.acquisition import Watch, acquire
@@ -28,6 +20,14 @@ from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.misaligned_rig import (
+    galvo_calibration,
+    misaligned,
+    true_arrivals_s,
+    true_delays_s,
+    true_geometry,
+    true_width_s,
+)
 
 
 def errors_s(legs, config, known, mirror_rad):

@@ -1,11 +1,11 @@
 """Each method of the library's wrapper makes its one call and returns what was written."""
 
 import pytest
-from hydraharp_wire import DECLARED, Returns, Script
 
 from drivers.hydraharp.constants import Edge, Feature, Flag, MeasControl, Mode, Reference, Warn
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib, histogram_buffers
+from support.hydraharp_wire import DECLARED, Returns, Script
 
 RISING, FALLING = Edge.RISING, Edge.FALLING
 

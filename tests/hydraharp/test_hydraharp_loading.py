@@ -5,11 +5,11 @@ import subprocess
 import sys
 
 import pytest
-from hydraharp_wire import HEADER
 
 from drivers.errors import DeviceNotFoundError
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.loading import candidates, load_library
+from support.hydraharp_wire import HEADER
 
 BODIES = {
     "HH_GetLibraryVersion": 'for (int i = 0; i < 4; i++) vers[i] = "3.0"[i]; return 0;',

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hydraharp_wire import SteadyLight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
 from simulators.bench import Bench, Detections
 from simulators.wire.hydraharp import HydraHarpSimulator, Nonlinearity, Timing
+from support.hydraharp_wire import SteadyLight
 
 PERIOD_S = 100e-9
 

@@ -1,13 +1,13 @@
 """The driver's calls, in order, against a scripted library (order, waits: HHLib manual, vendor demos)."""
 
 import pytest
-from hydraharp_wire import Returns, Script
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
+from support.hydraharp_wire import Returns, Script
 
 VERSION = ("HH_GetLibraryVersion()", "3.0")
 INITIALIZE = [

@@ -4,10 +4,10 @@ import inspect
 import json
 
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
 from rig.model import devices
+from support.simulated_rig import simulated_rig
 
 DEVICES = {"galvo": devices.Galvo, "laser": devices.Laser, "spad": devices.GatedSpad}
 

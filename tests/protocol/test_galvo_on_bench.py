@@ -7,7 +7,6 @@ from math import radians, tan
 
 import numpy as np
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError, RefusedError
@@ -17,6 +16,7 @@ from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.serial_url import protocol_sim
+from support.simulated_rig import simulated_rig
 
 
 @pytest.fixture

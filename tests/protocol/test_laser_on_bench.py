@@ -1,9 +1,9 @@
 """The laser's driver with the simulated head at the other end of the wire: above all, dark."""
 
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.errors import DeviceError, LinkError, RefusedError
+from support.simulated_rig import simulated_rig
 
 
 @pytest.fixture

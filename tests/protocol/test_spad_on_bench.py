@@ -7,7 +7,6 @@ import pytest
 import usb.backend.libusb0
 import usb.backend.libusb1
 import usb.backend.openusb
-from simulated_rig import simulated_rig
 from usb.core import USBError
 
 from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedError
@@ -15,6 +14,7 @@ from drivers.id120 import Id120Spad
 from simulators.clock import BenchClock
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
+from support.simulated_rig import simulated_rig
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -14,6 +13,7 @@ from recon.imaging import image, plan, planes
 from recon.solvers.rsd import direct_f32, dispatch
 from recon.wave import VirtualPulse
 from recon.window import Fades
+from support.hidden_points import C, histograms, wall
 
 PULSE = VirtualPulse(0.08)
 BIN, BINS = 16e-12, 700

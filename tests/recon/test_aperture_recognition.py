@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hidden_points import wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.aperture import TOLERANCE_M, recognise
 from recon.errors import GeometryError
+from support.hidden_points import wall
 
 
 @st.composite

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff
@@ -10,6 +9,7 @@ from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.solvers.classic.solve import baseline_image
 from recon.window import Fades
+from support.hidden_points import histograms, wall
 
 POINT = np.array([0.083, -0.057, 0.613])
 BIN = 8e-12

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.defaults import voxels
@@ -10,6 +9,7 @@ from recon.depth import compensate_falloff, depth_map, front_view
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.wave import VirtualPulse
+from support.hidden_points import histograms, wall
 
 POINT = np.array([0.083, -0.057, 0.613])
 PULSE = VirtualPulse(0.06)

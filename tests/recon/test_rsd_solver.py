@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import direct_sum, histograms, wall
 
 from recon.camera import ConfocalCamera
 from recon.capture import ArrayHistograms, Capture
@@ -13,6 +12,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.wave import VirtualPulse
 from recon.window import Fades
+from support.hidden_points import direct_sum, histograms, wall
 
 PITCH = 0.02
 PULSE = VirtualPulse(0.08)

@@ -4,11 +4,11 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import C_M_PER_S, DATA, load, measured
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.imported import C_M_PER_S, DATA, load, measured
 
 # --- O'Toole 2018
 

@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import DATA, load, measured
 from test_import_published import lct
 from test_import_tal import tal
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
+from support.imported import DATA, load, measured
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
 

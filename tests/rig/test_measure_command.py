@@ -5,13 +5,13 @@ import json
 import h5py
 import numpy as np
 import pytest
-from imported import DATA, measured
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter, Volume, read_volume, write_volume
 from rig.image.measures import measure, wall_of
 from rig.image.truth import true_depth
 from rig.importers import import_scan
+from support.imported import DATA, measured
 
 X_M, Y_M, Z_M = np.arange(-20, 21) * 0.02, np.arange(-15, 16) * 0.02, np.arange(40, 80) * 0.02
 #: A rectangle at 1.2 m, x from -0.1 to 0.3, y from -0.2 to 0.1: 20 x 15 pixels of 2 cm, none on its edge.

@@ -3,8 +3,6 @@
 from math import dist
 
 import numpy as np
-from misaligned import FAULTS
-from misaligned import true_spots_m as across_m
 from scipy.optimize import brentq, least_squares
 
 from recon.capture import C_M_PER_S
@@ -17,6 +15,8 @@ from rig.model.state import RigState
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.light import Optics
+from support.misaligned import FAULTS
+from support.misaligned import true_spots_m as across_m
 
 
 def misaligned(seed: int, folder=None, **changes) -> RigConfig:

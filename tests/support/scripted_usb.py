@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
-from wire_script import Step
+
+from support.wire_script import Step
 
 INTERFACE, OUT, IN = 1, 0x03, 0x85
 
