@@ -7,7 +7,7 @@ from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
-from support.hydraharp_wire import Returns, Script
+from support.hydraharp_wire import Returns, ScriptedLibrary
 
 VERSION = ("HH_GetLibraryVersion()", "3.0")
 INITIALIZE = [
@@ -41,7 +41,7 @@ ENDED = [("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
 
 def play(lines, work=lambda harp: None, **settings):
     """Run ``work`` on an open driver; whatever it raises, the script must come out exactly."""
-    script = Script(lines)
+    script = ScriptedLibrary(lines)
     asked = HydraHarpSettings(**{"bins": 3, **settings})
     harp = HydraHarp(HHLib(script.functions, name="script"), clock=script, serial="1000001", settings=asked)
     try:

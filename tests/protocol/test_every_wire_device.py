@@ -7,15 +7,8 @@ import pytest
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
 from rig.model import devices
-from support.simulated_rig import simulated_rig
 
 DEVICES = {"galvo": devices.Galvo, "laser": devices.Laser, "spad": devices.GatedSpad}
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 @pytest.fixture(params=DEVICES)

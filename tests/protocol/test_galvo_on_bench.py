@@ -16,13 +16,6 @@ from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.serial_url import protocol_sim
-from support.simulated_rig import simulated_rig
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 def test_the_mirror_stands_where_it_was_pointed(rig):

@@ -3,13 +3,6 @@
 import pytest
 
 from drivers.errors import DeviceError, LinkError, RefusedError
-from support.simulated_rig import simulated_rig
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 def test_neither_connecting_nor_arming_emits(rig):

@@ -14,13 +14,6 @@ from drivers.id120 import Id120Spad
 from simulators.clock import BenchClock
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
-from support.simulated_rig import simulated_rig
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 def test_connecting_sets_the_gate_and_leaves_no_bias(rig):

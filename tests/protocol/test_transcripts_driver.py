@@ -17,10 +17,8 @@ from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import MirrorStatus, OptotuneLimits, OptotuneMirror
 from support import protocol_script
-from support.scripted_usb import ScriptedUsb, framed
+from support.scripted_usb import USB_WORDS, ScriptedUsb, framed
 from support.wire_script import Script, Step, StepClock, read_transcript
-
-USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from rig.exporters import export
 from rig.files import ScanDescription, ScanWriter, Volume, write_volume
 from rig.importers import import_scan
 from rig.model.delays import PathDelays
-from support.imported import C_M_PER_S, load
+from support.scan_files import C_M_PER_S, load
 
 X_M, Y_M, Z_M = 0.1 * np.arange(5) - 0.3, 0.2 * np.arange(4) - 0.1, 1.0 + 0.05 * np.arange(3)
 

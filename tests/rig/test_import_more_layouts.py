@@ -11,7 +11,7 @@ from test_import_tal import tal
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
-from support.imported import C_M_PER_S, load
+from support.scan_files import C_M_PER_S, load
 
 # the folder is the same for all examples, and each writes its files anew
 EXAMPLES = settings(

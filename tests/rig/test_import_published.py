@@ -8,7 +8,8 @@ import scipy.io
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
-from support.imported import C_M_PER_S, DATA, load, measured
+from support.published import DATA, measured
+from support.scan_files import C_M_PER_S, load
 
 # --- O'Toole 2018
 

@@ -6,7 +6,7 @@ import pytest
 
 from rig.errors import DataFileError, UsageError
 from rig.importers import import_scan
-from support.imported import C_M_PER_S, load
+from support.scan_files import C_M_PER_S, load
 
 
 def tal(path, *, legs=False, confocal=False, flat=False, turn=None, normals=True, move=(0, 0, 0), **changes):

@@ -14,7 +14,8 @@ from test_import_tal import tal
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
-from support.imported import DATA, load, measured
+from support.published import DATA, measured
+from support.scan_files import load
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
 

@@ -11,7 +11,7 @@ from rig.files import ScanDescription, ScanWriter, Volume, read_volume, write_vo
 from rig.image.measures import measure, wall_of
 from rig.image.truth import true_depth
 from rig.importers import import_scan
-from support.imported import DATA, measured
+from support.published import DATA, measured
 
 X_M, Y_M, Z_M = np.arange(-20, 21) * 0.02, np.arange(-15, 16) * 0.02, np.arange(40, 80) * 0.02
 #: A rectangle at 1.2 m, x from -0.1 to 0.3, y from -0.2 to 0.1: 20 x 15 pixels of 2 cm, none on its edge.

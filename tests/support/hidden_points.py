@@ -32,18 +32,35 @@ def histograms(points_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.0
     return counts
 
 
-def direct_sum(counts, times_s, laser_m, detector_m, grid, frequencies, weights, confocal):
-    """U(v) = sum_w g exp(i w r_c/c) sum_p H^ exp(i w r_p/c)/r_p in double precision, term by term.
+def snake(laser_m, columns):
+    """Positions row by row, every second row backwards."""
+    rows = laser_m.reshape(-1, columns, 3).copy()
+    rows[1::2] = rows[1::2, ::-1]
+    return rows.reshape(-1, 3)
 
-    `times_s` is (bins,) or (positions, bins); confocal has 2 r_p in place of r_p + r_c.
+
+def exact(capture, result):
+    """U(v) = sum_w g sum_p H^_p exp(i w (r_p + r_c)/c)/r_p in complex128, each record with its own two legs.
+
+    Term by term, over the frequencies and bins that the solver says it used.
     """
-    times_s = np.broadcast_to(times_s, counts.shape)
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    voxels = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    r_p = np.linalg.norm(voxels[:, None] - laser_m, axis=2)
-    path = 2 * r_p if confocal else r_p + np.linalg.norm(voxels - detector_m[0], axis=1)[:, None]
-    total = np.zeros(len(voxels), complex)
-    for frequency, weight in zip(frequencies, weights, strict=True):
-        H = (counts * np.exp(-1j * frequency * times_s)).sum(axis=1)
-        total += weight * (np.exp(1j * frequency * path / C) / r_p) @ H
-    return total.reshape(grid.shape)
+    first = np.broadcast_to(capture.first_bin_s, capture.positions)[:, None]
+    times_s = first + (np.arange(capture.bins) + 0.5) * capture.bin_width_s
+    parts = []
+    for slab in result.slabs:
+        axes = np.meshgrid(result.grid.z_m[slab.planes], result.grid.y_m, result.grid.x_m, indexing="ij")
+        voxels = np.stack([axis.ravel() for axis in axes[::-1]], axis=1)[:, None]
+        r_p = np.linalg.norm(voxels - capture.laser_m, axis=2)
+        r_c = np.linalg.norm(voxels - capture.detector_m, axis=2)
+        total = 0
+        for frequency, weight in zip(slab.band.frequencies_rad_per_s, slab.band.weights, strict=True):
+            turn = np.exp(-1j * frequency * times_s[:, slab.bins])
+            spectrum = (capture.histograms.counts[:, slab.bins] * turn).sum(axis=1)
+            total = total + weight * (np.exp(1j * frequency * (r_p + r_c) / C) / r_p) @ spectrum
+        parts.append(total.reshape(axes[0].shape))
+    return np.concatenate(parts)
+
+
+def worst(found, wanted):
+    """The largest difference, in parts of the largest wanted value."""
+    return np.abs(found - wanted).max() / np.abs(wanted).max()

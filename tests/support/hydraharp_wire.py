@@ -139,7 +139,7 @@ class Returns(int):
     """The code that a scripted call returns instead of 0."""
 
 
-class Script:
+class ScriptedLibrary:
     """A library and a clock that expect exact calls in exact order and answer as written.
 
     Each line is the call with its int arguments, then what it writes into its pointers; ``Returns(code)``
