@@ -16,7 +16,7 @@ CONFOCAL = ConfocalCamera()
 
 
 @dataclass(frozen=True)
-class Slab:
+class DepthBlock:
     """Neighbouring planes of voxels that are imaged from the same bins with the same frequencies.
 
     Attributes
@@ -48,23 +48,23 @@ def plane_times_s(capture: Capture, grid: VoxelGrid, camera: Camera, z_m: float)
 def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) -> tuple[float, float]:
     """Bound the path, times c the delay, at which a record is read over all voxels, positions and frames.
 
-    For the confocal camera that is the length of wall to voxel to wall. The aperture's leg and the reading
-    times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is nearest
-    to, and one farthest from, both ends.
+    For the confocal camera that is the length of wall to voxel to wall. The aperture's own paths and the
+    reading times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is
+    nearest to, and one farthest from, both ends.
     """
     times_s = [plane_times_s(capture, grid, camera, z_m) for z_m in grid.z_m]
     shortest_m = C_M_PER_S * min(float(plane.min()) for plane in times_s)
     longest_m = C_M_PER_S * max(float(plane.max()) for plane in times_s)
-    legs = [capture.laser_m]
+    ends = [capture.laser_m]
     if capture.round_trip:
-        legs.append(capture.laser_m if capture.confocal else capture.detector_m)
-    for spots_m in legs:
-        least_m, greatest_m = leg_limits_m(spots_m, grid)
+        ends.append(capture.laser_m if capture.confocal else capture.detector_m)
+    for spots_m in ends:
+        least_m, greatest_m = distance_limits_m(spots_m, grid)
         shortest_m, longest_m = shortest_m + least_m, longest_m + greatest_m
     return shortest_m, longest_m
 
 
-def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
+def distance_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
     """Least and greatest distance between any spot and the grid's box."""
     low = np.array([axis[0] for axis in (grid.x_m, grid.y_m, grid.z_m)])
     high = np.array([axis[-1] for axis in (grid.x_m, grid.y_m, grid.z_m)])
@@ -73,17 +73,19 @@ def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, 
     return float(np.linalg.norm(outside, axis=1).min()), float(np.linalg.norm(farthest, axis=1).max())
 
 
-def slabs(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONFOCAL) -> list[Slab]:
-    """Cut the volume into slabs over depth.
+def depth_blocks(
+    capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONFOCAL
+) -> list[DepthBlock]:
+    """Cut the volume into depth blocks over depth.
 
-    A single plane is seen in a short part of the record, so it needs few frequencies; every slab costs a
-    pass of the Fourier sum over the record. Slabs as thick as half a pulse are a good balance, since the
-    pulse's own length has to be added to the part of the record in any case; for a video, as thick as light
-    goes between its first and its last frame, for the same reason.
+    A single plane is seen in a short part of the record, so it needs few frequencies; every depth block
+    costs a pass of the Fourier sum over the record. Blocks as thick as half a pulse are a good balance,
+    since the pulse's own length has to be added to the part of the record in any case; for a video, as thick
+    as light goes between its first and its last frame, for the same reason.
 
     Returns
     -------
-    list of Slab
+    list of DepthBlock
         In order of depth, covering all planes.
     """
     z_m = grid.z_m
@@ -91,10 +93,12 @@ def slabs(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONF
     thickness_m = max(light.half_length_s, lasts_s) * C_M_PER_S
     count = max(1, ceil((z_m[-1] - z_m[0]) / thickness_m))
     edges = np.linspace(0, len(z_m), min(count, len(z_m)) + 1).round().astype(int)
-    return [_slab(capture, light, grid, camera, slice(int(a), int(b))) for a, b in pairwise(edges)]
+    return [_depth_block(capture, light, grid, camera, slice(int(a), int(b))) for a, b in pairwise(edges)]
 
 
-def _slab(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, planes: slice) -> Slab:
+def _depth_block(
+    capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, planes: slice
+) -> DepthBlock:
     shortest_m, longest_m = path_limits_m(capture, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera)
     earliest_s, latest_s = shortest_m / C_M_PER_S, longest_m / C_M_PER_S
     margin_s, width_s = light.half_length_s, capture.bin_width_s
@@ -105,4 +109,4 @@ def _slab(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, plane
     # A count at t adds to voxels at delay tau a pulse at tau - t, and its copies one period away: these must
     # stay a pulse's half-length away from every voxel.
     longest_lag_s = max(end_s + stop * width_s - earliest_s, latest_s - begin_s - first * width_s)
-    return Slab(planes, slice(first, stop), light.band(longest_lag_s + margin_s))
+    return DepthBlock(planes, slice(first, stop), light.band(longest_lag_s + margin_s))

@@ -11,26 +11,26 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
-from recon.sampling import Slab
-from recon.window import Fades
+from recon.sampling import DepthBlock
+from recon.window import Window, windowed_blocks
 
 
 def spectra(
     capture: Capture,
-    slabs: Sequence[Slab],
-    fades: Fades,
+    depth_blocks: Sequence[DepthBlock],
+    window: Window,
     progress: Callable[[float], None] | None = None,
     dtype: DTypeLike = np.complex64,
 ) -> list[NDArray[np.complexfloating]]:
-    """Take the spectra of all positions, for every slab, in one pass over the record.
+    """Take the spectra of all positions, for every depth block, in one pass over the record.
 
     Parameters
     ----------
     capture
-        Histograms, read in blocks; only the bins that some slab needs are asked for.
-    slabs
+        Histograms, read in blocks; only the bins that some depth block needs are asked for.
+    depth_blocks
         Bins and frequencies.
-    fades
+    window
         Soft edges.
     progress
         Called with the fraction that is done.
@@ -40,37 +40,35 @@ def spectra(
     Returns
     -------
     list of ndarray
-        (F, P) of `dtype` for each slab; (0, P) for one that the record does not reach.
+        (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
     """
     real = np.empty(0, dtype).real.dtype
-    results = [np.zeros((slab.reached * len(slab.band), capture.positions), dtype) for slab in slabs]
-    wanted = [slab.bins for slab in slabs if slab.reached]
+    results = [
+        np.zeros((depth_block.reached * len(depth_block.band), capture.positions), dtype)
+        for depth_block in depth_blocks
+    ]
+    wanted = [depth_block.bins for depth_block in depth_blocks if depth_block.reached]
     if not wanted:
         return results
     bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
-    end = fades.end_weights(capture.bins, capture.bin_width_s)
-    matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins], dtype) for slab in slabs]
-    for block, counts in capture.histograms.blocks(bins):
-        faded = np.array(counts, dtype=real)
-        first_bin_s = capture.first_bin_s if len(capture.first_bin_s) == 1 else capture.first_bin_s[block]
-        start = fades.start_weights(first_bin_s, bins, capture.bin_width_s)
-        faded[:, : start.shape[1]] *= start
-        for slab, matrix, result in zip(slabs, matrices, results, strict=True):
-            part = faded[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
-            if slab.reached:
-                result[:, block] = (part @ matrix).view(dtype).T
+    matrices = [_fourier_matrix(depth_block, capture.bin_width_s, dtype) for depth_block in depth_blocks]
+    for positions, counts in windowed_blocks(capture, window, bins, real):
+        for depth_block, matrix, result in zip(depth_blocks, matrices, results, strict=True):
+            part = counts[:, depth_block.bins.start - bins.start : depth_block.bins.stop - bins.start]
+            if depth_block.reached:
+                result[:, positions] = (part @ matrix).view(dtype).T
         if progress:
-            progress(block.stop / capture.positions)
-    for slab, result in zip(slabs, results, strict=True):
-        if slab.reached:
-            result *= np.exp(-1j * np.multiply.outer(slab.band.frequencies_rad_per_s, capture.first_bin_s))
+            progress(positions.stop / capture.positions)
+    for depth_block, result in zip(depth_blocks, results, strict=True):
+        if depth_block.reached:
+            result *= np.exp(
+                -1j * np.multiply.outer(depth_block.band.frequencies_rad_per_s, capture.first_bin_s)
+            )
     return results
 
 
-def _fourier_matrix(
-    slab: Slab, bin_width_s: float, weights: NDArray[np.float64], dtype: DTypeLike
-) -> NDArray[np.floating]:
+def _fourier_matrix(depth_block: DepthBlock, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
     """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
-    centres_s = (np.arange(slab.bins.start, slab.bins.stop) + 0.5) * bin_width_s
-    factors = np.exp(-1j * np.multiply.outer(centres_s, slab.band.frequencies_rad_per_s))
-    return (factors * weights[:, None]).astype(dtype).view(np.empty(0, dtype).real.dtype)
+    centres_s = (np.arange(depth_block.bins.start, depth_block.bins.stop) + 0.5) * bin_width_s
+    factors = np.exp(-1j * np.multiply.outer(centres_s, depth_block.band.frequencies_rad_per_s))
+    return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)

@@ -12,7 +12,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.solvers.rsd import direct_f32, dispatch
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 from support.hidden_points import C, exact, histograms, wall, worst
 
 PULSE = VirtualPulse(0.08)
@@ -128,7 +128,7 @@ def test_each_frequency_is_the_direct_sum(geometry):
     "camera", [PhotoCamera(), TransientCamera(np.linspace(2e-9, 5e-9, 5))], ids=lambda c: c.name
 )
 def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
-    problem = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Fades())
+    problem = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Window())
     problem = replace(problem, fft=fft)
     found, wanted = (np.stack(list(planes(problem, solver))) for solver in ("rsd", "direct"))
     assert found.shape == (2, problem.frames, 11, 12)
@@ -139,7 +139,7 @@ def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
 def test_few_positions_at_a_time_give_the_same(geometry):
     capture, grid = taken(WALLS["curved"], geometry), GRIDS["as the wall"]
     parts = []
-    problem = plan(capture, PULSE, grid, ConfocalCamera(), Fades(), parts.append)
+    problem = plan(capture, PULSE, grid, ConfocalCamera(), Window(), parts.append)
     whole = np.stack(list(planes(problem, "rsd")))
     parts.clear()
     cut = np.stack(list(planes(replace(problem, working_bytes=10**5), "rsd")))
@@ -156,7 +156,7 @@ def test_the_way_that_costs_less_is_taken():
 
     def runs(spots, geometry="one"):
         counts = ArrayHistograms(np.zeros((len(spots), 1)))
-        return dispatch.planar_runs(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
+        return dispatch.planar_groups(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
 
     assert dispatch.quicker_on_lattice(runs(many), many, band, large)
     assert not dispatch.quicker_on_lattice(runs(few), few, band, large)

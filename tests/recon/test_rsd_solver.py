@@ -11,7 +11,7 @@ from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 from support.hidden_points import exact, histograms, wall, worst
 
 PITCH = 0.02
@@ -141,7 +141,7 @@ def test_moving_wall_and_scene_moves_the_image():
 def test_few_frequencies_at_a_time_give_the_same():
     whole = image(capture(), PULSE, voxels()).field
     parts = []
-    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Fades(), parts.append)
+    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Window(), parts.append)
     cut = np.concatenate(list(planes(replace(problem, wall_bytes=5 * 8 * 48 * 40), "rsd")))
     assert worst(cut, whole) < 1e-5
     assert parts == sorted(parts)

@@ -47,15 +47,15 @@ def exact(capture, result):
     first = np.broadcast_to(capture.first_bin_s, capture.positions)[:, None]
     times_s = first + (np.arange(capture.bins) + 0.5) * capture.bin_width_s
     parts = []
-    for slab in result.slabs:
-        axes = np.meshgrid(result.grid.z_m[slab.planes], result.grid.y_m, result.grid.x_m, indexing="ij")
+    for block in result.depth_blocks:
+        axes = np.meshgrid(result.grid.z_m[block.planes], result.grid.y_m, result.grid.x_m, indexing="ij")
         voxels = np.stack([axis.ravel() for axis in axes[::-1]], axis=1)[:, None]
         r_p = np.linalg.norm(voxels - capture.laser_m, axis=2)
         r_c = np.linalg.norm(voxels - capture.detector_m, axis=2)
         total = 0
-        for frequency, weight in zip(slab.band.frequencies_rad_per_s, slab.band.weights, strict=True):
-            turn = np.exp(-1j * frequency * times_s[:, slab.bins])
-            spectrum = (capture.histograms.counts[:, slab.bins] * turn).sum(axis=1)
+        for frequency, weight in zip(block.band.frequencies_rad_per_s, block.band.weights, strict=True):
+            turn = np.exp(-1j * frequency * times_s[:, block.bins])
+            spectrum = (capture.histograms.counts[:, block.bins] * turn).sum(axis=1)
             total = total + weight * (np.exp(1j * frequency * (r_p + r_c) / C) / r_p) @ spectrum
         parts.append(total.reshape(axes[0].shape))
     return np.concatenate(parts)
