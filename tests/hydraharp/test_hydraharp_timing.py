@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.hydraharp.device import HydraHarp
@@ -40,7 +40,6 @@ class Given:
         return 0.0
 
 
-@settings(deadline=None)  # the first example compiles
 @given(
     gaps_ps=st.lists(st.integers(0, 400_000), min_size=1, max_size=40),
     dead_ps=st.integers(1, 200_000),

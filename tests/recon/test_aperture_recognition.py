@@ -26,7 +26,7 @@ def grids(draw):
     return pitch_m, column[order], row[order], (spots + noise_m)[order]
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(grids())
 def test_numbers_every_position(grid):
     pitch_m, column, row, spots = grid

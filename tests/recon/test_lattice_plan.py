@@ -35,7 +35,7 @@ def scenes(draw):
     return laser_m, grid, draw(st.booleans()), draw(st.integers(0, 2**32))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(scenes())
 def test_one_frequency_is_the_sum(scene):
     laser_m, grid, confocal, seed = scene

@@ -42,7 +42,7 @@ def voxels(side, planes, width_m=1.0):
 
 SCRIPT = """
 import json, sys
-sys.path.insert(0, "tests/recon")
+sys.path[:0] = ["tests", "tests/recon"]
 from test_memory_bound import PULSE, capture, image, moments, video, voxels
 def status(name):
     with open("/proc/self/status") as status:

@@ -14,9 +14,7 @@ from rig.importers import import_scan
 from support.scan_files import C_M_PER_S, load
 
 # the folder is the same for all examples, and each writes its files anew
-EXAMPLES = settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+EXAMPLES = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SIZES = st.integers(1, 4)
 
 
