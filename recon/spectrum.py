@@ -5,13 +5,17 @@ tens of frequencies this is a real matrix product, counts times [cos, -sin], at 
 of the first bin, which may differ between positions, is a phase on its result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
 from recon.sampling import DepthBlock
+from recon.wave import Band
 from recon.window import Window, windowed_blocks
 
 
@@ -43,32 +47,71 @@ def spectra(
         (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
     """
     real = np.empty(0, dtype).real.dtype
-    results = [
-        np.zeros((depth_block.reached * len(depth_block.band), capture.positions), dtype)
-        for depth_block in depth_blocks
-    ]
-    wanted = [depth_block.bins for depth_block in depth_blocks if depth_block.reached]
-    if not wanted:
+    results = [np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks]
+    families = _families(depth_blocks)
+    if not families:
         return results
-    bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
-    matrices = [_fourier_matrix(depth_block, capture.bin_width_s, dtype) for depth_block in depth_blocks]
+    bins = slice(min(one.edges[0] for one in families), max(one.edges[-1] for one in families))
+    matrices = [_fourier_matrix(one, capture.bin_width_s, dtype) for one in families]
     for positions, counts in windowed_blocks(capture, window, bins, real):
-        for depth_block, matrix, result in zip(depth_blocks, matrices, results, strict=True):
-            part = counts[:, depth_block.bins.start - bins.start : depth_block.bins.stop - bins.start]
-            if depth_block.reached:
-                result[:, positions] = (part @ matrix).view(dtype).T
+        for family, matrix in zip(families, matrices, strict=True):
+            for number, sums in family.sums(counts, matrix, bins.start):
+                results[number][:, positions] = sums.view(dtype).T
         if progress:
             progress(positions.stop / capture.positions)
-    for depth_block, result in zip(depth_blocks, results, strict=True):
-        if depth_block.reached:
-            result *= np.exp(
-                -1j * np.multiply.outer(depth_block.band.frequencies_rad_per_s, capture.first_bin_s)
-            )
+    for family in families:
+        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, capture.first_bin_s))
+        for number in family.members:
+            results[number] *= phases
     return results
 
 
-def _fourier_matrix(depth_block: DepthBlock, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
+@dataclass(frozen=True)
+class _Family:
+    """Depth blocks that have the same frequencies: what bins they share is summed once.
+
+    Attributes
+    ----------
+    band
+        The frequencies.
+    members
+        Numbers of the depth blocks, and the bins of each.
+    edges
+        Ascending bins at which any member begins or ends.
+    """
+
+    band: Band
+    members: dict[int, slice]
+
+    @cached_property
+    def edges(self) -> list[int]:
+        return sorted({edge for bins in self.members.values() for edge in (bins.start, bins.stop)})
+
+    def sums(
+        self, counts: NDArray[np.floating], matrix: NDArray[np.floating], first: int
+    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
+        """Yield each member's number and sum over its bins, (block, 2 F); `counts` begin at bin `first`."""
+        pieces = {
+            edge: counts[:, edge - first : end - first] @ matrix[edge - self.edges[0] : end - self.edges[0]]
+            for edge, end in pairwise(self.edges)
+        }
+        for number, bins in self.members.items():
+            total, *others = (piece for edge, piece in pieces.items() if bins.start <= edge < bins.stop)
+            yield number, sum(others, total)
+
+
+def _families(depth_blocks: Sequence[DepthBlock]) -> list[_Family]:
+    """Put the depth blocks that the record reaches together by their frequencies."""
+    found: dict[tuple[float, float, int], _Family] = {}
+    for number, part in enumerate(depth_blocks):
+        if part.reached:
+            key = part.band.first_rad_per_s, part.band.step_rad_per_s, len(part.band)
+            found.setdefault(key, _Family(part.band, {})).members[number] = part.bins
+    return list(found.values())
+
+
+def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
     """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
-    centres_s = (np.arange(depth_block.bins.start, depth_block.bins.stop) + 0.5) * bin_width_s
-    factors = np.exp(-1j * np.multiply.outer(centres_s, depth_block.band.frequencies_rad_per_s))
+    centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s
+    factors = np.exp(-1j * np.multiply.outer(centres_s, family.band.frequencies_rad_per_s))
     return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)
