@@ -79,3 +79,32 @@ def test_nine_dots_at_their_pitch(imaged):
     # three in each row and column: every dot is within 2 cm of its column's and its row's mean
     assert np.abs(np.sort(x_m).reshape(3, 3) - columns[:, None]).max() < 0.02
     assert np.abs(np.sort(y_m).reshape(3, 3) - rows[:, None]).max() < 0.02
+
+
+def brightness(volume, x_m, y_m):
+    """Mean of the front view over a part of it, in parts of its maximum."""
+    front = volume.intensity.max(axis=0)
+    columns = (volume.x_m >= x_m[0]) & (volume.x_m <= x_m[1])
+    rows = (volume.y_m >= y_m[0]) & (volume.y_m <= y_m[1])
+    return front[np.ix_(rows, columns)].mean() / front.max()
+
+
+def test_twenty_over_nineteen(imaged):
+    volume = imaged("ahn_2019", "--wavelength", "5cm")
+    assert np.nanmedian(volume.depth_m) == pytest.approx(1.08, abs=0.03)
+    # the 1 of the lower 19 stands on the reader's left, at +x; its gap to the 9 is dark, the 2 above has none
+    one = brightness(volume, (0.07, 0.09), (-0.18, -0.06))
+    gap = brightness(volume, (0.01, 0.05), (-0.18, -0.06))
+    assert one > 4 * gap
+    assert brightness(volume, (0.01, 0.05), (0.05, 0.15)) > 2 * gap
+
+
+def test_an_l_from_eighteen_metres_away(imaged):
+    volume = imaged("xiao18m_L", "--wavelength", "20cm", "--depth", "0.5m:1m:2cm")
+    # published at 0.77 m; with a wavelength of 20 cm the letter's parts spread from 0.71 to 0.83 m
+    assert np.nanmedian(volume.depth_m) == pytest.approx(0.77, abs=0.06)
+    # its stem is on the reader's left, at +x, its foot points to the right, below
+    stem = brightness(volume, (0.0, 0.12), (0.05, 0.25))
+    foot = brightness(volume, (-0.27, -0.12), (-0.27, -0.1))
+    beside = brightness(volume, (-0.27, -0.12), (0.05, 0.25))
+    assert min(stem, foot) > 5 * beside
