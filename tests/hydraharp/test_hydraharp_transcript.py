@@ -192,15 +192,9 @@ def test_stopped_after_an_error_which_stays_the_one_raised(code):
 
 
 def test_stopped_when_interrupted():
-    def interrupt(harp):
-        harp._clock.sleep = interrupted
-        harp.measure(10e-3)
-
-    def interrupted(duration_s):
-        raise KeyboardInterrupt
-
+    lines = [*START[:2], ("sleep(0.01)", KeyboardInterrupt), ("HH_StopMeas(1)",)]
     with pytest.raises(KeyboardInterrupt):
-        play([*OPEN, *START[:2], ("HH_StopMeas(1)",), *CLOSE], interrupt)
+        play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
 
 
 @pytest.mark.parametrize(

@@ -175,8 +175,8 @@ def test_a_device_that_never_stops_talking_is_given_up():
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are a Unix thing")
 def test_over_a_real_serial_port_of_the_operating_system():
     """The same board behind a pseudo-terminal: pyserial's own port, locked, opened, read and lost."""
-    clock = BenchClock(real_time=True)
-    board = GalvoBoard(Bench(clock=clock))
+    bench = Bench(clock=BenchClock(real_time=True))
+    board = GalvoBoard(bench)
     ours, theirs = os.openpty()
     pytest.importorskip("tty").setraw(theirs)
 
@@ -198,7 +198,7 @@ def test_over_a_real_serial_port_of_the_operating_system():
             mirror.wait_settled(timeout_s=1.0)
             with pytest.raises(LinkError, match="another program has it"):
                 OptotuneMirror(address, clock=SystemClock()).__enter__()
-        assert board._bench.mirror.target == (0.0, 0.0)
+        assert bench.mirror.target == (0.0, 0.0)
     finally:
         os.close(theirs)
         thread.join(timeout=5.0)

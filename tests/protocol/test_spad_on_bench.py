@@ -160,11 +160,18 @@ def test_without_libusb_the_extra_is_named(monkeypatch):
     ("code", "words"),
     [(errno.EACCES, "udev"), (errno.EBUSY, "another program"), (errno.EIO, "connection broke")],
 )
-def test_a_bus_that_refuses_is_explained(rig, monkeypatch, code, words):
-    def refuse(*_):
-        raise USBError("refused", -1, code)
+def test_a_bus_that_refuses_is_explained(rig, code, words):
+    class Refusing(UsbBackend):
+        """A bus that opens nothing where rights are missing, and else lets nobody claim an instrument."""
 
-    where = "open_device" if code == errno.EACCES else "claim_interface"
-    monkeypatch.setattr(rig.usb, where, refuse)
+        def open_device(self, dev):
+            return self._refuse() if code == errno.EACCES else super().open_device(dev)
+
+        def claim_interface(self, dev_handle, intf):
+            self._refuse()
+
+        def _refuse(self):
+            raise USBError("refused", -1, code)
+
     with pytest.raises(LinkError, match=words):
-        rig.spad().__enter__()
+        Id120Spad(backend=Refusing([rig.instrument]), clock=rig.bench.clock).__enter__()
