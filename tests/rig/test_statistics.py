@@ -173,4 +173,7 @@ def test_the_pictures_show_the_positions_that_they_name(scanned):
     assert panels[2].lines[0].get_ydata().max() == counted.statistics.largest
     compared = comparison_figure([view, view])
     assert len(compared.subfigs) == 2
-    assert all(len(part.axes) == 3 for part in compared.subfigs)
+    for part in compared.subfigs:
+        for axes, alone in zip(part.axes, panels, strict=True):
+            np.testing.assert_array_equal(axes.lines[0].get_xydata(), alone.lines[0].get_xydata())
+            assert axes.get_xlabel() == "time after the pulse on the wall (ns)"
