@@ -19,7 +19,7 @@ from simulators.transport.extra_bounces import WALL_M
 from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 
-RENDERER = Path(__file__).with_name("path_traced_room.py")
+RENDERER = Path(__file__).parents[1] / "support" / "path_traced_room.py"
 LASER = (0.35, -0.25, 0.0)
 ALBEDO, WALL_ALBEDO = 0.6, 0.8
 EDGES_M = np.arange(0.6, 13.0, 0.06)
