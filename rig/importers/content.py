@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 import h5py
 import numpy as np
@@ -10,6 +11,18 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
 from rig.model.delays import PathDelays
+
+
+class Given(TypedDict, total=False):
+    """The options of an import by name, as `Options` describes them."""
+
+    bin_width_s: float | None
+    wall_size_m: float | None
+    depth_pitch_m: float | None
+    time_origin: str | None
+    fade_from_s: float | None
+    delays: Path | None
+    bounces: tuple[int, ...] | None
 
 
 @dataclass(frozen=True)
@@ -30,6 +43,8 @@ class Options:
         File with the time of flight to each position.
     bounces
         Which entries of a bounce axis to add up, counted from one.
+    depth_pitch_m
+        Length of one depth index of the wall's spots.
     """
 
     bin_width_s: float | None = None
@@ -38,6 +53,7 @@ class Options:
     fade_from_s: float | None = None
     delays: Path | None = None
     bounces: tuple[int, ...] | None = None
+    depth_pitch_m: float | None = None
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from rig.importers import (
     xiao,
     znlos,
 )
-from rig.importers.content import Content, Options
+from rig.importers.content import Content, Given, Options
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
@@ -72,13 +73,7 @@ class ImportReport:
 def import_scan(
     source: str | Path,
     target: str | Path,
-    *,
-    bin_width_s: float | None = None,
-    wall_size_m: float | None = None,
-    time_origin: str | None = None,
-    fade_from_s: float | None = None,
-    delays: str | Path | None = None,
-    bounces: tuple[int, ...] | None = None,
+    **given: Unpack[Given],
 ) -> ImportReport:
     """Read a file of a known layout, told by its content, and write it as a scan file.
 
@@ -86,7 +81,7 @@ def import_scan(
     ----------
     source, target
         The file to read, and the scan file to make.
-    bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces
+    **given
         What the file may lack; see `rig.importers.content.Options`.
 
     Raises
@@ -99,8 +94,7 @@ def import_scan(
     source, target = Path(source), Path(target)
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
-    delays = None if delays is None else Path(delays)
-    options = Options(bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces)
+    options = Options(**given)
     with open_source(source) as opened:
         layout = _recognise(opened)
         content = layout.read(opened, options)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.files import ScanFile
+from rig.files import ScanFile, read_volume
 
 C_M_PER_S = 299_792_458.0
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -17,3 +17,30 @@ def load(path):
     with ScanFile(path) as scan:
         capture = scan.capture()
         return capture, np.concatenate([block for _, block in capture.histograms.blocks()])
+
+
+def point_signal(point_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.0):
+    """(P, bins) counts of a hidden point: 100 photons of each position, at the time of wall, point, wall.
+
+    ``first_bin_s`` may be (P,), where each position's record begins at a time of its own. The photons are
+    shared between the two nearest bins, so that a place found from them is not off by a part of a bin.
+    """
+    path_m = np.linalg.norm(laser_m - point_m, axis=1) + np.linalg.norm(detector_m - point_m, axis=1)
+    at = (path_m / C_M_PER_S - first_bin_s) / bin_width_s - 0.5
+    low = np.floor(at).astype(int)
+    counts = np.zeros((len(laser_m), bins), "u2")
+    upper = np.rint(100 * (at - low)).astype("u2")
+    rows = np.arange(len(laser_m))
+    counts[rows, low] += 100 - upper
+    counts[rows, low + 1] += upper
+    return counts
+
+
+def brightest(rig, scan, *options):
+    """Image a scan file by ``rig recon``; return x and y of its brightest pixel, and the surface's depth there."""
+    done = rig("recon", scan, "--out", "brightest-volume.h5", "--cycles", 2, *options)
+    assert done.code == 0, done.err
+    volume = read_volume("brightest-volume.h5")
+    front = volume.intensity.max(axis=0)
+    y, x = np.unravel_index(front.argmax(), front.shape)
+    return np.array([volume.x_m[x], volume.y_m[y], volume.depth_m[y, x]])
