@@ -12,7 +12,8 @@ import numpy as np
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
-from rig.importers.content import Content, Options, as_counts
+from rig.importers.content import Content, as_counts
+from rig.importers.options import Options
 from rig.importers.source import Source
 
 NAME = "Ahn 2019"

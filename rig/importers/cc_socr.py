@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
-from rig.importers.content import Content, Options, as_counts, asked_for
+from rig.importers.content import Content, as_counts
+from rig.importers.options import Options
 from rig.importers.source import Source, open_source
 
 NAME = "Liu 2023, CC-SOCR"
@@ -39,17 +40,17 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: sub_Sig has shape {signal.shape}, but C_i has {len(lit)} "
             f"and C_d {len(seen)} rows"
         )
-    bin_width_s = asked_for(
-        options.bin_width_s,
+    bin_width_s = options.asked(
+        "bin_width_s",
         source.path,
         "how wide its bins are",
-        "--bin-width (published: 32ps for the statue, 16ps for the figure 4)",
+        "published: 32ps for the statue, 16ps for the figure 4",
     )
-    size_m = asked_for(
-        options.wall_size_m,
+    size_m = options.asked(
+        "wall_size_m",
         source.path,
         "how large the scanned square is",
-        "--wall-size (published: 2m for the statue, 1.26m for the figure 4)",
+        "published: 2m for the statue, 1.26m for the figure 4",
     )
     scanned = lit if np.ptp(lit[:, :2], axis=0).any() else seen
     low, high = scanned[:, :2].min(axis=0), scanned[:, :2].max(axis=0)
@@ -90,11 +91,11 @@ def _depth_pitch(source: Source, options: Options, lit: NDArray, seen: NDArray) 
     deepest = int(max(lit[:, 2].max(), seen[:, 2].max()))
     if not deepest and not min(lit[:, 2].min(), seen[:, 2].min()):
         return 0.0, "the wall is flat: all depth indices are 0"
-    pitch_m = asked_for(
-        options.depth_pitch_m,
+    pitch_m = options.asked(
+        "depth_pitch_m",
         source.path,
         f"how deep its wall is: C_i and C_d hold depth indices up to {deepest}",
-        "--depth-pitch, the length of one of them (published: 1cm for the letters N and T)",
+        "the length of one of them; published: 1cm for the letters N and T",
     )
     return pitch_m, (
         f"one depth index is {pitch_m * 100:g} cm, index 0 is z = 0, and they grow into the room: the wall "

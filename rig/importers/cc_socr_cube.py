@@ -8,7 +8,8 @@ neither. Where fewer spots were chosen than the cube has room for, the rest of i
 import numpy as np
 
 from rig.errors import DataFileError
-from rig.importers.content import Content, Options, as_counts, asked_for
+from rig.importers.content import Content, as_counts
+from rig.importers.options import Options
 from rig.importers.source import Source, open_source
 
 NAME = "Liu 2023, CC-SOCR with setup"
@@ -39,11 +40,11 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: data has shape {signal.shape}, but setup.mat has {len(lit_m)} laser and "
             f"{len(seen_m)} detector points"
         )
-    bin_width_s = asked_for(
-        options.bin_width_s,
+    bin_width_s = options.asked(
+        "bin_width_s",
         source.path,
         "how wide its bins are",
-        "--bin-width (published: 32ps for the statue, 16ps for the figure 4)",
+        "published: 32ps for the statue, 16ps for the figure 4",
     )
     middle_m = (lit_m.min(axis=0) + lit_m.max(axis=0)) / 2
     counts = as_counts(signal.reshape(len(lit_m), -1))

@@ -1,59 +1,14 @@
-"""What an importer finds in a file, and what it may be told."""
+"""What an importer finds in a file."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TypedDict
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError
 from rig.model.delays import PathDelays
-
-
-class Given(TypedDict, total=False):
-    """The options of an import by name, as `Options` describes them."""
-
-    bin_width_s: float | None
-    wall_size_m: float | None
-    depth_pitch_m: float | None
-    time_origin: str | None
-    fade_from_s: float | None
-    delays: Path | None
-    bounces: tuple[int, ...] | None
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a person adds to a file that does not say all; None leaves it to the file.
-
-    Attributes
-    ----------
-    bin_width_s
-        Width of a bin.
-    wall_size_m
-        Side of the scanned square, from its first to its last spot.
-    time_origin
-        ``wall`` or ``laser``.
-    fade_from_s
-        Rectified time before which the record holds the wall's own light.
-    delays
-        File with the time of flight to each position.
-    bounces
-        Which entries of a bounce axis to add up, counted from one.
-    depth_pitch_m
-        Length of one depth index of the wall's spots.
-    """
-
-    bin_width_s: float | None = None
-    wall_size_m: float | None = None
-    time_origin: str | None = None
-    fade_from_s: float | None = None
-    delays: Path | None = None
-    bounces: tuple[int, ...] | None = None
-    depth_pitch_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,20 +51,10 @@ class Content:
     simulated: bool = False
     assumed: Sequence[str] = ()
 
-
-def asked_for(value: float | None, path: object, what: str, option: str) -> float:
-    """Return what only a person can know.
-
-    Raises
-    ------
-    UsageError
-        If it was not given, or is not positive; it names the option.
-    """
-    if value is None:
-        raise UsageError(f"{path} does not say {what}; give it with {option}")
-    if not 0 < value < np.inf:
-        raise UsageError(f"{option} must be positive, not {value}")
-    return value
+    @property
+    def time_origin(self) -> str:
+        """``wall`` or ``laser``."""
+        return "wall" if self.delays is None and self.delay_s is None else "laser"
 
 
 def as_counts(array: NDArray) -> NDArray:

@@ -27,7 +27,9 @@ from rig.importers import (
     xiao,
     znlos,
 )
-from rig.importers.content import Content, Given, Options
+from rig.importers.content import Content
+from rig.importers.held import hold_against
+from rig.importers.options import Given, Options
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
@@ -70,11 +72,7 @@ class ImportReport:
     assumed: tuple[str, ...]
 
 
-def import_scan(
-    source: str | Path,
-    target: str | Path,
-    **given: Unpack[Given],
-) -> ImportReport:
+def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) -> ImportReport:
     """Read a file of a known layout, told by its content, and write it as a scan file.
 
     Parameters
@@ -82,12 +80,12 @@ def import_scan(
     source, target
         The file to read, and the scan file to make.
     **given
-        What the file may lack; see `rig.importers.content.Options`.
+        What the file may lack; see `rig.importers.options.Given`.
 
     Raises
     ------
     UsageError
-        If ``target`` exists, or the file lacks something that was not given.
+        If ``target`` exists, the file lacks something that was not given, or says otherwise than was given.
     DataFileError
         If the file is damaged, of no known layout, or of two. Then no ``target`` is left.
     """
@@ -97,13 +95,13 @@ def import_scan(
     options = Options(**given)
     with open_source(source) as opened:
         layout = _recognise(opened)
-        content = layout.read(opened, options)
-        _write(opened.path, target, layout.NAME, content, options)
+        content = hold_against(layout.read(opened, options), options, source, layout.NAME)
+        _write(source, target, layout.NAME, content)
     return ImportReport(
         layout=layout.NAME,
         positions=len(content.laser_m),
         bins=content.bins,
-        time_origin="wall" if content.delays is None and content.delay_s is None else "laser",
+        time_origin=content.time_origin,
         assumed=tuple(content.assumed),
     )
 
@@ -124,11 +122,10 @@ def _recognise(source: Source) -> ModuleType:
     )
 
 
-def _write(source: Path, target: Path, name: str, content: Content, options: Options) -> None:
+def _write(source: Path, target: Path, name: str, content: Content) -> None:
     with source.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     imported = {"file": source.name, "sha256": digest, "layout": name, "assumed": list(content.assumed)}
-    fade_from_s = content.fade_from_s if options.fade_from_s is None else options.fade_from_s
     description = ScanDescription(
         laser_m=content.laser_m,
         detector_m=content.detector_m,
@@ -139,7 +136,7 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         delay_s=content.delay_s,
         simulated=content.simulated,
         command=f"rig import {source.name}",
-        fade_from_s=fade_from_s,
+        fade_from_s=content.fade_from_s,
         instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,
         imported=imported,

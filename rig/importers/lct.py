@@ -4,7 +4,8 @@
 bottom. ``width`` is half the wall's side in metres; the spots include both edges.
 """
 
-from rig.importers.content import Content, Options, asked_for
+from rig.importers.content import Content
+from rig.importers.options import Options
 from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
@@ -30,11 +31,11 @@ def read(source: Source, options: Options) -> Content:
         If an array does not have the layout's shape.
     """
     width_m = source.numbers("width", 1)[0]
-    bin_width_s = asked_for(
-        options.bin_width_s,
+    bin_width_s = options.asked(
+        "bin_width_s",
         source.path,
         "how wide its bins are",
-        "--bin-width (the published measurements of this layout have 4ps)",
+        "the published measurements of this layout have 4ps",
     )
     return confocal_square(
         source,

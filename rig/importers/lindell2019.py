@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
-from rig.importers.content import Content, Options, asked_for, square_grid
+from rig.importers.content import Content, square_grid
 from rig.importers.cube import cube_blocks, cube_shape
+from rig.importers.options import Options
 from rig.importers.source import Source, open_source
 
 NAME = "Lindell 2019, f-k"
@@ -40,22 +41,16 @@ def read(source: Source, options: Options) -> Content:
             "frame is not known; write it as neutral HDF5, with laser_position_m and time_s"
         )
     nx, ny, bins = cube_shape(source, "meas")
-    tof_s, where = _times_of_flight(source, options.delays)
+    tof_s, where = _times_of_flight(source, options)
     if tof_s.shape != (nx, ny):
         raise DataFileError(
             f"{source.path}: meas has {nx} x {ny} positions, but tofgrid of {where} has shape {tof_s.shape}"
         )
-    bin_width_s = asked_for(
-        options.bin_width_s,
-        source.path,
-        "how wide its bins are",
-        "--bin-width (the published scans have 32ps)",
+    bin_width_s = options.asked(
+        "bin_width_s", source.path, "how wide its bins are", "the published scans have 32ps"
     )
-    size_m = asked_for(
-        options.wall_size_m,
-        source.path,
-        "how large the scanned square is",
-        "--wall-size (the published scans have 2m)",
+    size_m = options.asked(
+        "wall_size_m", source.path, "how large the scanned square is", "the published scans have 2m"
     )
     spots_m = square_grid(nx, ny, size_m, y_down=True)
     dtype, blocks = cube_blocks(source, "meas")
@@ -76,11 +71,16 @@ def read(source: Source, options: Options) -> Content:
     )
 
 
-def _times_of_flight(source: Source, given: Path | None) -> tuple[NDArray[np.float64], str]:
+def _times_of_flight(source: Source, options: Options) -> tuple[NDArray[np.float64], str]:
     """Return tofgrid (x, y) in seconds, and the name of the file it is from."""
-    if given is None and source.has("tofgrid"):
+    given = options.optional("delays")
+    if given is not None and source.has("tofgrid"):
+        raise UsageError(
+            f"{source.path} holds tofgrid itself; leave --tof {given} out, or take tofgrid out of the file"
+        )
+    if source.has("tofgrid"):
         return _tofgrid(source), source.path.name
-    path = source.path.with_name("tof.mat") if given is None else given
+    path = source.path.with_name("tof.mat") if given is None else Path(given)
     if given is None and not path.is_file():
         raise UsageError(
             f"{source.path} does not say how long light flies to each position, and there is no tof.mat "

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
 from rig.files.check import reading
-from rig.importers.content import Content, Options, stored_dtype
+from rig.importers.content import Content, stored_dtype
+from rig.importers.options import Options
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
 from rig.model.delays import PathDelays

@@ -102,6 +102,24 @@ class Source:
         assert self.hdf5 is not None
         return plain(self.hdf5.attrs.get(name, default))
 
+    def attribute_numbers(self, name: str, size: int) -> NDArray[np.float64] | None:
+        """Return a root attribute of an HDF5 file as float64 of this size; None where there is none.
+
+        Raises
+        ------
+        DataFileError
+            If it does not hold as many finite numbers.
+        """
+        assert self.hdf5 is not None
+        if name not in self.hdf5.attrs:
+            return None
+        value = np.asarray(self.hdf5.attrs[name])
+        if value.dtype.kind not in "fiu" or value.size != size or not np.isfinite(value).all():
+            raise DataFileError(
+                f"{self.path}: attribute '{name}' is {value}; {size} finite numbers are needed"
+            )
+        return value.astype(float).reshape(size)
+
     def contents(self) -> str:
         """Return what it holds, in words."""
         parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
 from rig.files.check import reading
-from rig.importers.content import Content, Options, stored_dtype
+from rig.importers.content import Content, stored_dtype
+from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
@@ -110,12 +111,13 @@ def _legs_inside(source: Source, options: Options) -> bool:
     flag = _optional(source, "t_accounts_first_and_last_bounces", 1)
     if flag is not None:
         return bool(flag[0])
-    if options.time_origin is None:
+    told = options.optional("time_origin")
+    if told is None:
         raise UsageError(
             f"{source.path} does not say whether its time includes the ways from laser to wall and from wall "
             "to sensor (t_accounts_first_and_last_bounces); say --time-origin laser if it does, wall if not"
         )
-    return options.time_origin == "laser"
+    return bool(told == "laser")
 
 
 def _optional(source: Source, name: str, *shape: int) -> NDArray[np.float64] | None:

@@ -4,7 +4,8 @@
 ``pulsewidth`` full width at half maximum of the instrument response [ps].
 """
 
-from rig.importers.content import Content, Options, asked_for
+from rig.importers.content import Content
+from rig.importers.options import Options, positive
 from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
@@ -30,7 +31,7 @@ def read(source: Source, options: Options) -> Content:
         source,
         "sig_in",
         size_m=2 * source.numbers("width", 1)[0],
-        bin_width_s=asked_for(source.numbers("timeRes", 1)[0], source.path, "its bin width", "timeRes"),
+        bin_width_s=positive(source.numbers("timeRes", 1)[0], f"{source.path}: timeRes"),
         instrument_response_s=response_s,
         assumed=("which way the axes point is not in the file: the picture may be mirrored or turned",),
     )

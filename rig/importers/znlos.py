@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
 from rig.files.check import reading
-from rig.importers.content import Content, Options
+from rig.importers.content import Content
+from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
@@ -50,7 +51,7 @@ def read(source: Source, options: Options) -> Content:
     reversed_ = _is_reversed(source, shape)
     ordered = shape[::-1] if reversed_ else shape
     camera_m, laser_m = (_points(source, f"{side}GridPositions", reversed_) for side in ("camera", "laser"))
-    bounces = _bounces(source, ordered[2], options.bounces)
+    bounces = _bounces(source, ordered[2], options.optional("bounces"))
     delta_m, start_m = (source.numbers(name, 1)[0] for name in ("deltaT", "t0"))
     if not delta_m > 0:
         raise DataFileError(f"{source.path}: deltaT is {delta_m} m; it must be positive")
