@@ -11,6 +11,7 @@ from rig.errors import DataFileError
 from rig.importers.content import Content, as_counts
 from rig.importers.options import Options
 from rig.importers.source import Source, open_source
+from rig.importers.wall import WallFrame
 
 NAME = "Liu 2023, CC-SOCR with setup"
 SIGN = "MATLAB v5 with data (n, m, t), and setup.mat with laserpoints and detectpoints beside it"
@@ -46,23 +47,25 @@ def read(source: Source, options: Options) -> Content:
         "how wide its bins are",
         "published: 32ps for the statue, 16ps for the figure 4",
     )
-    middle_m = (lit_m.min(axis=0) + lit_m.max(axis=0)) / 2
     counts = as_counts(signal.reshape(len(lit_m), -1))
     filled = counts.any(axis=1)
     if not filled.any():
         raise DataFileError(f"{source.path}: data is zero throughout; there is nothing to import")
-    counts, lit_m, seen_m = counts[filled], lit_m[filled], seen_m[filled]
+    scanned_m = lit_m if np.ptp(lit_m[:, :2], axis=0).any() else seen_m
+    frame = WallFrame.amid(scanned_m)
+    counts, lit_m, seen_m = counts[filled], frame.bring(lit_m[filled]), frame.bring(seen_m[filled])
     return Content(
-        laser_m=lit_m - middle_m,
-        detector_m=(seen_m[:1] if (seen_m == seen_m[0]).all() else seen_m) - middle_m,
+        laser_m=lit_m,
+        detector_m=seen_m[:1] if (seen_m == seen_m[0]).all() else seen_m,
         bins=counts.shape[1],
         bin_width_s=bin_width_s,
         first_bin_s=0.0,
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            "the middle of the lit spots is the origin",
             f"{np.count_nonzero(~filled)} signals that are zero throughout are left out, as not measured",
             "rectified: bin 0 begins when the pulse is on the wall",
+            "z grows into the room: that is not in the file",
         ),
+        frame=frame,
     )

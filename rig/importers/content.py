@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
+from rig.importers.wall import WallFrame
 from rig.model.delays import PathDelays
 
 
@@ -33,6 +34,8 @@ class Content:
         Full width at half maximum of the instrument response, where the file says it.
     simulated
         Whether the file says that it was computed.
+    frame
+        How the file's places were brought into this program's frame, where the file has places of its own.
     assumed
         What was taken for granted, as plain sentences.
     """
@@ -49,6 +52,7 @@ class Content:
     instrument_response_s: float | None = None
     delay_s: NDArray[np.float64] | None = None
     simulated: bool = False
+    frame: WallFrame | None = None
     assumed: Sequence[str] = ()
 
     @property

@@ -2,10 +2,10 @@
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,8 @@ def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) 
     with open_source(source) as opened:
         layout = _recognise(opened)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)
+        if content.frame is not None:
+            content = replace(content, assumed=(*content.assumed, content.frame.in_words()))
         _write(source, target, layout.NAME, content)
     return ImportReport(
         layout=layout.NAME,
@@ -125,7 +127,10 @@ def _recognise(source: Source) -> ModuleType:
 def _write(source: Path, target: Path, name: str, content: Content) -> None:
     with source.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    imported = {"file": source.name, "sha256": digest, "layout": name, "assumed": list(content.assumed)}
+    imported: dict[str, Any] = {"file": source.name, "sha256": digest, "layout": name}
+    imported["assumed"] = list(content.assumed)
+    if content.frame is not None and not content.frame.still:
+        imported["moved"] = {"origin_m": content.frame.origin_m.tolist(), "axes": content.frame.axes.tolist()}
     description = ScanDescription(
         laser_m=content.laser_m,
         detector_m=content.detector_m,

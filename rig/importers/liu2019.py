@@ -69,7 +69,8 @@ def read(source: Source, options: Options) -> Content:
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
         delays=PathDelays(frame.bring(laser_head_m), frame.bring(camera_head_m)),
-        assumed=("t0 is the left edge of the first bin", frame.in_words()),
+        assumed=("t0 is the left edge of the first bin",),
+        frame=frame,
     )
 
 

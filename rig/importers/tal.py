@@ -103,7 +103,8 @@ def read(source: Source, options: Options) -> Content:
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
         delays=spots.delays,
-        assumed=(*spots.assumed, frame.in_words()),
+        assumed=spots.assumed,
+        frame=frame,
     )
 
 

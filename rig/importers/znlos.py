@@ -88,8 +88,8 @@ def read(source: Source, options: Options) -> Content:
             f"{ordered[2]} are added up",
             "t0 is the left edge of the first bin",
             *spots.assumed,
-            frame.in_words(),
         ),
+        frame=frame,
     )
 
 

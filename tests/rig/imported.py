@@ -37,7 +37,7 @@ def point_signal(point_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.
 
 
 def brightest(rig, scan, *options):
-    """Image a scan file by ``rig recon``; return x, y of the brightest pixel and the surface's depth there."""
+    """Image a scan file by ``rig recon``; return the brightest pixel's x and y, and its depth."""
     done = rig("recon", scan, "--out", "brightest-volume.h5", "--cycles", 2, *options)
     assert done.code == 0, done.err
     volume = read_volume("brightest-volume.h5")

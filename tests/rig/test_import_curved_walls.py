@@ -1,11 +1,15 @@
 """Walls that are not flat keep their depth: a hidden point is imaged where it is."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.io
 from imported import brightest, load, point_signal
+from test_import_tal import tal
 
 from rig.errors import UsageError
+from rig.files import ScanFile
 from rig.importers import import_scan
 
 POINT_M = np.array([0.1, -0.08, 0.7])
@@ -60,3 +64,79 @@ def test_a_depth_pitch_must_be_a_length(tmp_path):
     given = {"bin_width_s": 16e-12, "wall_size_m": 0.76}
     with pytest.raises(UsageError, match="must be positive"):
         import_scan(tmp_path / "sub_Sig.mat", tmp_path / "a.h5", **given, depth_pitch_m=-0.01)
+
+
+# --- laser and detector points in metres
+
+
+def setup(folder, laser_m, detector_m, signal, count=20):
+    """Write data.mat and setup.mat as CC-SOCR and general-NLOS do."""
+    folder.mkdir(exist_ok=True)
+    scipy.io.savemat(folder / "data.mat", {"data": signal.reshape(count, count, -1)})
+    points = {
+        "laserpoints": laser_m.reshape(count, count, 3),
+        "detectpoints": detector_m.reshape(count, count, 3),
+    }
+    scipy.io.savemat(folder / "setup.mat", points)
+    return folder / "data.mat"
+
+
+def bulging_m(shift_m=(0.0, 0.0, 0.0)):
+    index = bulging().reshape(-1, 3)
+    return (index[:, [1, 2, 0]] - [9.5, 9.5, 0]) * [0.04, 0.04, 0.01] + shift_m
+
+
+@pytest.mark.parametrize("detector", ["one spot", "confocal"])
+@pytest.mark.parametrize(
+    ("shift_m", "moved_m"),
+    [
+        ((0.0, 0.0, 0.0), None),
+        ((0.05, -0.1, 0.03), None),  # the origin is amid the spots, and the wall reaches from z = 3 to 15 cm
+        ((0.38, 0.38, 0.0), (0.38, 0.38, 0.0)),  # counted from a corner
+        ((0.0, 0.0, -2.5), (0.0, 0.0, -2.44)),  # seen from the mirror
+        ((1.4, 0.2, -2.5), (1.4, 0.2, -2.44)),
+    ],
+)
+def test_places_are_moved_only_where_they_must_be_and_told(rig, tmp_path, detector, shift_m, moved_m):
+    laser_m = bulging_m(shift_m)
+    point_m = POINT_M + shift_m
+    seen_m = laser_m if detector == "confocal" else np.tile(np.array([0.1, -0.05, -0.05]) + shift_m, (400, 1))
+    setup(tmp_path, laser_m, seen_m, point_signal(point_m, laser_m, seen_m, 450, 16e-12))
+    done = rig("import", "data.mat", "a.h5", "--bin-width", "16ps", "--json")
+    assert done.code == 0, done.err
+    capture, _ = load(tmp_path / "a.h5")
+    with ScanFile(tmp_path / "a.h5") as scan:
+        imported = scan.imported
+    if moved_m is None:
+        assert "moved" not in imported
+        assert any("nothing was moved" in line for line in json.loads(done.out)["assumed"])
+    else:
+        np.testing.assert_allclose(imported["moved"]["origin_m"], moved_m, atol=1e-9)
+        numbers = ", ".join(f"{value:.6g}" for value in np.array(moved_m) + 0.0)
+        assert any(f"({numbers}) m" in line for line in json.loads(done.out)["assumed"])
+    np.testing.assert_allclose(capture.laser_m, laser_m - (moved_m or 0.0), atol=1e-6)
+    np.testing.assert_allclose(
+        capture.detector_m, (seen_m if detector == "confocal" else seen_m[:1]) - (moved_m or 0.0), atol=1e-6
+    )
+
+
+def test_a_point_before_a_wall_in_metres_is_imaged_where_it_is(rig, tmp_path):
+    laser_m = bulging_m()
+    seen_m = np.tile([0.075, 0.142, -0.05], (400, 1))
+    setup(tmp_path, laser_m, seen_m, point_signal(POINT_M, laser_m, seen_m, 450, 16e-12))
+    assert rig("import", "data.mat", "a.h5", "--bin-width", "16ps").code == 0
+    assert (np.abs(brightest(rig, "a.h5", *AROUND) - POINT_M) < WITHIN_M).all()
+
+
+def test_a_tal_wall_that_is_not_flat_stays_where_it_stands(tmp_path):
+    places_m = bulging_m().reshape(20, 20, 3)
+    normals = np.broadcast_to([0.1, 0.0, 0.995], places_m.shape)
+    tal(
+        tmp_path / "a.hdf5",
+        H=np.ones((5, 20, 20), "f4"),
+        sensor_grid_xyz=places_m,
+        sensor_grid_normals=normals,
+    )
+    report = import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[0].laser_m, places_m.reshape(-1, 3))
+    assert any("nothing was moved" in line for line in report.assumed)
