@@ -1,9 +1,10 @@
 """TAL (the y-tal library), HDF5 with ``H`` and ``H_format``.
 
 ``delta_t`` and ``t_start`` are metres of optical path; ``t_start`` is the left edge of bin 0, since TAL takes
-bin floor((path - t_start) / delta_t). Time is the first axis of ``H``. Enums are datasets of shape (1,), and
-None is an empty dataset. TAL scans the sensor and may keep the laser still; light runs both ways alike
-(Helmholtz reciprocity), so that is the same as scanning the laser before a detector that is still.
+bin floor((path - t_start) / delta_t). Time is the first axis of ``H``, and a polarised render has four Stokes
+components on a last axis more. Enums are datasets of shape (1,), and None is an empty dataset. TAL scans the
+sensor and may keep the laser still; light runs both ways alike (Helmholtz reciprocity), so that is the same as
+scanning the laser before a detector that is still.
 """
 
 from collections.abc import Iterator
@@ -27,6 +28,9 @@ SIGN = "HDF5 with H and H_format"
 #: T_Li_Si, each laser point with each sensor point.
 _AXES = {1: 3, 2: 5, 3: 2, 4: 3}
 _EXHAUSTIVE = {2, 4}
+#: Stokes components of each bin in a polarised render, on an axis after all others; the first is intensity.
+_STOKES = 4
+_INTENSITY = "polarised: of the four Stokes components on the last axis, the first, intensity, is taken"
 #: Codes from here on are in the frequency domain.
 _FREQUENCIES = 10
 #: Bytes of H read at once.
@@ -50,7 +54,6 @@ def read(source: Source, options: Options) -> Content:
     """
     assert source.hdf5 is not None
     code = int(source.numbers("H_format", 1)[0])
-    shape = source.shapes["H"]
     if code not in _AXES:
         what = f"{code}, frequency domain" if code >= _FREQUENCIES else str(code)
         raise DataFileError(
@@ -59,12 +62,7 @@ def read(source: Source, options: Options) -> Content:
         )
     sensor_m = source.numbers("sensor_grid_xyz", -1, 3)
     laser_m = source.numbers("laser_grid_xyz", -1, 3)
-    histograms = len(sensor_m) * (len(laser_m) if code in _EXHAUSTIVE else 1)
-    if shape is None or len(shape) != _AXES[code] or np.prod(shape[1:]) != histograms:
-        raise DataFileError(
-            f"{source.path}: H has shape {shape}, but there are {len(sensor_m)} sensor points"
-            + (f" and {len(laser_m)} laser points" if code in _EXHAUSTIVE else "")
-        )
+    stokes = _check_shape(source, code, len(sensor_m), len(laser_m))
     if code not in _EXHAUSTIVE and len(laser_m) not in {1, len(sensor_m)}:
         raise DataFileError(
             f"{source.path}: {len(laser_m)} laser points for {len(sensor_m)} sensor points; "
@@ -97,15 +95,45 @@ def read(source: Source, options: Options) -> Content:
     return Content(
         laser_m=spots.laser_m,
         detector_m=spots.detector_m,
-        bins=shape[0],
+        bins=dataset.shape[0],
         bin_width_s=delta_m / C_M_PER_S,
         first_bin_s=0.0 if start_m is None else start_m[0] / C_M_PER_S,
         dtype=stored_dtype(dataset),
-        blocks=_blocks(source, dataset),
+        blocks=_blocks(source, dataset, stokes),
         delays=spots.delays,
-        assumed=spots.assumed,
+        assumed=(*spots.assumed, *([_INTENSITY] if stokes else [])),
         frame=frame,
     )
+
+
+def _check_shape(source: Source, code: int, sensors: int, lasers: int) -> bool:
+    """Return whether H has Stokes components on a last axis more.
+
+    Raises
+    ------
+    DataFileError
+        If its shape does not fit the points, or their order on the grids.
+    """
+    shape = source.shapes["H"] or ()
+    axes, more = shape[: _AXES[code]], shape[_AXES[code] :]
+    histograms = sensors * (lasers if code in _EXHAUSTIVE else 1)
+    points = f"{sensors} sensor points" + (f" and {lasers} laser points" if code in _EXHAUSTIVE else "")
+    if len(axes) != _AXES[code] or np.prod(axes[1:]) != histograms:
+        raise DataFileError(f"{source.path}: H has shape {shape}, but there are {points}")
+    if more not in {(), (1,), (_STOKES,)}:
+        raise DataFileError(
+            f"{source.path}: H has shape {shape} with {points}; of a last axis more, only {_STOKES} Stokes "
+            "components of a polarised render are known: write the intensity alone"
+        )
+    for name, on in (("sensor_grid_xyz", axes[-2:]), ("laser_grid_xyz", axes[1:3])):
+        grid = source.shapes[name] or ()
+        of_grid = code == 2 or (code == 1 and name == "sensor_grid_xyz")
+        if of_grid and len(grid) == 3 and grid[:2] != on:
+            raise DataFileError(
+                f"{source.path}: {name} is a grid of {grid[:2]} points, but H has {on} in its place; "
+                "H and the grids need the same order of x and y"
+            )
+    return more == (_STOKES,)
 
 
 def _legs_inside(source: Source, options: Options) -> bool:
@@ -128,11 +156,11 @@ def _optional(source: Source, name: str, *shape: int) -> NDArray[np.float64] | N
     return source.numbers(name, *shape)
 
 
-def _blocks(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
+def _blocks(source: Source, dataset: h5py.Dataset, stokes: bool) -> Iterator[NDArray]:
     bins, lines = dataset.shape[:2]
     line_bytes = dataset.dtype.itemsize * int(np.prod(dataset.shape)) // lines
     step = max(1, _BLOCK_BYTES // line_bytes)
     for start in range(0, lines, step):
         with reading(source.path):
-            block = dataset[:, start : start + step]
+            block = dataset[:, start : start + step, ..., 0] if stokes else dataset[:, start : start + step]
         yield block.reshape(bins, -1).T

@@ -122,3 +122,40 @@ def test_a_tal_file_that_does_not_fit_is_refused(tmp_path, changes, error, said)
 def test_a_tal_file_without_the_flag_is_read_as_told(tmp_path):
     tal(tmp_path / "a.hdf5", t_accounts_first_and_last_bounces=None)
     assert import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5", time_origin="laser").time_origin == "laser"
+
+
+# --- polarised renders
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_of_a_polarised_render_the_intensity_is_taken_and_told(tmp_path, flat):
+    signal = np.random.default_rng(5).random((20, 3, 4, 4)).astype("f4")
+    signal[..., 1:] -= 0.5
+    stokes = signal.reshape(20, 12, 4) if flat else signal
+    tal(tmp_path / "a.hdf5", flat=flat, H=stokes, scene_info="config: {mitsuba_variant: llvm_mono_polarized}")
+    report = import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(20, 12).T)
+    assert any("Stokes" in line and "intensity" in line for line in report.assumed)
+
+
+def test_of_a_polarised_exhaustive_render_the_intensity_is_taken(tmp_path):
+    signal = np.random.default_rng(5).random((9, 2, 1, 3, 4, 4)).astype("f4")
+    laser_m = np.array([[[-0.4, 0.0, 0.0]], [[0.4, 0.0, 0.0]]])
+    tal(tmp_path / "a.hdf5", H=signal, H_format=("HFormat", {"T_Lx_Ly_Sx_Sy": 2}, 2), laser_grid_xyz=laser_m)
+    import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(9, 24).T)
+
+
+@pytest.mark.parametrize("last", [2, 3, 5])
+def test_a_last_axis_that_is_not_known_is_refused(tmp_path, last):
+    tal(tmp_path / "a.hdf5", H=np.ones((20, 3, 4, last), "f4"))
+    with pytest.raises(DataFileError, match="4 Stokes components"):
+        import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
+
+
+def test_grids_whose_axes_are_in_another_order_are_refused(tmp_path):
+    tal(tmp_path / "a.hdf5", H=np.ones((20, 4, 3), "f4"))
+    with pytest.raises(
+        DataFileError, match=r"sensor_grid_xyz is a grid of \(3, 4\) points, but H has \(4, 3\)"
+    ):
+        import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
