@@ -10,6 +10,7 @@ import numpy as np
 from rig.errors import DataFileError
 from rig.importers.content import Content, as_counts
 from rig.importers.options import Options
+from rig.importers.places import paired, zeros_as_missing
 from rig.importers.source import Source, open_source
 from rig.importers.wall import WallFrame
 
@@ -34,7 +35,7 @@ def read(source: Source, options: Options) -> Content:
     """
     signal = np.asarray(source.read("data"))
     with open_source(source.path.with_name("setup.mat")) as setup:
-        lit_m, seen_m = (setup.numbers(name, -1, 3) for name in ("laserpoints", "detectpoints"))
+        lit_m, seen_m = (setup.places(name) for name in ("laserpoints", "detectpoints"))
     fits = signal.ndim == 3 and signal.dtype.kind in "uif" and signal.shape[0] * signal.shape[1] == len(lit_m)
     if not fits or len(seen_m) != len(lit_m):
         raise DataFileError(
@@ -51,19 +52,25 @@ def read(source: Source, options: Options) -> Content:
     filled = counts.any(axis=1)
     if not filled.any():
         raise DataFileError(f"{source.path}: data is zero throughout; there is nothing to import")
-    scanned_m = lit_m if np.ptp(lit_m[:, :2], axis=0).any() else seen_m
-    frame = WallFrame.amid(scanned_m)
-    counts, lit_m, seen_m = counts[filled], frame.bring(lit_m[filled]), frame.bring(seen_m[filled])
+    counts, lit_m, seen_m = counts[filled], lit_m[filled], seen_m[filled]
+    (lit_m, seen_m), unmeasured = zeros_as_missing(lit_m, seen_m)
+    lit_m, seen_m = paired(lit_m, seen_m)
+    try:
+        frame = WallFrame.amid(lit_m, seen_m)
+    except DataFileError as error:
+        raise DataFileError(f"{source.path}: {error}") from None
+    empty = np.count_nonzero(~filled)
     return Content(
-        laser_m=lit_m,
-        detector_m=seen_m[:1] if (seen_m == seen_m[0]).all() else seen_m,
+        laser_m=frame.bring(lit_m),
+        detector_m=frame.bring(seen_m),
         bins=counts.shape[1],
         bin_width_s=bin_width_s,
         first_bin_s=0.0,
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            f"{np.count_nonzero(~filled)} signals that are zero throughout are left out, as not measured",
+            *([f"{empty} signals that are zero throughout are left out, as not measured"] if empty else []),
+            *unmeasured,
             "rectified: bin 0 begins when the pulse is on the wall",
             "z grows into the room: that is not in the file",
         ),

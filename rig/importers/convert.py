@@ -30,6 +30,7 @@ from rig.importers import (
 from rig.importers.content import Content
 from rig.importers.held import hold_against
 from rig.importers.options import Given, Options
+from rig.importers.places import with_places
 from rig.importers.source import Source, open_source
 
 #: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
@@ -96,6 +97,7 @@ def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) 
     with open_source(source) as opened:
         layout = _recognise(opened)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)
+        content = with_places(content, source)
         if content.frame is not None:
             content = replace(content, assumed=(*content.assumed, content.frame.in_words()))
         _write(source, target, layout.NAME, content)

@@ -20,6 +20,7 @@ from rig.errors import DataFileError, UsageError
 from rig.files.check import reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
+from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
 from rig.model.delays import PathDelays
 
@@ -53,8 +54,7 @@ def read(source: Source, options: Options) -> Content:
     if source.has("counts", "transient"):
         raise DataFileError(f"{source.path} holds both counts and transient; keep the one that is meant")
     name = "counts" if source.has("counts") else "transient"
-    laser_m = source.numbers("laser_position_m", -1, 3)
-    detector_m = source.numbers("detector_position_m", -1, 3)
+    laser_m, detector_m = source.places("laser_position_m"), source.places("detector_position_m")
     time_s = source.numbers("time_s", -1)
     shape = source.shapes[name]
     if shape != (len(laser_m), len(time_s)) or len(detector_m) not in {1, len(laser_m)}:
@@ -62,6 +62,10 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: {name} has shape {shape}, but there are {len(laser_m)} laser positions, "
             f"{len(detector_m)} detector positions and {len(time_s)} bin centres"
         )
+    if len(detector_m) == 1:
+        (laser_m,), unmeasured = zeros_as_missing(laser_m)
+    else:
+        (laser_m, detector_m), unmeasured = zeros_as_missing(laser_m, detector_m)
     bin_width_s = source.attribute("bin_width_s", (time_s[-1] - time_s[0]) / max(1, len(time_s) - 1))
     # a thousandth of a bin: far above rounding, far below what an image shows
     even = np.abs(time_s - time_s[0] - np.arange(len(time_s)) * bin_width_s) < 1e-3 * bin_width_s * len(
@@ -84,7 +88,7 @@ def read(source: Source, options: Options) -> Content:
         simulated=bool(source.attribute("simulated", False)),
         delays=delays,
         delay_s=delay_s,
-        assumed=assumed,
+        assumed=(*assumed, *unmeasured),
     )
 
 

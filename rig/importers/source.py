@@ -82,6 +82,19 @@ class Source:
         DataFileError
             If it is missing, not numeric, not finite, or of another shape.
         """
+        return self._float64(name, shape, finite=True)
+
+    def places(self, name: str) -> NDArray[np.float64]:
+        """Return an array (..., 3) of points as (n, 3); NaN where a point has no place.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing, not numeric, or of another shape.
+        """
+        return self._float64(name, (-1, 3), finite=False)
+
+    def _float64(self, name: str, shape: tuple[int, ...], finite: bool) -> NDArray[np.float64]:
         value = np.asarray(self.read(name))
         fits = value.dtype.kind in "fiub" and value.size > 0
         if fits:
@@ -90,10 +103,10 @@ class Source:
                 value = value.reshape(shape)
             except ValueError:
                 fits = False
-        if not fits or not np.isfinite(value).all():
+        if not fits or (finite and not np.isfinite(value).all()):
             raise DataFileError(
                 f"{self.path}: '{name}' has shape {np.shape(value)} and type {value.dtype}; "
-                f"finite numbers of shape {shape} are needed"
+                f"{'finite ' if finite else ''}numbers of shape {shape} are needed"
             )
         return value
 

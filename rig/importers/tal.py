@@ -3,8 +3,8 @@
 ``delta_t`` and ``t_start`` are metres of optical path; ``t_start`` is the left edge of bin 0, since TAL takes
 bin floor((path - t_start) / delta_t). Time is the first axis of ``H``, and a polarised render has four Stokes
 components on a last axis more. Enums are datasets of shape (1,), and None is an empty dataset. TAL scans the
-sensor and may keep the laser still; light runs both ways alike (Helmholtz reciprocity), so that is the same as
-scanning the laser before a detector that is still.
+sensor and may keep the laser still; light runs both ways alike (Helmholtz reciprocity), so that is the same
+as scanning the laser before a detector that is still.
 """
 
 from collections.abc import Iterator
@@ -19,6 +19,7 @@ from rig.files.check import reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
+from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
 from rig.importers.wall import WallFrame
 
@@ -60,8 +61,8 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: H_format is {what}; transients over time are needed: T_Sx_Sy, T_Si, "
             "T_Lx_Ly_Sx_Sy or T_Li_Si"
         )
-    sensor_m = source.numbers("sensor_grid_xyz", -1, 3)
-    laser_m = source.numbers("laser_grid_xyz", -1, 3)
+    (sensor_m,), unmeasured = zeros_as_missing(source.places("sensor_grid_xyz"))
+    (laser_m,), unlit = zeros_as_missing(source.places("laser_grid_xyz"))
     stokes = _check_shape(source, code, len(sensor_m), len(laser_m))
     if code not in _EXHAUSTIVE and len(laser_m) not in {1, len(sensor_m)}:
         raise DataFileError(
@@ -77,10 +78,12 @@ def read(source: Source, options: Options) -> Content:
         raise DataFileError(
             f"{source.path}: its time includes the legs, but sensor_xyz or laser_xyz is missing"
         )
-    normals = _optional(source, "sensor_grid_normals", -1, 3)
+    normals = None
+    if source.shapes.get("sensor_grid_normals") is not None:
+        normals = source.places("sensor_grid_normals")
     try:
         towards_m = laser_head_m if sensor_head_m is None else sensor_head_m
-        frame = WallFrame.of(sensor_m, None if normals is None else normals.mean(axis=0), towards_m)
+        frame = WallFrame.of(sensor_m, normals, towards_m)
     except DataFileError as error:
         raise DataFileError(f"{source.path}: {error}") from None
     heads_m = (sensor_head_m, laser_head_m) if legs_inside else (None, None)
@@ -101,7 +104,7 @@ def read(source: Source, options: Options) -> Content:
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset, stokes),
         delays=spots.delays,
-        assumed=(*spots.assumed, *([_INTENSITY] if stokes else [])),
+        assumed=(*spots.assumed, *unmeasured, *unlit, *([_INTENSITY] if stokes else [])),
         frame=frame,
     )
 

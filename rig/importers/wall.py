@@ -32,7 +32,7 @@ class WallFrame:
     axes: NDArray[np.float64]
 
     @classmethod
-    def of(cls, spots_m: NDArray, normal: NDArray | None, towards_m: NDArray | None) -> Self:
+    def of(cls, spots_m: NDArray, normals: NDArray | None, towards_m: NDArray | None) -> Self:
         """Find the motion that lays a wall onto z = 0, its y axis as upright as it can be.
 
         A wall that lies in z = 0 already, its room at z > 0, stays where it is; so does one that is not flat,
@@ -43,9 +43,9 @@ class WallFrame:
         Parameters
         ----------
         spots_m
-            (P, 3) spots on the wall.
-        normal
-            (3,) normal into the room, None where not known.
+            (P, 3) spots on the wall; NaN where there is none.
+        normals
+            (P, 3) normals into the room, NaN where there is none; None where not known.
         towards_m
             (3,) a point in the room, such as the laser, used where there is no normal.
 
@@ -54,7 +54,9 @@ class WallFrame:
         DataFileError
             If the spots do not tell a plane, its side is not known, or it is a floor.
         """
+        spots_m = _there(spots_m)
         middle_m = (spots_m.min(axis=0) + spots_m.max(axis=0)) / 2
+        normal = None if normals is None else normals[np.isfinite(normals).all(axis=1)].sum(axis=0)
         spread, directions = np.linalg.svd(spots_m - spots_m.mean(axis=0), full_matrices=False)[1:]
         if normal is not None and np.linalg.norm(normal) > 0:
             z = normal / np.linalg.norm(normal)
@@ -76,7 +78,7 @@ class WallFrame:
         return cls(middle_m, np.stack([np.cross(y, z), y, z]))
 
     @classmethod
-    def amid(cls, spots_m: NDArray) -> Self:
+    def amid(cls, lit_m: NDArray, seen_m: NDArray) -> Self:
         """Find the shift that brings the origin amid the spots of a wall that faces z.
 
         It is for layouts whose axes are ours, but whose origin may be anywhere, mostly in a corner. The
@@ -85,9 +87,13 @@ class WallFrame:
 
         Parameters
         ----------
-        spots_m
-            (P, 3) spots on the wall.
+        lit_m, seen_m
+            (P, 3) spots of the laser, and (P, 3) or (1, 3) of the detector; NaN where there is none. Those of
+            the laser count, or of the detector where the laser has one spot alone.
         """
+        spots_m = _there(lit_m)
+        if not np.ptp(spots_m[:, :2], axis=0).any():
+            spots_m = _there(seen_m)
         low_m, high_m = spots_m.min(axis=0), spots_m.max(axis=0)
         middle_m, near_m = (low_m + high_m) / 2, _AMID * (high_m - low_m)
         across_in = (low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all()
@@ -115,6 +121,17 @@ class WallFrame:
     def bring(self, points_m: NDArray) -> NDArray[np.float64]:
         """Return (n, 3) points of the other frame in ours."""
         return (points_m - self.origin_m) @ self.axes.T
+
+
+def _there(spots_m: NDArray) -> NDArray:
+    """Return the spots that have a place."""
+    there = np.isfinite(spots_m).all(axis=1)
+    if not there.any():
+        raise DataFileError(
+            f"none of the wall's {len(spots_m)} spots has a place: all are no finite numbers (NaN); the rays "
+            "missed the wall, or the places were not written"
+        )
+    return spots_m[there]
 
 
 def _stands_as_ours(spots_m: NDArray, normal: NDArray) -> bool:
