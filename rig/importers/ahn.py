@@ -19,11 +19,12 @@ from rig.importers.source import Source
 
 NAME = "Ahn 2019"
 SIGN = "MATLAB v5 with the struct NLOSDATA"
+PARTS = ("NLOSDATA",)
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("NLOSDATA")
+    return source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

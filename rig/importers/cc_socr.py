@@ -16,6 +16,7 @@ from rig.importers.source import Source, open_source
 
 NAME = "Liu 2023, CC-SOCR"
 SIGN = "MATLAB v5 with sub_Sig (pairs, t), and C_i.mat and C_d.mat beside it"
+PARTS = ("sub_Sig", "C_i.mat", "C_d.mat")
 
 
 def recognise(source: Source) -> bool:

@@ -16,11 +16,12 @@ from rig.importers.wall import WallFrame
 
 NAME = "Liu 2023, CC-SOCR with setup"
 SIGN = "MATLAB v5 with data (n, m, t), and setup.mat with laserpoints and detectpoints beside it"
+PARTS = ("data", "setup.mat")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("data") and source.path.with_name("setup.mat").is_file()
+    return source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

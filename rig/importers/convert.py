@@ -31,9 +31,11 @@ from rig.importers.content import Content
 from rig.importers.held import hold_against
 from rig.importers.options import Given, Options
 from rig.importers.places import with_places
-from rig.importers.source import Source, open_source
+from rig.importers.recognise import recognise
+from rig.importers.source import open_source
 
-#: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
+#: The known layouts: modules with NAME, SIGN (what they hold, in words), PARTS (the names that
+#: tell them), recognise(source) and read(source, options).
 LAYOUTS: tuple[ModuleType, ...] = (
     neutral,
     tal,
@@ -95,7 +97,7 @@ def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) 
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     options = Options(**given)
     with open_source(source) as opened:
-        layout = _recognise(opened)
+        layout = recognise(opened, LAYOUTS)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)
         content = with_places(content, source)
         if content.frame is not None:
@@ -107,22 +109,6 @@ def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) 
         bins=content.bins,
         time_origin=content.time_origin,
         assumed=tuple(content.assumed),
-    )
-
-
-def _recognise(source: Source) -> ModuleType:
-    found = [layout for layout in LAYOUTS if layout.recognise(source)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        names = " and as ".join(layout.NAME for layout in found)
-        raise DataFileError(
-            f"{source.path} can be read as {names}; it holds {source.contents()}. "
-            "Keep the arrays of one layout"
-        )
-    known = "; ".join(f"{layout.NAME}: {layout.SIGN}" for layout in LAYOUTS)
-    raise DataFileError(
-        f"{source.path} has no known layout; it holds {source.contents()}. Known layouts are {known}"
     )
 
 

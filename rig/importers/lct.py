@@ -11,13 +11,14 @@ from rig.importers.square import confocal_square
 
 NAME = "O'Toole 2018, LCT"
 SIGN = "MATLAB v5 with rect_data (x, y, t) and width"
+PARTS = ("rect_data", "width")
 #: The wall's own light ends here; the authors' reconstruction clears the same 600 bins of 4 ps.
 WALL_LIGHT_S = 2.4e-9
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("rect_data", "width") and not source.has("ts")
+    return source.matlab5 and source.holds(*PARTS) and not source.has("ts")
 
 
 def read(source: Source, options: Options) -> Content:

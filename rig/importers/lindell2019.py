@@ -18,6 +18,7 @@ from rig.importers.source import Source, open_source
 
 NAME = "Lindell 2019, f-k"
 SIGN = "MATLAB with meas (x, y, t), and tofgrid (x, y) in it or in tof.mat beside it"
+PARTS = ("meas", "tofgrid or tof.mat")
 
 
 def recognise(source: Source) -> bool:

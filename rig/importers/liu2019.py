@@ -24,13 +24,14 @@ from rig.model.delays import PathDelays
 
 NAME = "Liu 2019, phasor field"
 SIGN = "MATLAB v7.3 with dataset/data (t, detector, laser), dataset/laserPos and dataset/deltat"
+PARTS = ("dataset/data", "dataset/laserPos", "dataset/deltat")
 #: Bytes of data read at once.
 _BLOCK_BYTES = 2**26
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return not source.matlab5 and source.has("dataset/data", "dataset/laserPos", "dataset/deltat")
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

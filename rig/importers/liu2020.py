@@ -15,11 +15,12 @@ from rig.importers.source import Source
 
 NAME = "Liu 2020, diffraction"
 SIGN = "MATLAB with rect_data (y, x, t), ts and SPAD_index"
+PARTS = ("rect_data", "ts", "SPAD_index")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.has("rect_data", "ts", "SPAD_index")
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

@@ -26,6 +26,7 @@ from rig.model.delays import PathDelays
 
 NAME = "neutral HDF5"
 SIGN = "HDF5 with counts or transient (positions, bins), laser_position_m, detector_position_m, time_s"
+PARTS = ("laser_position_m", "counts or transient", "detector_position_m", "time_s")
 _BLOCK_POSITIONS = 256
 #: What the attribute time_origin holds where time is rectified, and where it is not.
 _ORIGINS = (
@@ -36,8 +37,7 @@ _ORIGINS = (
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    placed = source.has("laser_position_m", "detector_position_m", "time_s")
-    return not source.matlab5 and placed and (source.has("counts") or source.has("transient"))
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

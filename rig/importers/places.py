@@ -81,8 +81,8 @@ def with_places(content: Content, path: Path) -> Content:
         If none is left.
     """
     positions = len(content.laser_m)
-    there = [np.isfinite(side_m).all(axis=1) for side_m in (content.laser_m, content.detector_m)]
-    here = np.logical_and(*there)
+    both_m = np.hstack([content.laser_m, np.broadcast_to(content.detector_m, content.laser_m.shape)])
+    here: NDArray[np.bool_] = np.all(np.isfinite(both_m), axis=1)
     if content.delay_s is not None:
         here &= np.isfinite(content.delay_s)
     if here.all():

@@ -42,6 +42,19 @@ class Source:
         """Return whether it holds all these names."""
         return set(names) <= set(self.shapes)
 
+    def holds(self, *parts: str) -> bool:
+        """Return whether it holds all these parts.
+
+        A part is a name, the name of a ``.mat`` file beside it, or several with ``or`` between them.
+        """
+        return all(
+            any(
+                self.path.with_name(one).is_file() if one.endswith(".mat") else self.has(one)
+                for one in either
+            )
+            for either in (part.split(" or ") for part in parts)
+        )
+
     def read(self, name: str) -> Any:
         """Return a variable whole: in the order of its file, so MATLAB v7.3 arrays come transposed.
 
@@ -133,10 +146,11 @@ class Source:
             )
         return value.astype(float).reshape(size)
 
-    def contents(self) -> str:
-        """Return what it holds, in words."""
+    def contents(self, named: int = 100) -> str:
+        """Return what it holds, in words: as many names, and how many more there are."""
         parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]
-        return ", ".join(parts) or "nothing"
+        more = f" and {len(parts) - named} more" if len(parts) > named else ""
+        return (", ".join(parts[:named]) or "nothing") + more
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from rig.importers.wall import WallFrame
 
 NAME = "TAL"
 SIGN = "HDF5 with H and H_format"
+PARTS = ("H_format", "H")
 #: Axes of H by TAL's HFormat code: T_Sx_Sy and T_Si, one histogram for each sensor point; T_Lx_Ly_Sx_Sy and
 #: T_Li_Si, each laser point with each sensor point.
 _AXES = {1: 3, 2: 5, 3: 2, 4: 3}
@@ -40,7 +41,7 @@ _BLOCK_BYTES = 2**26
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return not source.matlab5 and source.has("H", "H_format")
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

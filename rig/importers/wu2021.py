@@ -11,11 +11,12 @@ from rig.importers.square import confocal_square
 
 NAME = "Wu 2021, 1.43 km stand-off"
 SIGN = "MATLAB v5 with sig_in (x, y, t), timeRes and width"
+PARTS = ("sig_in", "timeRes", "width")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("sig_in", "timeRes", "width")
+    return source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

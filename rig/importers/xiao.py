@@ -10,11 +10,12 @@ from rig.importers.square import confocal_square
 
 NAME = "Xiao, 18 m stand-off"
 SIGN = "MATLAB v5 with sig (x, y, t)"
+PARTS = ("sig",)
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("sig")
+    return source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

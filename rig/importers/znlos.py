@@ -28,13 +28,13 @@ NAME = "Zaragoza Z-NLOS"
 SIGN = (
     "HDF5 with data (colour, t, bounce, sx, sy[, lx, ly]), cameraGridPositions, laserGridPositions and deltaT"
 )
+PARTS = ("data", "cameraGridPositions", "laserGridPositions", "deltaT")
 _BLOCK_BYTES = 2**26
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    placed = source.has("data", "cameraGridPositions", "laserGridPositions", "deltaT")
-    return not source.matlab5 and placed
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
