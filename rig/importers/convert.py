@@ -15,13 +15,19 @@ from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
 from rig.importers import (
     ahn,
+    aligned,
     cc_socr,
     cc_socr_cube,
+    cmu,
+    dirac,
+    dlct,
+    general_raw,
     lct,
     lindell2019,
     liu2019,
     liu2020,
     neutral,
+    rsd3d,
     tal,
     wu2021,
     xiao,
@@ -49,6 +55,12 @@ LAYOUTS: tuple[ModuleType, ...] = (
     wu2021,
     cc_socr,
     cc_socr_cube,
+    general_raw,
+    rsd3d,
+    aligned,
+    cmu,
+    dlct,
+    dirac,
 )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.importers.content import Content, square_grid
 from rig.importers.cube import cube_blocks, cube_shape
+from rig.importers.flight import tofgrid
 from rig.importers.options import Options
 from rig.importers.source import Source, open_source
 
@@ -80,7 +81,7 @@ def _times_of_flight(source: Source, options: Options) -> tuple[NDArray[np.float
             f"{source.path} holds tofgrid itself; leave --tof {given} out, or take tofgrid out of the file"
         )
     if source.has("tofgrid"):
-        return _tofgrid(source), source.path.name
+        return tofgrid(source), source.path.name
     path = source.path.with_name("tof.mat") if given is None else Path(given)
     if given is None and not path.is_file():
         raise UsageError(
@@ -88,12 +89,4 @@ def _times_of_flight(source: Source, options: Options) -> tuple[NDArray[np.float
             "beside it; give the file that holds tofgrid with --tof"
         )
     with open_source(path) as beside:
-        return _tofgrid(beside), path.name
-
-
-def _tofgrid(source: Source) -> NDArray[np.float64]:
-    """Return tofgrid in seconds, in MATLAB's order."""
-    grid_ps = source.matlab_array("tofgrid").astype(float)
-    if grid_ps.ndim != 2 or not np.isfinite(grid_ps).any():
-        raise DataFileError(f"{source.path}: tofgrid must be a grid of numbers [ps]")
-    return grid_ps * 1e-12
+        return tofgrid(beside), path.name

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rig.errors import DataFileError, UsageError
 from rig.files.check import reading
 from rig.importers.content import Content, stored_dtype
+from rig.importers.flight import given_flights
 from rig.importers.options import Options
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
@@ -101,12 +102,15 @@ def _legs(
         return None, None, assumed
     if source.has("delay_s"):
         return None, source.numbers("delay_s", positions), assumed
+    flights_s = given_flights(options, positions)
+    if flights_s is not None:
+        return None, flights_s, (*assumed, "the flight to each position, given with --tof, is subtracted")
     heads_m = [source.attribute_numbers(f"{side}_head_m", 3) for side in ("laser", "detector")]
     if heads_m[0] is None or heads_m[1] is None:
         raise DataFileError(
             f"{source.path}: its time origin is laser, so the flight to the wall and back is in its time, "
             "but nothing says how long that is: add delay_s (positions,), or the attributes laser_head_m and "
-            "detector_head_m [m], or subtract it from time_s and set the attribute time_origin to wall"
+            "detector_head_m [m], or give --tof, or subtract it from time_s and set time_origin to wall"
         )
     electronics_s = float(source.attribute("electronics_delay_s", 0.0))
     return PathDelays(heads_m[0], heads_m[1], electronics_s), None, assumed

@@ -107,6 +107,18 @@ class Source:
         """
         return self._float64(name, (-1, 3), finite=False)
 
+    def matlab_places(self, name: str) -> NDArray[np.float64]:
+        """Return a MATLAB array (..., 3) of points as (n, 3), whichever version the file has.
+
+        Raises as `places`.
+        """
+        if self.matlab5 or (self.shapes[name] or ())[-1:] == (3,):
+            return self.places(name)
+        value = self.matlab_array(name)
+        if value.dtype.kind not in "fiu" or value.shape[-1:] != (3,):
+            raise DataFileError(f"{self.path}: '{name}' has shape {value.shape}; points (n, 3) are needed")
+        return value.reshape(-1, 3).astype(float)
+
     def _float64(self, name: str, shape: tuple[int, ...], finite: bool) -> NDArray[np.float64]:
         value = np.asarray(self.read(name))
         fits = value.dtype.kind in "fiub" and value.size > 0

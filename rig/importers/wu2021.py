@@ -1,4 +1,4 @@
-"""Wu et al. 2021, 1.43 km stand-off: MATLAB v5 with ``sig_in``, ``timeRes`` and ``width``.
+"""Wu et al. 2021, 1.43 km stand-off: MATLAB with ``sig_in``, ``timeRes`` and ``width``.
 
 ``sig_in`` (x, y, t) confocal counts; ``timeRes`` bin width [s]; ``width`` half the wall's side [m];
 ``pulsewidth`` full width at half maximum of the instrument response [ps].
@@ -10,13 +10,13 @@ from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
 NAME = "Wu 2021, 1.43 km stand-off"
-SIGN = "MATLAB v5 with sig_in (x, y, t), timeRes and width"
+SIGN = "MATLAB with sig_in (x, y, t), timeRes and width"
 PARTS = ("sig_in", "timeRes", "width")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.holds(*PARTS)
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

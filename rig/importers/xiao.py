@@ -1,4 +1,4 @@
-"""Xiao et al., 18 m stand-off: MATLAB v5 with the cube ``sig`` (x, y, t), axes towards +x and +y.
+"""Xiao et al., 18 m stand-off: MATLAB with the cube ``sig`` (x, y, t), axes towards +x and +y.
 
 Rectified and confocal; neither the wall's size nor the bin width is in the file.
 """
@@ -9,13 +9,13 @@ from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
 NAME = "Xiao, 18 m stand-off"
-SIGN = "MATLAB v5 with sig (x, y, t)"
+SIGN = "MATLAB with sig (x, y, t)"
 PARTS = ("sig",)
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.holds(*PARTS)
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:

@@ -87,6 +87,40 @@ def _cc_socr_cube(folder):
     return _mat(folder, "data.mat", data=CUBE)
 
 
+def _aligned(folder):
+    return _mat(folder, final_meas=CUBE)
+
+
+def _cmu(folder):
+    return _mat(folder, transient=CUBE.reshape(9, 8), lighting=GRID_M)
+
+
+def _dlct(folder):
+    scipy.io.savemat(folder / "a.mat", {"nlos": {"Data": CUBE, "DeltaT": 0.01, "CameraGridSize": 0.4}})
+    return folder / "a.mat"
+
+
+def _dirac(folder):
+    with h5py.File(folder / "a.hdf5", "w") as file:
+        file["data_t"] = np.moveaxis(CUBE, 2, 0)
+        file["xg"], file["yg"] = GRID_M[:, 0].reshape(3, 3), GRID_M[:, 1].reshape(3, 3)
+        file["da"], file["offset_laser"] = 0.01 * np.arange(8), 1.0
+    return folder / "a.hdf5"
+
+
+def _rsd3d(folder):
+    places = {"camera_pos": GRID_M, "laser_pos_base": np.array([[0.1, 0.0, 0.0]])}
+    return _mat(folder, total_rect_data=CUBE.reshape(9, 8), ts=4e-12, **places)
+
+
+def _general_raw(folder):
+    places = {"laserpoints": GRID_M.reshape(3, 3, 3), "detectpoints": GRID_M.reshape(3, 3, 3)}
+    _mat(folder, "setup.mat", **places)
+    for name in ("peak1", "peak2"):
+        _mat(folder, f"{name}.mat", **{name: np.ones((3, 3))})
+    return _mat(folder, counts=CUBE.reshape(9, 8))
+
+
 #: By the layout's name: what writes a file into a folder and returns its path; what must be given with it.
 EXAMPLES = {
     "neutral HDF5": (_neutral, {}),
@@ -101,4 +135,10 @@ EXAMPLES = {
     "Wu 2021, 1.43 km stand-off": (_wu2021, {}),
     "Liu 2023, CC-SOCR": (_cc_socr, BIN | WALL),
     "Liu 2023, CC-SOCR with setup": (_cc_socr_cube, BIN),
+    "general-NLOS, raw": (_general_raw, BIN),
+    "Gu 2023, 3D-RSD": (_rsd3d, {}),
+    "aligned f-k (NLOST)": (_aligned, BIN | WALL),
+    "Tsai 2019, CMU": (_cmu, BIN),
+    "Young 2020, D-LCT": (_dlct, {}),
+    "NLOS-DIRAC": (_dirac, {}),
 }
