@@ -80,7 +80,7 @@ def import_(
             "time zero": {"wall": "the pulse on the wall", "laser": "the pulse leaves the laser"}[
                 report.time_origin
             ],
-            "assumed": "; ".join(report.assumed) or "nothing",
+            "assumed": "\n".join(f"- {line}" for line in report.assumed) or "nothing",
         },
     )
     console.say(f"Next: rig recon {target}")

@@ -89,7 +89,7 @@ def read(source: Source, options: Options) -> Content:
         simulated=bool(source.attribute("simulated", False)),
         delays=delays,
         delay_s=delay_s,
-        assumed=(*assumed, *unmeasured),
+        assumed=(*assumed, *unmeasured, *_contradictions(source, laser_m, detector_m)),
     )
 
 
@@ -114,6 +114,17 @@ def _legs(
         )
     electronics_s = float(source.attribute("electronics_delay_s", 0.0))
     return PathDelays(heads_m[0], heads_m[1], electronics_s), None, assumed
+
+
+def _contradictions(source: Source, laser_m: NDArray, detector_m: NDArray) -> list[str]:
+    """Return where the attribute confocal is not what the places say, in words."""
+    said = source.attribute("confocal")
+    confocal = detector_m.shape == laser_m.shape and np.allclose(
+        detector_m, laser_m, atol=1e-4, equal_nan=True
+    )
+    if said is None or bool(said) == confocal:
+        return []
+    return [f"its attribute confocal is {bool(said)}, but its places say otherwise, and those count"]
 
 
 def _time_origin(source: Source, options: Options) -> tuple[str, tuple[str, ...]]:

@@ -105,7 +105,13 @@ def read(source: Source, options: Options) -> Content:
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset, stokes),
         delays=spots.delays,
-        assumed=(*spots.assumed, *unmeasured, *unlit, *([_INTENSITY] if stokes else [])),
+        assumed=(
+            *spots.assumed,
+            *([] if start_m is not None else ["t_start is missing: bin 0 begins at t = 0"]),
+            *unmeasured,
+            *unlit,
+            *([_INTENSITY] if stokes else []),
+        ),
         frame=frame,
     )
 

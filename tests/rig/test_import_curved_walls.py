@@ -66,6 +66,29 @@ def test_a_depth_pitch_must_be_a_length(tmp_path):
         import_scan(tmp_path / "sub_Sig.mat", tmp_path / "a.h5", **given, depth_pitch_m=-0.01)
 
 
+# --- f-k scans of a wall that is not flat
+
+
+@pytest.mark.parametrize("held_in", ["a.mat", "tof.mat", "calibration.mat"])
+def test_fk_scans_take_the_depth_of_the_wall(rig, tmp_path, held_in):
+    spots_m = bulging_m()
+    spots_m[:, 1] *= -1  # y falls along the second axis
+    flight_ps = np.random.default_rng(4).uniform(500, 900, (20, 20))
+    signal = point_signal(POINT_M, spots_m, spots_m, 520, 16e-12, -flight_ps.ravel() * 1e-12)
+    files = {"a.mat": {"meas": signal.reshape(20, 20, 520)}, "tof.mat": {"tofgrid": flight_ps}}
+    files["tof.mat"]["pos"] = np.ones((20, 20, 3))
+    for name, variables in files.items():
+        scipy.io.savemat(tmp_path / name, variables)
+    given = ("--bin-width", "16ps", "--wall-size", "76cm")
+    flat = rig("import", "a.mat", "a.h5", *given)
+    assert (flat.code, "tof.mat holds 'pos': the wall is not flat" in flat.err) == (5, True)
+    depth = {"z_offset": spots_m[:, 2].reshape(20, 20)}
+    scipy.io.savemat(tmp_path / held_in, files.get(held_in, {}) | depth)
+    assert rig("import", "a.mat", "a.h5", *given).code == 0
+    np.testing.assert_allclose(load(tmp_path / "a.h5")[0].laser_m, spots_m, atol=1e-9)
+    assert (np.abs(brightest(rig, "a.h5", *AROUND) - POINT_M) < WITHIN_M).all()
+
+
 # --- laser and detector points in metres
 
 

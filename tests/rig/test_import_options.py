@@ -155,3 +155,9 @@ def test_times_of_flight_from_two_places_are_refused(tmp_path):
     given = {"bin_width_s": 32e-12, "wall_size_m": 1.0}
     with pytest.raises(UsageError, match="holds tofgrid itself; leave --tof"):
         import_scan(source, tmp_path / "b.h5", **given, delays=tmp_path / "tof.mat")
+
+
+def test_a_neutral_file_that_is_not_as_confocal_as_it_says_is_told_of(tmp_path):
+    source = with_origin(tmp_path, "wall", confocal=True)
+    report = import_scan(source, tmp_path / "b.h5")
+    assert any("confocal is True, but its places say otherwise" in line for line in report.assumed)
