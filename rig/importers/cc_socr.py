@@ -1,4 +1,4 @@
-"""Liu X. et al. 2023 (CC-SOCR): MATLAB v5 ``sub_Sig`` with ``C_i.mat`` and ``C_d.mat`` beside it.
+"""Liu X. et al. 2023 (CC-SOCR): MATLAB ``sub_Sig`` with ``C_i.mat`` and ``C_d.mat`` beside it.
 
 ``sub_Sig`` (pairs, t) rectified signals. ``C_i`` and ``C_d`` (pairs, 3) whole numbers: grid indices of the
 lit and of the seen spot, the second along +x, the third along +y, the first along +z into the room, which
@@ -15,13 +15,13 @@ from rig.importers.options import Options
 from rig.importers.source import Source, open_source
 
 NAME = "Liu 2023, CC-SOCR"
-SIGN = "MATLAB v5 with sub_Sig (pairs, t), and C_i.mat and C_d.mat beside it"
+SIGN = "MATLAB with sub_Sig (pairs, t), and C_i.mat and C_d.mat beside it"
 PARTS = ("sub_Sig", "C_i.mat", "C_d.mat")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("sub_Sig")
+    return source.has("sub_Sig")
 
 
 def read(source: Source, options: Options) -> Content:
@@ -34,7 +34,7 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If one of the three files is missing, or they do not fit together.
     """
-    signal = np.asarray(source.read("sub_Sig"))
+    signal = source.matlab_array("sub_Sig")
     lit, seen = _indices(source, "C_i"), _indices(source, "C_d")
     if signal.ndim != 2 or signal.dtype.kind not in "uif" or not len(signal) == len(lit) == len(seen) > 0:
         raise DataFileError(
@@ -84,7 +84,7 @@ def read(source: Source, options: Options) -> Content:
 def _indices(source: Source, name: str) -> NDArray[np.float64]:
     """Return the (pairs, 3) indices along x, y and z from the file of this name beside the source."""
     with open_source(source.path.with_name(f"{name}.mat")) as beside:
-        return beside.numbers(name, -1, 3)[:, [1, 2, 0]]
+        return beside.matlab_places(name)[:, [1, 2, 0]]
 
 
 def _depth_pitch(source: Source, options: Options, lit: NDArray, seen: NDArray) -> tuple[float, str]:

@@ -1,4 +1,4 @@
-"""Liu X. et al. 2023 (CC-SOCR), second form: MATLAB v5 ``data`` with ``setup.mat`` beside it.
+"""Liu X. et al. 2023 (CC-SOCR), second form: MATLAB ``data`` with ``setup.mat`` beside it.
 
 ``data`` (n, m, t), or (pairs, t), rectified signals; ``laserpoints`` and ``detectpoints`` (n, m, 3), or
 (pairs, 3), of ``setup.mat``: the lit and the seen spot of each signal in metres, x to the right, y up and z
@@ -17,16 +17,17 @@ from rig.importers.flight import given_flights
 from rig.importers.options import Options
 from rig.importers.places import paired, zeros_as_missing
 from rig.importers.source import Source, open_source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "Liu 2023, CC-SOCR with setup"
-SIGN = "MATLAB v5 with data (n, m, t), and setup.mat with laserpoints and detectpoints beside it"
+SIGN = "MATLAB with data (n, m, t), and setup.mat with laserpoints and detectpoints beside it"
 PARTS = ("data", "setup.mat")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("data") and _setup(source.path).is_file()
+    placed = source.has("cameraGridPositions")  # Z-NLOS, which has its places with it
+    return source.has("data") and not placed and _setup(source.path).is_file()
 
 
 def read(source: Source, options: Options) -> Content:
@@ -39,9 +40,9 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If the two files do not fit together.
     """
-    signal = np.asarray(source.read("data"))
+    signal = source.matlab_array("data")
     with open_source(_setup(source.path)) as setup:
-        lit_m, seen_m = (setup.places(name) for name in ("laserpoints", "detectpoints"))
+        lit_m, seen_m = (setup.matlab_places(name) for name in ("laserpoints", "detectpoints"))
     fits = signal.ndim in {2, 3} and signal.dtype.kind in "uif" and np.prod(signal.shape[:-1]) == len(lit_m)
     if not fits or len(seen_m) != len(lit_m):
         raise DataFileError(
@@ -62,10 +63,8 @@ def read(source: Source, options: Options) -> Content:
     counts, lit_m, seen_m = counts[filled], lit_m[filled], seen_m[filled]
     (lit_m, seen_m), unmeasured = zeros_as_missing(lit_m, seen_m)
     lit_m, seen_m = paired(lit_m, seen_m)
-    try:
+    with named(source.path):
         frame = WallFrame.amid(lit_m, seen_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
     empty = np.count_nonzero(~filled)
     return Content(
         laser_m=frame.bring(lit_m),

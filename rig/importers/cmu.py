@@ -1,4 +1,4 @@
-"""Tsai et al. 2019 (surface optimisation, CMU): MATLAB v5 with ``transient`` and ``lighting``.
+"""Tsai et al. 2019 (surface optimisation, CMU): MATLAB with ``transient`` and ``lighting``.
 
 ``transient`` (positions, t) rectified confocal counts; ``lighting`` (positions, 3) spots in metres, z = 0.
 The published files are scans of O'Toole 2018 whose y was counted downwards: held against those, photon by
@@ -17,7 +17,7 @@ from rig.importers.places import paired, zeros_as_missing
 from rig.importers.source import Source
 
 NAME = "Tsai 2019, CMU"
-SIGN = "MATLAB v5 with transient or gt_transient (positions, t), and lighting"
+SIGN = "MATLAB with transient or gt_transient (positions, t), and lighting"
 PARTS = ("lighting", "transient or gt_transient")
 #: A record was cut where most positions begin within so many bins of one another.
 _AT_ONCE = 10
@@ -25,7 +25,7 @@ _AT_ONCE = 10
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.holds(*PARTS)
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -43,9 +43,9 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path} holds both transient and gt_transient; keep the one that is meant"
         )
     simulated = source.has("gt_transient")
-    signal = np.asarray(source.read("gt_transient" if simulated else "transient"))
-    lit_m = source.places("lighting")
-    seen_m = source.places("sensor") if source.has("sensor") else lit_m
+    signal = source.matlab_array("gt_transient" if simulated else "transient")
+    lit_m = source.matlab_places("lighting")
+    seen_m = source.matlab_places("sensor") if source.has("sensor") else lit_m
     if signal.ndim != 2 or signal.dtype.kind not in "uif" or not len(signal) == len(lit_m) == len(seen_m):
         raise DataFileError(
             f"{source.path}: the transient has shape {signal.shape}, but there are {len(lit_m)} lit and "

@@ -1,4 +1,4 @@
-"""General-NLOS (irregular relay surfaces) as measured: MATLAB v5 ``counts``, with its peaks beside it.
+"""General-NLOS (irregular relay surfaces) as measured: MATLAB ``counts``, with its peaks beside it.
 
 Two pairs of mirrors scan laser and detector over n x m pairs of spots, every other line backwards. ``counts``
 (pairs or more, t) holds one record a pair, first bounce and all. ``peak1.mat`` and ``peak2.mat`` (n, m) hold
@@ -17,10 +17,10 @@ from rig.importers.content import Content, as_counts
 from rig.importers.options import Options
 from rig.importers.places import paired, zeros_as_missing
 from rig.importers.source import Source, open_source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "general-NLOS, raw"
-SIGN = "MATLAB v5 with counts (pairs, t), and peak1.mat, peak2.mat and the spots beside it"
+SIGN = "MATLAB with counts (pairs, t), and peak1.mat, peak2.mat and the spots beside it"
 PARTS = ("counts", "peak1.mat", "peak2.mat", "setup.mat or laserpoints.mat")
 #: The first bounce and its tail are over by then; the authors clear 40 bins of 32 ps, or 100.
 WALL_LIGHT_S = 1.28e-9
@@ -28,7 +28,7 @@ WALL_LIGHT_S = 1.28e-9
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.holds(*PARTS)
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -41,7 +41,7 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If the files do not fit together.
     """
-    signal = np.asarray(source.read("counts"))
+    signal = source.matlab_array("counts")
     peaks = [_peaks(source.path, name) for name in ("peak1", "peak2")]
     lit_m, seen_m = _spots(source.path)
     pairs = peaks[0].size
@@ -55,10 +55,8 @@ def read(source: Source, options: Options) -> Content:
     bin_width_s = options.asked("bin_width_s", source.path, "how wide its bins are", "published: 32ps")
     (lit_m, seen_m), unmeasured = zeros_as_missing(lit_m, seen_m)
     lit_m, seen_m = paired(lit_m, seen_m)
-    try:
+    with named(source.path):
         frame = WallFrame.amid(lit_m, seen_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
     counts = as_counts(_one_direction(signal[:pairs], peaks[0].shape))
     more = len(signal) - pairs
     return Content(
@@ -86,7 +84,7 @@ def read(source: Source, options: Options) -> Content:
 def _peaks(path: Path, name: str) -> NDArray[np.float64]:
     """Return the (n, m) bins of a first bounce, from the file of this name beside the source."""
     with open_source(path.with_name(f"{name}.mat")) as beside:
-        peaks = np.asarray(beside.read(name))
+        peaks = beside.matlab_array(name)
     if peaks.dtype.kind not in "uif" or peaks.ndim != 2 or not peaks.size:
         raise DataFileError(
             f"{path.with_name(name)}.mat: {name} has shape {peaks.shape}; bins (n, m) are needed"
@@ -101,7 +99,7 @@ def _spots(path: Path) -> list[NDArray[np.float64]]:
     spots = []
     for name in names:
         with open_source(setup if setup.is_file() else path.with_name(f"{name}.mat")) as beside:
-            spots.append(beside.places(name))
+            spots.append(beside.matlab_places(name))
     return spots
 
 

@@ -19,7 +19,7 @@ from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 from rig.model.delays import PathDelays
 
 NAME = "Liu 2019, phasor field"
@@ -58,10 +58,8 @@ def read(source: Source, options: Options) -> Content:
         source.numbers(f"dataset/{name}", 3) for name in ("laserOrigin", "cameraOrigin")
     )
     normals = _points(source, "laserNorm") if source.has("dataset/laserNorm") else None
-    try:
+    with named(source.path):
         frame = WallFrame.of(laser_m, normals, laser_head_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
     dataset = source.hdf5["dataset/data"]
     return Content(
         laser_m=frame.bring(laser_m),

@@ -10,7 +10,7 @@ from rig.importers.content import Content, as_counts
 from rig.importers.options import Options, positive
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "Gu 2023, 3D-RSD"
 SIGN = "MATLAB with total_rect_data (positions, t), camera_pos, laser_pos_base and ts"
@@ -38,10 +38,8 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: total_rect_data has shape {signal.shape} with {len(lit_m)} spots of camera_pos "
             f"and {len(seen_m)} of laser_pos; (spots, t) and one detector spot are needed"
         )
-    try:
+    with named(source.path):
         frame = WallFrame.amid(lit_m, seen_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
     counts = as_counts(signal)
     return Content(
         laser_m=frame.bring(lit_m),

@@ -73,7 +73,7 @@ class Source:
 
     def matlab_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
-        shape = self.shapes[name] or ()
+        shape = self.shapes.get(name) or ()
         return shape if self.matlab5 else shape[::-1]
 
     def matlab_array(self, name: str) -> NDArray:
@@ -112,11 +112,11 @@ class Source:
 
         Raises as `places`.
         """
-        if self.matlab5 or (self.shapes[name] or ())[-1:] == (3,):
+        if self.matlab5 or self.matlab_shape(name)[-1:] != (3,):
             return self.places(name)
         value = self.matlab_array(name)
-        if value.dtype.kind not in "fiu" or value.shape[-1:] != (3,):
-            raise DataFileError(f"{self.path}: '{name}' has shape {value.shape}; points (n, 3) are needed")
+        if value.dtype.kind not in "fiu":
+            raise DataFileError(f"{self.path}: '{name}' has type {value.dtype}, not real numbers")
         return value.reshape(-1, 3).astype(float)
 
     def _float64(self, name: str, shape: tuple[int, ...], finite: bool) -> NDArray[np.float64]:

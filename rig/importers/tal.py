@@ -21,7 +21,7 @@ from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "TAL"
 SIGN = "HDF5 with H and H_format"
@@ -82,11 +82,8 @@ def read(source: Source, options: Options) -> Content:
     normals = None
     if source.shapes.get("sensor_grid_normals") is not None:
         normals = source.places("sensor_grid_normals")
-    try:
-        towards_m = laser_head_m if sensor_head_m is None else sensor_head_m
-        frame = WallFrame.of(sensor_m, normals, towards_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
+    with named(source.path):
+        frame = WallFrame.of(sensor_m, normals, laser_head_m if sensor_head_m is None else sensor_head_m)
     heads_m = (sensor_head_m, laser_head_m) if legs_inside else (None, None)
     spots = each_with_each(
         frame.bring(sensor_m),

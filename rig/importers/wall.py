@@ -1,6 +1,9 @@
 """Bringing a relay wall that stands anywhere into the program's frame."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -121,6 +124,15 @@ class WallFrame:
     def bring(self, points_m: NDArray) -> NDArray[np.float64]:
         """Return (n, 3) points of the other frame in ours."""
         return (points_m - self.origin_m) @ self.axes.T
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Put the file's name before what is said of its wall."""
+    try:
+        yield
+    except DataFileError as error:
+        raise DataFileError(f"{path}: {error}") from None
 
 
 def _there(spots_m: NDArray) -> NDArray:

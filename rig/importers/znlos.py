@@ -22,7 +22,7 @@ from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "Zaragoza Z-NLOS"
 SIGN = (
@@ -61,10 +61,8 @@ def read(source: Source, options: Options) -> Content:
     normals = None
     if source.has("cameraGridNormals"):
         normals = _points(source, "cameraGridNormals", reversed_)
-    try:
+    with named(source.path):
         frame = WallFrame.of(camera_m, normals, camera_head_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
     camera_m, laser_m, camera_head_m, laser_head_m = (
         frame.bring(points) for points in (camera_m, laser_m, camera_head_m, laser_head_m)
     )

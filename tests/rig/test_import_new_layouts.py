@@ -295,3 +295,44 @@ def test_a_raw_capture_without_its_peaks_is_told_what_it_lacks(tmp_path):
     matlab(tmp_path / "peak2.mat", 5, peak2=np.ones((3, 3)))
     with pytest.raises(DataFileError, match="one of each a pair is needed"):
         import_scan(tmp_path / "data_raw.mat", tmp_path / "b.h5", bin_width_s=BIN_S)
+
+
+# --- both versions of MATLAB
+
+
+@pytest.mark.parametrize("layout", ["cc_socr", "setup", "cmu", "raw"])
+def test_pairs_are_the_same_from_both_versions_of_matlab(tmp_path, layout):
+    count = 4
+    lit_m, seen_m = curved_m(count), curved_m(count) + np.array([0.03, 0.01, 0.02])
+    signal = np.random.default_rng(2).poisson(3.0, (count**2, 9)).astype("u2") + 1
+    index = np.array([[x % 3, x, y] for x in range(count) for y in range(count)])
+    places = {"laserpoints": lit_m.reshape(count, count, 3), "detectpoints": seen_m.reshape(count, count, 3)}
+    peak = np.arange(16.0).reshape(count, count)
+    files, given = {
+        "cc_socr": (
+            {"a": {"sub_Sig": signal}, "C_i": {"C_i": index}, "C_d": {"C_d": index[::-1]}},
+            {"bin_width_s": BIN_S, "wall_size_m": 0.3, "depth_pitch_m": 0.01},
+        ),
+        "setup": (
+            {"a": {"data": signal.reshape(count, count, 9)}, "setup": places},
+            {"bin_width_s": BIN_S},
+        ),
+        "cmu": ({"a": {"transient": signal, "lighting": lit_m, "sensor": seen_m}}, {"bin_width_s": BIN_S}),
+        "raw": (
+            {"a": {"counts": signal}, "setup": places, "peak1": {"peak1": peak}, "peak2": {"peak2": peak}},
+            {"bin_width_s": BIN_S, "fade_from_s": 1e-11},
+        ),
+    }[layout]
+    read = []
+    for version in (5, 7.3):
+        (tmp_path / str(version)).mkdir()
+        for name, variables in files.items():
+            matlab(tmp_path / str(version) / f"{name}.mat", version, **variables)
+        import_scan(tmp_path / str(version) / "a.mat", tmp_path / f"{version}.h5", **given)
+        capture, counts = load(tmp_path / f"{version}.h5")
+        read.append((counts, capture.laser_m, capture.detector_m, capture.first_bin_s))
+    for one, other in zip(*read, strict=True):
+        np.testing.assert_array_equal(one, other)
+    if layout in {"setup", "raw"}:
+        np.testing.assert_allclose(read[0][1], lit_m)
+        np.testing.assert_allclose(read[0][2], seen_m)
