@@ -17,6 +17,8 @@ FLAT_M = 1e-4
 _FACING = np.sqrt(0.5)
 #: The origin lies amid the spots where it is this part of their extent away from their edges.
 _AMID = 0.1
+#: z = 0 is at the wall where it is not further from its spots than this part of their extent across.
+_BESIDE = 0.25
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class WallFrame:
         low_m, high_m = spots_m.min(axis=0), spots_m.max(axis=0)
         middle_m, near_m = (low_m + high_m) / 2, _AMID * (high_m - low_m)
         across_in = (low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all()
-        beside_m = near_m[:2].max()
+        beside_m = _BESIDE * (high_m - low_m)[:2].max()
         z_in = low_m[2] - beside_m <= 0 <= high_m[2] + beside_m
         origin_m = np.array([*(np.zeros(2) if across_in else middle_m[:2]), 0.0 if z_in else middle_m[2]])
         return cls(origin_m, np.eye(3))

@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 import scipy.io
-from imported import brightest, load, point_signal
 from test_import_tal import tal
 
 from rig.errors import UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.imaged_points import brightest, point_signal
+from support.scan_files import load
 
 POINT_M = np.array([0.1, -0.08, 0.7])
 AROUND = ("--wavelength", "12cm", "--depth", "0.5m:0.9m:1cm")

@@ -4,12 +4,13 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import C_M_PER_S, brightest, load, point_signal
 from test_import_more_layouts import matlab
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.imaged_points import brightest, point_signal
+from support.scan_files import C_M_PER_S, load
 
 COUNT = 16
 POINT_M = np.array([0.1, -0.06, 0.6])

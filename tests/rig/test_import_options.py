@@ -3,13 +3,13 @@
 import h5py
 import numpy as np
 import pytest
-from imported import load
 from layout_examples import EXAMPLES, _mat, _neutral
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
 from rig.importers.options import SPELLING, Given
+from support.scan_files import load
 
 #: Two values of each option that no example holds.
 VALUES = {

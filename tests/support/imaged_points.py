@@ -1,22 +1,9 @@
-"""What the import tests share."""
-
-from pathlib import Path
+"""A hidden point: what a detector counts of it, and where ``rig recon`` shows it."""
 
 import numpy as np
-import pytest
 
-from rig.files import ScanFile, read_volume
-
-C_M_PER_S = 299_792_458.0
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
-measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"the published measurements are not at {DATA}")
-
-
-def load(path):
-    """Return capture and counts of a scan file."""
-    with ScanFile(path) as scan:
-        capture = scan.capture()
-        return capture, np.concatenate([block for _, block in capture.histograms.blocks()])
+from rig.files import read_volume
+from support.scan_files import C_M_PER_S
 
 
 def point_signal(point_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.0):
