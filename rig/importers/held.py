@@ -41,9 +41,15 @@ def hold_against(content: Content, options: Options, path: Path, layout: str) ->
 
 
 def _faded(content: Content, given_s: float | None, path: Path) -> Content:
+    last_s = content.first_bin_s + content.bins * content.bin_width_s - _least_delay_s(content)
     if given_s is None:
-        return content
-    last_s = content.first_bin_s + content.bins * content.bin_width_s
+        if content.fade_from_s is None or content.fade_from_s < last_s:
+            return content
+        told = (
+            f"all of the record is faded out: it ends at {show(last_s, 's')}, and the wall's own light at "
+            f"{show(content.fade_from_s, 's')}; check --bin-width, or give --fade-from"
+        )
+        return replace(content, assumed=(*content.assumed, told))
     if not 0 <= given_s < last_s:
         raise UsageError(
             f"--fade-from {show(given_s, 's')} would leave nothing of {path}: its record ends at "
@@ -53,6 +59,17 @@ def _faded(content: Content, given_s: float | None, path: Path) -> Content:
     if content.fade_from_s is not None and not isclose(content.fade_from_s, given_s, rel_tol=_SAME):
         told += f", not what comes before {show(content.fade_from_s, 's', 4)}, as the file or its layout says"
     return replace(content, fade_from_s=given_s, assumed=(*content.assumed, told))
+
+
+def _least_delay_s(content: Content) -> float:
+    """Return the least that is subtracted from a position's time; 0 where nothing is."""
+    delay_s = np.zeros(1)
+    if content.delay_s is not None:
+        delay_s = content.delay_s
+    elif content.delays is not None:
+        delay_s = content.delays.delay_s(content.laser_m, content.detector_m)
+    known_s = delay_s[np.isfinite(delay_s)]
+    return float(known_s.min()) if known_s.size else 0.0
 
 
 def _said(name: str, given: Any, content: Content) -> tuple[str, bool]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
-from rig.files.check import reading
+from rig.files.check import plain, reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
@@ -32,7 +32,7 @@ _AXES = {1: 3, 2: 5, 3: 2, 4: 3}
 _EXHAUSTIVE = {2, 4}
 #: Stokes components of each bin in a polarised render, on an axis after all others; the first is intensity.
 _STOKES = 4
-_INTENSITY = "polarised: of the four Stokes components on the last axis, the first, intensity, is taken"
+_INTENSITY = "polarised: of the Stokes components on the last axis of H, the first, intensity, is taken"
 #: Codes from here on are in the frequency domain.
 _FREQUENCIES = 10
 #: Bytes of H read at once.
@@ -127,7 +127,8 @@ def _check_shape(source: Source, code: int, sensors: int, lasers: int) -> bool:
     points = f"{sensors} sensor points" + (f" and {lasers} laser points" if code in _EXHAUSTIVE else "")
     if len(axes) != _AXES[code] or np.prod(axes[1:]) != histograms:
         raise DataFileError(f"{source.path}: H has shape {shape}, but there are {points}")
-    if more not in {(), (1,), (_STOKES,)}:
+    polarised = len(more) == 1 and (more == (_STOKES,) or _says_polarised(source))
+    if more not in {(), (1,)} and not polarised:
         raise DataFileError(
             f"{source.path}: H has shape {shape} with {points}; of a last axis more, only {_STOKES} Stokes "
             "components of a polarised render are known: write the intensity alone"
@@ -140,7 +141,14 @@ def _check_shape(source: Source, code: int, sensors: int, lasers: int) -> bool:
                 f"{source.path}: {name} is a grid of {grid[:2]} points, but H has {on} in its place; "
                 "H and the grids need the same order of x and y"
             )
-    return more == (_STOKES,)
+    return polarised
+
+
+def _says_polarised(source: Source) -> bool:
+    """Return whether the scene's description names a polarised render."""
+    if source.shapes.get("scene_info") != ():
+        return False
+    return "polarized" in str(plain(source.read("scene_info")))
 
 
 def _legs_inside(source: Source, options: Options) -> bool:

@@ -161,3 +161,18 @@ def test_a_neutral_file_that_is_not_as_confocal_as_it_says_is_told_of(tmp_path):
     source = with_origin(tmp_path, "wall", confocal=True)
     report = import_scan(source, tmp_path / "b.h5")
     assert any("confocal is True, but its places say otherwise" in line for line in report.assumed)
+
+
+def test_a_fade_is_held_against_rectified_time(tmp_path):
+    source = with_origin(tmp_path, "laser")
+    with h5py.File(source, "r+") as file:
+        file["delay_s"] = np.full(9, 100e-12)  # of 256 ps, 156 are left
+    with pytest.raises(UsageError, match="its record ends at 156 ps"):
+        import_scan(source, tmp_path / "b.h5", fade_from_s=200e-12)
+    import_scan(source, tmp_path / "b.h5", fade_from_s=150e-12)
+
+
+def test_a_record_that_the_layout_fades_out_whole_is_told_of(tmp_path):
+    write, needed = EXAMPLES["O'Toole 2018, LCT"]
+    report = import_scan(write(tmp_path), tmp_path / "b.h5", **needed)
+    assert any("all of the record is faded out" in line for line in report.assumed)

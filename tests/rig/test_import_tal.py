@@ -147,6 +147,13 @@ def test_of_a_polarised_exhaustive_render_the_intensity_is_taken(tmp_path):
     np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(9, 24).T)
 
 
+def test_a_render_that_says_it_is_polarised_may_have_any_components(tmp_path):
+    signal = np.random.default_rng(5).random((20, 3, 4, 13)).astype("f4")
+    tal(tmp_path / "a.hdf5", H=signal, scene_info="config: {mitsuba_variant: llvm_mono_polarized}")
+    import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(20, 12).T)
+
+
 @pytest.mark.parametrize("last", [2, 3, 5])
 def test_a_last_axis_that_is_not_known_is_refused(tmp_path, last):
     tal(tmp_path / "a.hdf5", H=np.ones((20, 3, 4, last), "f4"))
