@@ -27,10 +27,9 @@ from rig.calibrate.counts import (
     settings_of,
     sound_scans,
 )
-from rig.calibrate.routine import changed, origin
+from rig.calibrate.routine import Routine, changed, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanPass
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import DarkRates
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -57,7 +56,7 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class DarkRoutine:
+class DarkRoutine(Routine[DarkRates]):
     """Measures rates with the beam blocked, and afterpulses with the beam attenuated.
 
     Attributes
@@ -77,7 +76,8 @@ class DarkRoutine:
     afterpulse_s: float = 200.0
     hold_offs_s: tuple[float, ...] = (90e-9, 120e-9, 160e-9)
     repetition_hz: float = 2e6
-    kind: str = DarkRates.kind
+
+    makes = DarkRates
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a free-running detector, and bins over the whole time between slow pulses."""
@@ -121,7 +121,7 @@ class DarkRoutine:
             hold_off_s=hold_s,
         )
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> DarkRates:
         """Return rates and afterpulses; passes in the order in which they are measured."""
         with sound_scans(files) as scans:
             passes = passes_of(scans)
@@ -152,15 +152,14 @@ class DarkRoutine:
                 after_hold_off_error=[one[1] for one in alone],
             )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: DarkRates) -> Figure:
         """Draw the parts' rates, the afterpulses in time with residuals, and against hold-off."""
         from rig.calibrate.pictures_dark import dark_figure
 
-        assert isinstance(calibration, DarkRates)
         with sound_scans(files) as scans:
             passes = passes_of(scans)
             rates = [counts_of(one).sum(axis=1) / one.live_time_s for one in passes[:2]]
-            return dark_figure(rates, [_record(one) for one in passes[2:]], calibration)
+            return dark_figure(rates, [_record(one) for one in passes[2:]], found)
 
 
 def _record(one: ScanPass) -> Record:

@@ -27,10 +27,9 @@ from rig.calibrate.counts import (
     settings_of,
     sound_scans,
 )
-from rig.calibrate.routine import changed, origin
+from rig.calibrate.routine import Routine, changed, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import BinWidths
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -44,7 +43,7 @@ TOGETHER, TOGETHER_OFF = 64, 0.01
 
 
 @dataclass(frozen=True)
-class DnlRoutine:
+class DnlRoutine(Routine[BinWidths]):
     """Measures the widths of the bins that scans use.
 
     Attributes
@@ -57,7 +56,8 @@ class DnlRoutine:
 
     exposure_s: float = 20.0
     exposures: int = 4
-    kind: str = BinWidths.kind
+
+    makes = BinWidths
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the scan's own bins, the detector free running: a gate follows the sync pulses."""
@@ -76,7 +76,7 @@ class DnlRoutine:
         record(ScanPlan(passes=(lamp,)), state.nominal, station.devices, path, watch, station.operator)
         return [path]
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> BinWidths:
         """Return the widths of the bins, counts of several files taken together."""
         with sound_scans(files) as scans:
             first = scans[0]
@@ -101,10 +101,9 @@ class DnlRoutine:
                 kept=float(real / (real + 1 / mean)),
             )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: BinWidths) -> Figure:
         """Draw widths over bins, their distribution, and what is left when neighbours are taken together."""
-        assert isinstance(calibration, BinWidths)
-        return dnl_figure(calibration)
+        return dnl_figure(found)
 
 
 def blocks_off(off: NDArray[np.float64]) -> NDArray[np.float64]:

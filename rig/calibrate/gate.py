@@ -21,10 +21,9 @@ from rig.calibrate.counts import passes_of, sound_scans
 from rig.calibrate.gate_edge import MIDDLE, Edge
 from rig.calibrate.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
 from rig.calibrate.peaks import FWHM_PER_SIGMA
-from rig.calibrate.routine import changed, histogram_settings, origin
+from rig.calibrate.routine import Routine, changed, histogram_settings, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -43,7 +42,7 @@ CLOSED_S = 10e-9
 
 
 @dataclass(frozen=True)
-class GateRoutine:
+class GateRoutine(Routine[GateOpening]):
     """Finds the gate's opening over the scanned part of the wall.
 
     Attributes
@@ -69,7 +68,8 @@ class GateRoutine:
     before_s: float = 0.8e-9
     after_s: float = 1.0e-9
     pulse_fwhm_s: float = 35e-12
-    kind: str = GateOpening.kind
+
+    makes = GateOpening
 
     @property
     def sigma_s(self) -> float:
@@ -105,7 +105,7 @@ class GateRoutine:
         scan(files[1], [_with_gate(grid, show(delay_s, "s", 5), CLOSED_S, delay_s) for delay_s in delays_s])
         return files
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> GateOpening:
         """Return the opening; the file with the widest gate says what passes it when it is open."""
         with sound_scans(files) as scans:
             sweep = read_sweep(passes_of(scans), self.sigma_s)
@@ -150,13 +150,12 @@ class GateRoutine:
             failed=sweep.failed.tolist(),
         )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: GateOpening) -> Figure:
         """Draw the edge with residuals, and the earliest opening over the wall."""
         from rig.calibrate.pictures_gate import gate_figure
 
-        assert isinstance(calibration, GateOpening)
         with sound_scans(files) as scans:
-            return gate_figure(read_sweep(passes_of(scans), self.sigma_s), calibration)
+            return gate_figure(read_sweep(passes_of(scans), self.sigma_s), found)
 
     def _plan(self, config: RigConfig) -> ScanPlan:
         """Return as coarse a grid as was asked for over the scan's, no larger than it."""

@@ -14,10 +14,9 @@ from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import peaks
 from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
-from rig.calibrate.routine import origin
+from rig.calibrate.routine import Routine, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import Response
 from rig.model.config import RigConfig
 from rig.model.state import RigState
@@ -31,13 +30,14 @@ SAMPLED_S = (-0.3e-9, 0.7e-9)
 
 
 @dataclass(frozen=True)
-class ResponseRoutine:
+class ResponseRoutine(Routine[Response]):
     """Measures first bounces at a few places of the wall for a while."""
 
     columns: int = 5
     rows: int = 4
     exposure_s: float = 0.5
-    kind: str = Response.kind
+
+    makes = Response
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the detector free running, and a histogram of the whole period."""
@@ -57,7 +57,7 @@ class ResponseRoutine:
         )
         return [path]
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> Response:
         """Return width and tail.
 
         The width is that of the fitted shape, whose integrals over the bins were compared with the counts: so
@@ -95,12 +95,11 @@ class ResponseRoutine:
             warnings=_warnings(best),
         )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: Response) -> Figure:
         """Draw the response, the fit and what it leaves."""
         from rig.calibrate.pictures import response_figure
 
-        assert isinstance(calibration, Response)
-        return response_figure(calibration)
+        return response_figure(found)
 
 
 def peak_s(shape: peaks.Shape) -> float:

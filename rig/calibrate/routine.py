@@ -1,35 +1,42 @@
 """What a calibration routine is: it measures through the devices, fits what it measured, and shows it."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol, TypedDict
+from typing import Any, Generic, Protocol, TypedDict, TypeVar
 
 from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.errors import CalibrationError, UsageError
+from rig.calibrate import require
+from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
 from rig.model.devices import Settings
 from rig.model.state import RigState
 
+K = TypeVar("K", bound=Calibration)
 
-class Routine(Protocol):
-    """One kind of calibration, with its options.
+
+class Routine(ABC, Generic[K]):
+    """What makes one kind of calibration; subclasses are dataclasses of its options.
 
     ``measure`` writes raw data, ``fit`` reads it: so recorded data is fitted just like fresh data.
     """
 
+    makes: type[K]
+
     @property
     def kind(self) -> str:
         """Of the calibration that it makes, see `rig.model.calibrations.kinds`."""
-        ...
+        return self.makes.kind
 
     def setup(self, config: RigConfig) -> RigConfig:
-        """Return the configuration with which the devices are opened for it."""
-        ...
+        """Return the configuration with which the devices are opened for it: as it is, if not overridden."""
+        return config
 
+    @abstractmethod
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Measure, and return the files of raw data, made in ``folder``.
 
@@ -40,9 +47,9 @@ class Routine(Protocol):
         drivers.errors.DeviceError
             If a device fails.
         """
-        ...
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    @abstractmethod
+    def fit(self, files: Sequence[Path], state: RigState) -> K:
         """Return what the raw data says; ``state`` is the rig's own, as far as it was calibrated before.
 
         Raises
@@ -52,11 +59,10 @@ class Routine(Protocol):
         DataFileError
             If a file is damaged, or of another kind.
         """
-        ...
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    @abstractmethod
+    def figure(self, files: Sequence[Path], found: K) -> Figure:
         """Draw data, fit and residuals."""
-        ...
 
 
 def changed(config: RigConfig, **sections: Mapping[str, Any]) -> RigConfig:
@@ -98,33 +104,26 @@ class Origin(TypedDict):
 class RawData(Protocol):
     """A file that says where it comes from, such as a `rig.files.scan.ScanFile`."""
 
-    @property
-    def path(self) -> Path:
-        """Where it is."""
-        ...
+    path: Path
 
     @property
     def digest(self) -> str:
         """SHA-256 of its bytes."""
-        ...
 
     @property
     def devices(self) -> Mapping[str, Settings]:
         """Settings of each device, ``identity`` among them."""
-        ...
 
     @property
     def config(self) -> RigConfig | None:
         """The configuration with which it was measured; None where it does not say."""
-        ...
 
     @property
     def simulated(self) -> bool:
         """Whether it was computed rather than measured."""
-        ...
 
 
-def origin(kind: type[Calibration], scans: Sequence[RawData]) -> Origin:
+def origin(kind: type[Calibration], files: Sequence[RawData]) -> Origin:
     """Return rig, devices and digests of the files that a calibration of this kind is computed from.
 
     Raises
@@ -133,17 +132,17 @@ def origin(kind: type[Calibration], scans: Sequence[RawData]) -> Origin:
         If the files are of different devices.
     """
     devices: dict[str, str] = {}
-    for scan in scans:
+    for file in files:
         for name in kind.belongs_to:
-            identity = str(scan.devices.get(name, {}).get("identity", "unknown"))
-            if devices.setdefault(name, identity) != identity:
-                raise CalibrationError(
-                    f"{scan.path} was measured with the {name} '{identity}', the files before it with "
-                    f"'{devices[name]}': give files of one rig"
-                )
+            identity = str(file.devices.get(name, {}).get("identity", "unknown"))
+            require(
+                devices.setdefault(name, identity) == identity,
+                f"{file.path} was measured with the {name} '{identity}', the files before it with "
+                f"'{devices[name]}': give files of one rig",
+            )
     return {
-        "rig_name": scans[0].config.name if scans[0].config else "unknown rig",
+        "rig_name": files[0].config.name if files[0].config else "unknown rig",
         "devices": devices,
-        "measured_from": {scan.path.name: scan.digest for scan in scans},
-        "simulated": scans[0].simulated,
+        "measured_from": {file.path.name: file.digest for file in files},
+        "simulated": files[0].simulated,
     }

@@ -17,10 +17,9 @@ from rig.calibrate import peaks
 from rig.calibrate.counts import counts_of
 from rig.calibrate.first_bounce import WINDOW_S, highest
 from rig.calibrate.geometry_fit import TAPE_ERROR_M, TILT_ERROR_RAD
-from rig.calibrate.routine import origin
+from rig.calibrate.routine import Routine, origin
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import TimeZero
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -53,14 +52,15 @@ def place(text: str) -> Point:
 
 
 @dataclass(frozen=True)
-class TargetRoutine:
+class TargetRoutine(Routine[TimeZero]):
     """Scans one small target at a known place; nothing else near may be as bright."""
 
     target_m: Point
     columns: int = 9
     rows: int = 7
     exposure_s: float = 0.5
-    kind: str = TimeZero.kind
+
+    makes = TimeZero
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the configuration as it is: gated, as for a scan."""
@@ -82,7 +82,7 @@ class TargetRoutine:
         record(plan, state, station.devices, path, watch)
         return [path]
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> TimeZero:
         """Return the delay with which the target is where it is, the heads being as known.
 
         What an error of a head's place does to the delay, rectified time gets back at the wall's centre.
@@ -121,19 +121,18 @@ class TargetRoutine:
                 warnings=_warnings(state, float(errors_s.max())),
             )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: TimeZero) -> Figure:
         """Draw the stacked counts about the delay."""
-        assert isinstance(calibration, TimeZero)
         with ScanFile(files[0]) as scan:
-            spots_m = np.pad(np.array(calibration.spots_m), ((0, 0), (0, 1)))
-            heads_m = np.array(calibration.laser_head_m), np.array(calibration.detector_head_m)
-            found = self._stack(scan, spots_m, *heads_m)
+            spots_m = np.pad(np.array(found.spots_m), ((0, 0), (0, 1)))
+            heads_m = np.array(found.laser_head_m), np.array(found.detector_head_m)
+            stacked = self._stack(scan, spots_m, *heads_m)
         figure = Figure(figsize=(8, 4), layout="constrained")
         axes = figure.subplots()
-        time_ns = (found.edges_s[:-1] + found.edges_s[1:]) / 2 * 1e9
-        axes.plot(time_ns, found.counts, ".", color="0.6", markersize=4, label="counts of all positions")
-        axes.plot(time_ns, found.fit.model[0], color="#20639b", label="fit")
-        axes.axvline(found.fit.centre_s[0] * 1e9, color="#c8553d", linewidth=1, label="delay")
+        time_ns = (stacked.edges_s[:-1] + stacked.edges_s[1:]) / 2 * 1e9
+        axes.plot(time_ns, stacked.counts, ".", color="0.6", markersize=4, label="counts of all positions")
+        axes.plot(time_ns, stacked.fit.model[0], color="#20639b", label="fit")
+        axes.axvline(stacked.fit.centre_s[0] * 1e9, color="#c8553d", linewidth=1, label="delay")
         axes.set(xlabel="time less the way over the target (ns)", ylabel="counts a bin")
         axes.set_title(f"target at {', '.join(map(show_length, self.target_m))}")
         axes.legend(frameon=False)

@@ -13,10 +13,9 @@ from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
 from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometry
-from rig.calibrate.routine import origin
+from rig.calibrate.routine import Routine, origin
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import TimeZero
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
@@ -65,13 +64,14 @@ class FittedDelays:
 
 
 @dataclass(frozen=True)
-class TimeZeroRoutine:
+class TimeZeroRoutine(Routine[TimeZero]):
     """Measures first bounces on a coarse grid, twice one after the other so that a drift is seen."""
 
     columns: int = 11
     rows: int = 9
     exposure_s: float = 0.1
-    kind: str = TimeZero.kind
+
+    makes = TimeZero
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the detector free running, and a histogram of the whole period."""
@@ -92,7 +92,7 @@ class TimeZeroRoutine:
             )
         return paths
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> TimeZero:
         """Return delay and heads; see `fit_path_delays`."""
         with ExitStack() as stack:
             scans = [stack.enter_context(ScanFile(path)) for path in files]
@@ -119,14 +119,13 @@ class TimeZeroRoutine:
                 warnings=_warnings(found, drift, state),
             )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: TimeZero) -> Figure:
         """Draw arrivals and what the calibration leaves of them, over the wall and over the time."""
         from rig.calibrate.pictures import time_zero_figure
 
-        assert isinstance(calibration, TimeZero)
         with ExitStack() as stack:
             scans = [stack.enter_context(ScanFile(path)) for path in files]
-            return time_zero_figure([first_bounces(scan) for scan in scans], calibration)
+            return time_zero_figure([first_bounces(scan) for scan in scans], found)
 
 
 @dataclass(frozen=True)

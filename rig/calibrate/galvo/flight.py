@@ -15,10 +15,9 @@ from rig.atomic import appearing
 from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
 from rig.calibrate.galvo.mirror import Fiducials, fit_flight, galvo_model
 from rig.calibrate.galvo.pictures import flight_figure
-from rig.calibrate.routine import Origin, origin
+from rig.calibrate.routine import Origin, Routine, origin
 from rig.errors import DataFileError, UsageError
 from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -32,7 +31,7 @@ OUTSIDE_M = 0.02
 
 
 @dataclass(frozen=True)
-class FlightRoutine:
+class FlightRoutine(Routine[GalvoModel]):
     """Learns from times of flight where the beam meets the wall.
 
     Attributes
@@ -46,7 +45,8 @@ class FlightRoutine:
     columns: int = 11
     rows: int = 9
     exposure_s: float = 0.1
-    kind: str = GalvoModel.kind
+
+    makes = GalvoModel
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a detector that runs free, and a histogram of the whole period."""
@@ -77,7 +77,7 @@ class FlightRoutine:
         )  # fmt: skip
         return [scan_path, marks_path]
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from a scan and a file of marks."""
         bounces, marks, source = _read(files)
         mirror = fit_flight(bounces.mirror_rad, bounces.arrival_s, bounces.error_s, marks, state.config)
@@ -92,11 +92,10 @@ class FlightRoutine:
             electronics_delay_s=mirror.rig.delays.electronics_delay_s,
         )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
         """Draw positions with what the fit leaves of their arrivals, and the marks."""
-        assert isinstance(calibration, GalvoModel)
         bounces, _, _ = _read(files)
-        return flight_figure(calibration, bounces.mirror_rad, bounces.arrival_s, bounces.error_s)
+        return flight_figure(found, bounces.mirror_rad, bounces.arrival_s, bounces.error_s)
 
 
 def _read(files: Sequence[Path]) -> tuple[FirstBounces, Fiducials, Origin]:

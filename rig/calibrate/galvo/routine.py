@@ -17,9 +17,8 @@ from rig.calibrate.galvo.pictures import spots_figure
 from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import MIN_SPOTS, locate
 from rig.calibrate.geometry_fit import Floats
-from rig.calibrate.routine import origin
+from rig.calibrate.routine import Routine, origin
 from rig.errors import CalibrationError
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Board, Preparation
@@ -30,7 +29,7 @@ BEYOND_M = 0.15
 
 
 @dataclass(frozen=True)
-class CameraRoutine:
+class CameraRoutine(Routine[GalvoModel]):
     """Sees where the beam meets the wall.
 
     Attributes
@@ -47,7 +46,8 @@ class CameraRoutine:
     rows: int = 9
     boards: int = 12
     darks: int = 8
-    kind: str = GalvoModel.kind
+
+    makes = GalvoModel
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the configuration as it is."""
@@ -109,7 +109,7 @@ class CameraRoutine:
         finally:
             laser.stop()
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from the pictures of one file."""
         with WallImages(files[0]) as images:
             cameras = _calibrated(images)
@@ -119,10 +119,9 @@ class CameraRoutine:
             mirror = fit_mirror(angles, located.spots_m, located.covariance, state.config)
             return galvo_model("cameras", mirror, angles, located.spots_m, origin(GalvoModel, [images]))
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
         """Draw spots, what the model leaves, and where it may be used."""
-        assert isinstance(calibration, GalvoModel)
-        return spots_figure(calibration)
+        return spots_figure(found)
 
 
 def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[float, float]]:
