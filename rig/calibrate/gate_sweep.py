@@ -7,24 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
-from rig.calibrate.counts import counts_of, period_s, settings_of
+from rig.calibrate import Floats, require
+from rig.calibrate.first_bounce import first_bounces
 from rig.calibrate.gate_edge import Edge, fit_edge
+from rig.calibrate.peaks import Peaks
+from rig.calibrate.raw import Raw
 from rig.errors import CalibrationError
-from rig.files.scan import ScanPass
 from rig.model.delays import PathDelays
 from rig.model.quantities import show
 
 #: Counts this near to the first bounce's arrival are its own: the response is 65 ps wide, and its tail has
 #: died.
 ABOUT_S = 250e-12
-#: The middle of these is an arrival: a tail outside it does not count.
-CORE_S = 120e-12
-#: Least counts of a first bounce through the open gate.
-LEAST_COUNTS = 100
-#: Detections a pulse above which the first of each gate hides the others.
-CROWDED = 0.2
 #: What passes a closed gate where it fails; and how sure that has to be [standard errors].
 FAILS_ABOVE, SURE = 0.02, 4.0
+#: Fewest delays of a sweep.
+MIN_DELAYS = 5
 #: Degrees of the polynomial that corrects arrivals, and the positions that each needs: twice its terms.
 DEGREES = ((3, 20), (2, 12), (1, 6))
 
@@ -51,70 +49,44 @@ class Sweep:
         Fitted to all but these.
     """
 
-    spots_m: NDArray[np.float64]
-    arrival_s: NDArray[np.float64]
-    arrival_error_s: NDArray[np.float64]
-    delays_s: NDArray[np.float64]
-    part: NDArray[np.float64]
-    whole: NDArray[np.float64]
+    spots_m: Floats
+    arrival_s: Floats
+    arrival_error_s: Floats
+    delays_s: Floats
+    part: Floats
+    whole: Floats
     failed: NDArray[np.bool_]
     edge: Edge
 
     @property
-    def late_s(self) -> NDArray[np.float64]:
+    def late_s(self) -> Floats:
         """(D, P) delay less arrival."""
         return self.delays_s[:, None] - self.arrival_s
 
 
-def arrivals(wide: ScanPass) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return (P,) arrivals of first bounces in the file's time, their errors, and their counts.
+def open_gate_bounces(wide: Raw) -> Peaks:
+    """Return the first bounce of each of P positions through the wide open gate.
 
     Raises
     ------
     CalibrationError
         If some position has too few counts, or the detector sees too much light.
     """
-    histograms = counts_of(wide)
-    pulses = wide.live_time_s / period_s(settings_of(wide))
-    crowd = float(np.median(histograms.sum(axis=1) / pulses))
-    if crowd > CROWDED:
-        raise CalibrationError(
-            f"{wide.label}: {crowd:.2f} detections a pulse through the open gate, so the first hide the "
-            f"others (saturated; {CROWDED:g} are the most). Attenuate the beam more and measure again"
-        )
-    centres_s = _centres_s(wide)
-    size = max(round(100e-12 / wide.time_axis[1]), 1)
-    smooth = np.apply_along_axis(np.convolve, 1, histograms, np.ones(size), "same")
-    peak_s = centres_s[smooth.argmax(axis=1)]
-    for _ in range(5):
-        core = np.abs(centres_s - peak_s[:, None]) < CORE_S
-        number = np.maximum((histograms * core).sum(axis=1), 1)
-        peak_s = (histograms * core * centres_s).sum(axis=1) / number
-    spread = ((centres_s - peak_s[:, None]) ** 2 * histograms * core).sum(axis=1) / number
-    whole = first_bounce_counts(histograms, centres_s, peak_s)
-    if whole.min() < LEAST_COUNTS:
-        position = int(whole.argmin())
-        raise CalibrationError(
-            f"{wide.label}: only {whole[position]:.0f} counts of the first bounce through the open gate at "
-            f"position {position}, {LEAST_COUNTS} are the least: expose longer, attenuate less, or check "
-            "that the beam is not blocked"
-        )
-    return peak_s, np.sqrt(spread / number), whole
+    found = first_bounces(wide, gated=True)
+    position = min(found.left_out, default=0)
+    require(
+        not found.left_out,
+        f"{wide.label}: no first bounce at position {position}: {found.left_out.get(position)}",
+    )
+    return found
 
 
-def first_bounce_counts(
-    histograms: NDArray[np.float64], centres_s: NDArray[np.float64], arrival_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return (P,) counts about the arrivals."""
-    return (histograms * (np.abs(centres_s - arrival_s[:, None]) < ABOUT_S)).sum(axis=1)
-
-
-def read_sweep(scans: Sequence[ScanPass], sigma_s: float) -> Sweep:
+def read_sweep(passes: Sequence[Raw], sigma_s: float) -> Sweep:
     """Read a sweep, whatever the order of its passes, and fit its edge.
 
     Parameters
     ----------
-    scans
+    passes
         The one with the widest gate is the open one.
     sigma_s
         Standard deviation of the laser's pulse.
@@ -124,39 +96,37 @@ def read_sweep(scans: Sequence[ScanPass], sigma_s: float) -> Sweep:
     CalibrationError
         If it is no sweep over one grid, or does not show the edge.
     """
-    gates = [_gate(scan) for scan in scans]
-    widest = int(np.argmax([width_s for _, width_s in gates]))
-    wide, others = scans[widest], [scan for i, scan in enumerate(scans) if i != widest]
-    if len(others) < 5:
-        raise CalibrationError(
-            f"{wide.label} and {len(others)} others: a sweep is one pass with the gate wide open and five or "
-            "more at other delays"
+    for one in passes:
+        require(
+            one.config.detector.gated,
+            f"{one.label} was measured without the gate: give files of a sweep of its delay",
         )
-    delays_s = np.array([delay_s for i, (delay_s, _) in enumerate(gates) if i != widest])
-    arrival_s, error_s, open_counts = arrivals(wide)
-    centres_s = _centres_s(wide)
-    part = []
-    for scan in others:
-        if scan.laser_m.shape != wide.laser_m.shape or not np.allclose(scan.laser_m, wide.laser_m):
-            raise CalibrationError(
-                f"{scan.label} has other positions than {wide.label}: give files of one sweep"
-            )
-        if scan.time_axis != wide.time_axis:
-            raise CalibrationError(f"{scan.label} has other bins than {wide.label}: give files of one sweep")
-        counts = first_bounce_counts(counts_of(scan), centres_s, arrival_s)
-        part.append(counts / scan.live_time_s / (open_counts / wide.live_time_s))
-    order = np.argsort(delays_s)
-    parts, delays_s = np.array(part)[order], delays_s[order]
-    failed, edge = _edge(wide.label, delays_s, parts, arrival_s, open_counts, sigma_s)
-    return Sweep(wide.laser_m, arrival_s, error_s, delays_s, parts, open_counts, failed, edge)
+    wide, *others = sorted(passes, key=lambda one: -one.gate_width_s)
+    others.sort(key=lambda one: one.gate_delay_s)
+    require(
+        len(others) >= MIN_DELAYS,
+        f"{wide.label} and {len(others)} others: a sweep is one pass with the gate wide open and five or "
+        "more at other delays",
+    )
+    bounces = open_gate_bounces(wide)
+    for one in others:
+        same = one.laser_m.shape == wide.laser_m.shape and np.allclose(one.laser_m, wide.laser_m)
+        require(same, f"{one.label} has other positions than {wide.label}: give files of one sweep")
+        axes = [(raw.bins, raw.bin_width_s, raw.first_bin_s) for raw in (one, wide)]
+        require(axes[0] == axes[1], f"{one.label} has other bins than {wide.label}: give files of one sweep")
+    about = np.abs(wide.centres_s - bounces.centre_s[:, None]) < ABOUT_S
+    whole = (wide.counts * about).sum(axis=1)
+    counts = np.array([(one.counts * about).sum(axis=1) / one.live_s for one in others])
+    part = counts / (whole / wide.live_s)
+    delays_s = np.array([one.gate_delay_s for one in others])
+    failed, edge = _edge(wide.label, delays_s, part, bounces.centre_s, whole, sigma_s)
+    return Sweep(wide.laser_m, bounces.centre_s, bounces.centre_error_s, delays_s, part, whole, failed, edge)
 
 
-def smooth_arrivals(
-    sweep: Sweep, spots_m: NDArray[np.float64], legs: PathDelays
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def smooth_arrivals(sweep: Sweep, spots_m: Floats, legs: PathDelays) -> tuple[Floats, Floats]:
     """Return arrivals anywhere on the wall, and their standard errors.
 
-    Straight ways mirror, spot, lens, as far as their places are known; what these leave is smooth, and is
+    Straight ways mirror, spot, lens, as far as their places are known; the residuals are smooth, and are
     taken as a polynomial in x and y.
 
     Raises
@@ -164,24 +134,23 @@ def smooth_arrivals(
     CalibrationError
         If there are too few positions.
     """
-    if len(sweep.spots_m) < DEGREES[-1][1]:
-        raise CalibrationError(f"{len(sweep.spots_m)} positions are too few: use a finer grid (--columns)")
-    degree = next(degree for degree, least in DEGREES if len(sweep.spots_m) >= least)
-    there_s = [_straight_s(spots, legs) for spots in (sweep.spots_m, spots_m)]
+    positions = len(sweep.spots_m)
+    require(positions >= DEGREES[-1][1], f"{positions} positions are too few: use a finer grid (--columns)")
+    degree = next(degree for degree, fewest in DEGREES if positions >= fewest)
     measured, wanted = (_powers(spots, degree) for spots in (sweep.spots_m, spots_m))
     error = np.maximum(sweep.arrival_error_s, 1e-13)
     weighted = measured / error[:, None]
-    left = (sweep.arrival_s - there_s[0]) / error
-    coefficients, *_ = np.linalg.lstsq(weighted, left, rcond=None)
-    chi2 = float(((left - weighted @ coefficients) ** 2).sum() / (len(left) - measured.shape[1]))
+    residual = (sweep.arrival_s - legs.delay_s(sweep.spots_m, sweep.spots_m)) / error
+    coefficients, *_ = np.linalg.lstsq(weighted, residual, rcond=None)
+    chi2 = float(((residual - weighted @ coefficients) ** 2).sum() / (positions - measured.shape[1]))
     covariance = np.linalg.pinv(weighted.T @ weighted) * max(chi2, 1.0)
     error_s = np.sqrt(np.einsum("pi,ij,pj->p", wanted, covariance, wanted))
-    return there_s[1] + wanted @ coefficients, error_s
+    return legs.delay_s(spots_m, spots_m) + wanted @ coefficients, error_s
 
 
 def nearest_after_s(
-    spots_m: NDArray[np.float64], legs: PathDelays, detector_spot_m: Sequence[float], nearest_m: float
-) -> NDArray[np.float64]:
+    spots_m: Floats, legs: PathDelays, detector_spot_m: Sequence[float], nearest_m: float
+) -> Floats:
     """Return how long after the first bounce light of an object so far from the wall comes, at the earliest.
 
     The shortest way from spot to spot over a plane at the distance z is that of a mirror there, sqrt(d^2 + 4
@@ -195,65 +164,31 @@ def nearest_after_s(
     return (hidden_m - straight_m) / C_M_PER_S
 
 
-def _straight_s(spots_m: NDArray[np.float64], legs: PathDelays) -> NDArray[np.float64]:
-    there_m = np.linalg.norm(spots_m - legs.laser_head_m, axis=1)
-    back_m = np.linalg.norm(spots_m - legs.detector_head_m, axis=1)
-    return legs.electronics_delay_s + (there_m + back_m) / C_M_PER_S
-
-
-def _powers(spots_m: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
+def _powers(spots_m: Floats, degree: int) -> Floats:
     x, y = spots_m[:, 0], spots_m[:, 1]
     return np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
 
 
-def _centres_s(scan: ScanPass) -> NDArray[np.float64]:
-    """Return (bins,) times in the file's time."""
-    bins, width_s, first_s = scan.time_axis
-    return np.asarray(first_s + (np.arange(bins) + 0.5) * width_s, dtype=float)
-
-
-def _gate(scan: ScanPass) -> tuple[float, float]:
-    """Return delay and width of the gate, as the detector said itself."""
-    settings = settings_of(scan).detector
-    if not settings.gated:
-        raise CalibrationError(
-            f"{scan.label} was measured without the gate: give files of a sweep of its delay"
-        )
-    said = scan.devices.get("spad", {})
-    delay_s, width_s = (
-        float(said.get(name, getattr(settings, name))) for name in ("gate_delay_s", "gate_width_s")
-    )
-    return delay_s, width_s
-
-
 def _edge(
-    name: str,
-    delays_s: NDArray[np.float64],
-    part: NDArray[np.float64],
-    arrival_s: NDArray[np.float64],
-    whole: NDArray[np.float64],
-    sigma_s: float,
+    name: str, delays_s: Floats, part: Floats, arrival_s: Floats, whole: Floats, sigma_s: float
 ) -> tuple[NDArray[np.bool_], Edge]:
     """Return where the gate fails, and the edge at all other positions."""
     late_s = delays_s[:, None] - arrival_s
-    # at the latest delay the gate is closed everywhere, or nowhere
-    left = part[-1]
-    failed = left > FAILS_ABOVE + SURE * np.sqrt(left / whole + 1 / whole**2)
-    if failed.sum() > len(failed) / 2:
-        raise CalibrationError(
-            f"{name}: {100 * np.median(left):.0f} % of the first bounce still pass at the latest delay of "
-            f"{show(delays_s[-1], 's', 4)}: the sweep does not reach the gate's edge. Give a larger "
-            "--after; if that does not help, the gate does not follow the laser: check its sync input"
-        )
+    last = part[-1]  # at the latest delay the gate is closed everywhere, or nowhere
+    failed = last > FAILS_ABOVE + SURE * np.sqrt(last / whole + 1 / whole**2)
+    require(
+        failed.sum() <= len(failed) / 2,
+        f"{name}: {100 * np.median(last):.0f} % of the first bounce still pass at the latest delay of "
+        f"{show(delays_s[-1], 's', 4)}: the sweep does not reach the gate's edge. Give a larger --after; if "
+        "that does not help, the gate does not follow the laser: check its sync input",
+    )
     good = ~failed
     wholes = np.broadcast_to(whole, part.shape)
     try:
-        edge = fit_edge(
-            late_s[:, good].ravel(), (part * whole)[:, good].ravel(), wholes[:, good].ravel(), sigma_s
-        )
+        late_s, counts, whole = (each[:, good].ravel() for each in (late_s, part * whole, wholes))
+        return failed, fit_edge(late_s, counts, whole, sigma_s)
     except ValueError as error:
         raise CalibrationError(
             f"{name}: the sweep from {show(delays_s[0], 's', 4)} to {show(delays_s[-1], 's', 4)} does not "
             f"show the gate's edge ({error}). Sweep further with --before and --after, or in finer steps"
         ) from None
-    return failed, edge

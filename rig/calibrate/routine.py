@@ -2,18 +2,21 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from math import ceil
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypedDict, TypeVar
+from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-from rig.acquire.acquisition import Watch
+from drivers.hydraharp.limits import LIMITS
+from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
-from rig.calibrate import require
+from rig.acquire.preflight import check
 from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
-from rig.model.devices import Settings
+from rig.model.devices import Preparation
+from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
 K = TypeVar("K", bound=Calibration)
@@ -92,57 +95,36 @@ def histogram_settings(config: RigConfig) -> HydraHarpConfig:
     return config.tcspc
 
 
-class Origin(TypedDict):
-    """Where a calibration comes from, as `Calibration` wants it."""
-
-    rig_name: str
-    devices: dict[str, str]
-    measured_from: dict[str, str]
-    simulated: bool
+def free_running(config: RigConfig) -> RigConfig:
+    """Return a configuration in which the detector runs free and the histogram holds the whole period."""
+    period_s = 1 / config.laser.repetition_hz
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
+    return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
 
 
-class RawData(Protocol):
-    """A file that says where it comes from, such as a `rig.files.scan.ScanFile`."""
-
-    path: Path
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of its bytes."""
-
-    @property
-    def devices(self) -> Mapping[str, Settings]:
-        """Settings of each device, ``identity`` among them."""
-
-    @property
-    def config(self) -> RigConfig | None:
-        """The configuration with which it was measured; None where it does not say."""
-
-    @property
-    def simulated(self) -> bool:
-        """Whether it was computed rather than measured."""
+def first_bounce_plan(config: RigConfig, columns: int, rows: int, exposure_s: float) -> ScanPlan:
+    """Return a coarse grid over the scan's area, detector's spot included, the laser attenuated."""
+    scan = config.scan
+    fits = (scan.columns - 1) / max(columns - 1, 1), (scan.rows - 1) / max(rows - 1, 1)
+    return ScanPlan.grid(
+        config,
+        columns=columns,
+        rows=rows,
+        spacing_m=scan.spacing_m * min(fits),
+        exposure_s=exposure_s,
+        skip_m=0.0,
+        preparation=Preparation.ATTENUATE,
+    )
 
 
-def origin(kind: type[Calibration], files: Sequence[RawData]) -> Origin:
-    """Return rig, devices and digests of the files that a calibration of this kind is computed from.
+def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watch: Watch) -> Path:
+    """Run a plan into a new scan file, and return its path.
 
     Raises
     ------
-    CalibrationError
-        If the files are of different devices.
+    RefusedError
+        If the rig cannot do it; nothing has moved then.
     """
-    devices: dict[str, str] = {}
-    for file in files:
-        for name in kind.belongs_to:
-            identity = str(file.devices.get(name, {}).get("identity", "unknown"))
-            require(
-                devices.setdefault(name, identity) == identity,
-                f"{file.path} was measured with the {name} '{identity}', the files before it with "
-                f"'{devices[name]}': give files of one rig",
-            )
-    return {
-        "rig_name": files[0].config.name if files[0].config else "unknown rig",
-        "devices": devices,
-        "measured_from": {file.path.name: file.digest for file in files},
-        "simulated": files[0].simulated,
-    }
+    check(plan, state, path.parent)
+    record(plan, state, station.devices, path, watch, station.operator)
+    return path

@@ -1,22 +1,22 @@
 """Time zero: when the pulse is on the wall, from first bounces all over it."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
+from rig.calibrate import Floats, figures, require
+from rig.calibrate.first_bounce import first_bounces, mirror_rad
 from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometry
-from rig.calibrate.routine import Routine, origin
-from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
-from rig.model.calibrations.kinds import TimeZero
+from rig.calibrate.peaks import Peaks
+from rig.calibrate.raw import Raw, origin, reading
+from rig.calibrate.routine import Routine, first_bounce_plan, free_running, recorded
+from rig.model.calibrations.kinds import Point, TimeZero
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length
@@ -38,29 +38,32 @@ class FittedDelays:
 
     Attributes
     ----------
-    delays
-        Delay and heads.
-    delay_error_s
-        Standard error of the delay alone, which trades with the heads.
+    delays, delay_error_s
+        Delay and heads, and the standard error of the delay alone, which trades with the heads.
     rectified_error_s
         (N,) standard error of what is subtracted from recorded time at each spot.
-    spots_m
-        (N, 2) where the model of the mirror puts the beam.
-    residual_s
-        (N,) what the fit leaves.
-    chi2
-        Mean square of residuals by their errors, corrected for what was fitted; about 1.
-    moved_m
-        (N, 2) by how much the arrivals move the spots from where the model of the mirror puts them.
+    spots_m, moved_m
+        (N, 2) where the model of the mirror puts the beam, and by how much the arrivals move it.
+    residual_s, chi2
+        (N,) residuals, and their mean square by their errors, corrected for what was fitted; about 1.
     """
 
     delays: PathDelays
     delay_error_s: float
-    rectified_error_s: NDArray[np.float64]
-    spots_m: NDArray[np.float64]
-    residual_s: NDArray[np.float64]
+    rectified_error_s: Floats
+    spots_m: Floats
+    moved_m: Floats
+    residual_s: Floats
     chi2: float
-    moved_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How arrivals drift: seconds a second, its standard error, and where each arrival is in time."""
+
+    rate: float
+    error: float
+    after_s: list[Floats]
 
 
 @dataclass(frozen=True)
@@ -79,34 +82,24 @@ class TimeZeroRoutine(Routine[TimeZero]):
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Record the grid twice, the laser attenuated."""
+        plan = first_bounce_plan(state.config, self.columns, self.rows, self.exposure_s)
         paths = [folder / f"time-zero-{number}.h5" for number in (1, 2)]
-        for path in paths:
-            record_first_bounces(
-                station,
-                state,
-                path,
-                watch,
-                columns=self.columns,
-                rows=self.rows,
-                exposure_s=self.exposure_s,
-            )
-        return paths
+        return [recorded(path, plan, state, station, watch) for path in paths]
 
     def fit(self, files: Sequence[Path], state: RigState) -> TimeZero:
         """Return delay and heads; see `fit_path_delays`."""
-        with ExitStack() as stack:
-            scans = [stack.enter_context(ScanFile(path)) for path in files]
-            bounces = [first_bounces(scan) for scan in scans]
-            drift = _drift(scans, bounces)
-            found = _fitted(scans, bounces, drift, state)
+        with reading(files, whole=False) as (scans, passes):
+            visits = [first_bounces(raw) for raw in passes]
+            drift = _drift(passes, visits)
+            found = _fitted(passes, visits, drift, state)
             return TimeZero(
                 **origin(TimeZero, scans),
                 valid_days=30,
                 electronics_delay_s=found.delays.electronics_delay_s,
                 electronics_delay_error_s=found.delay_error_s,
-                laser_head_m=_point(found.delays.laser_head_m),
-                detector_head_m=_point(found.delays.detector_head_m),
-                detector_spot_m=_point(scans[0].detector_m[0, 0]),
+                laser_head_m=point(found.delays.laser_head_m),
+                detector_head_m=point(found.delays.detector_head_m),
+                detector_spot_m=point(passes[0].detector_spot_m),
                 rectified_error_s=float(np.median(found.rectified_error_s)),
                 rectified_error_worst_s=float(found.rectified_error_s.max()),
                 residual_s=float(np.sqrt((found.residual_s**2).mean())),
@@ -115,95 +108,109 @@ class TimeZeroRoutine(Routine[TimeZero]):
                 drift_per_minute_s=None if drift is None else 60 * drift.rate,
                 drift_per_minute_error_s=None if drift is None else 60 * drift.error,
                 spots_m=[(round(x_m, 6), round(y_m, 6)) for x_m, y_m in found.spots_m.tolist()],
-                residuals_s=[round(left_s, 16) for left_s in found.residual_s.tolist()],
+                residuals_s=[round(residual_s, 16) for residual_s in found.residual_s.tolist()],
                 warnings=_warnings(found, drift, state),
             )
 
     def figure(self, files: Sequence[Path], found: TimeZero) -> Figure:
-        """Draw arrivals and what the calibration leaves of them, over the wall and over the time."""
-        from rig.calibrate.pictures import time_zero_figure
+        """Draw one first bounce with its fit, residuals over the wall, and one after the other."""
+        with reading(files, whole=False) as (_, passes):
+            visits = [first_bounces(raw) for raw in passes]
+        figure, axes = figures.panels(
+            f"time zero: delay {show(found.electronics_delay_s, 's', 6)}, rectified time known to "
+            f"{show(found.rectified_error_s, 's', 2)} (worst {show(found.rectified_error_worst_s, 's', 2)}), "
+            f"residuals {show(found.residual_s or 0.0, 's', 2)}, chi² {found.chi2:.2f}",
+            [["peak", "wall", "order"]], (13, 4), width_ratios=(1, 1.2, 1.2),
+        )  # fmt: skip
+        draw_peak(axes["peak"], visits[0], int(visits[0].counts.argmax()))
+        axes["peak"].set(title="a first bounce", ylim=(0.5, None), yscale="log")
+        ends = np.cumsum([len(one.index) for one in visits])
+        residuals_ps = np.split(1e12 * np.array(found.residuals_s), ends[:-1])
+        label = "measured less fitted (ps)"
+        figures.wall_map(
+            axes["wall"], found.spots_m[: ends[0]], residuals_ps[0], label,
+            reach=1e12 * max(map(abs, found.residuals_s)),
+        )  # fmt: skip
+        axes["wall"].set_title("over the wall")
+        start = 0
+        for number, (one, left_ps) in enumerate(zip(visits, residuals_ps, strict=True)):
+            figures.residuals(
+                axes["order"], start + one.index, left_ps, 1e12 * one.centre_error_s,
+                color=figures.SERIES[number], label=f"visit {number + 1}",
+            )  # fmt: skip
+            start += int(one.index.max()) + 1
+        axes["order"].set(title="one after the other", xlabel="position", ylabel=label)
+        axes["order"].margins(y=0.2)
+        axes["order"].legend(frameon=False, ncols=len(visits), loc="upper right")
+        return figure
 
-        with ExitStack() as stack:
-            scans = [stack.enter_context(ScanFile(path)) for path in files]
-            return time_zero_figure([first_bounces(scan) for scan in scans], found)
+
+def draw_peak(axes: Axes, found: Peaks, number: int) -> None:
+    """Draw the counts of one peak with the fit."""
+    time_ns, live = found.time_s[number] * 1e9, found.live[number]
+    axes.plot(time_ns, found.observed[number] / live, ".", color=figures.GREY, markersize=4, label="counts")
+    axes.plot(time_ns, found.model[number] / live, color=figures.BLUE, linewidth=1.4, label="fit")
+    axes.axvline(found.centre_s[number] * 1e9, color=figures.RED, linewidth=1, label="arrival")
+    axes.set(xlabel="time after sync (ns)", ylabel="counts a bin")
+    axes.legend(frameon=False)
 
 
-@dataclass(frozen=True)
-class Drift:
-    """How arrivals drift: seconds a second, its standard error, and where each arrival is in time."""
-
-    rate: float
-    error: float
-    after_s: list[NDArray[np.float64]]
+def point(place_m: Floats) -> Point:
+    """Return a place as a calibration holds it."""
+    x_m, y_m, z_m = place_m.tolist()
+    return x_m, y_m, z_m
 
 
-def _drift(scans: Sequence[ScanFile], bounces: Sequence[FirstBounces]) -> Drift | None:
+def _drift(passes: Sequence[Raw], visits: Sequence[Peaks]) -> Drift | None:
     """Compare two visits of the same positions; None where there were none.
 
     Within one visit a drift cannot be told from a pivot that stands higher, since lines follow each other
     upwards. The time between visits is that of exposures, settling and readout; the pause between two files
     is not in it.
     """
-    if len(scans) != 2 or scans[0].mirror_rad is None or scans[1].mirror_rad is None:
+    angles = [raw.mirror_rad for raw in passes]
+    if len(passes) != 2 or angles[0] is None or angles[1] is None:
         return None
-    if scans[0].mirror_rad.shape != scans[1].mirror_rad.shape:
+    if angles[0].shape != angles[1].shape or np.abs(angles[0] - angles[1]).max() > 1e-6:
         return None
-    if np.abs(scans[0].mirror_rad - scans[1].mirror_rad).max() > 1e-6:
-        return None
-    first, second = bounces
+    (first, second), config = visits, passes[0].config
     _, i, j = np.intersect1d(first.index, second.index, return_indices=True)
-    each_s, config = float(np.nanmedian(scans[0].live_time_s)), scans[0].config
-    if config is not None:
-        each_s += config.galvo.settle_time_s + config.tcspc.readout_time_s
-    between_s = scans[0].steps * each_s
-    variance = first.error_s[i] ** 2 + second.error_s[j] ** 2
-    later_s = float(np.average(second.arrival_s[j] - first.arrival_s[i], weights=1 / variance))
-    middle_s = between_s - each_s / 2
-    after_s = [
-        np.asarray(one.index * each_s + start_s - middle_s, dtype=np.float64)
-        for one, start_s in ((first, 0.0), (second, between_s))
-    ]
+    step_s = float(np.nanmedian(passes[0].live_s)) + config.galvo.settle_time_s + config.tcspc.readout_time_s
+    between_s = len(passes[0].live_s) * step_s
+    variance = first.centre_error_s[i] ** 2 + second.centre_error_s[j] ** 2
+    later_s = float(np.average(second.centre_s[j] - first.centre_s[i], weights=1 / variance))
+    middle_s = between_s - step_s / 2
+    starts_s = ((first, -middle_s), (second, between_s - middle_s))
+    after_s = [np.asarray(one.index * step_s + start_s, dtype=np.float64) for one, start_s in starts_s]
     return Drift(later_s / between_s, float((1 / variance).sum() ** -0.5) / between_s, after_s)
 
 
 def _fitted(
-    scans: Sequence[ScanFile],
-    bounces: Sequence[FirstBounces],
-    drift: Drift | None,
-    state: RigState,
+    passes: Sequence[Raw], visits: Sequence[Peaks], drift: Drift | None, state: RigState
 ) -> FittedDelays:
-    positions = len(np.unique(np.concatenate([one.mirror_rad for one in bounces]).round(6), axis=0))
-    if positions < MIN_POSITIONS:
-        raise CalibrationError(
-            f"{scans[0].path}: {positions} positions with a first bounce are too few, at least "
-            f"{MIN_POSITIONS} are needed: measure a grid of 11 x 9 or so over the whole wall"
-        )
-    arrivals_s = [one.arrival_s for one in bounces]
-    if drift is not None:
-        arrivals_s = [
-            at_s - drift.rate * after_s for at_s, after_s in zip(arrivals_s, drift.after_s, strict=True)
-        ]
-    found = fit_path_delays(
-        Arrivals(
-            np.concatenate([one.mirror_rad for one in bounces]),
-            np.concatenate(arrivals_s),
-            np.concatenate([one.error_s for one in bounces]),
-        ),
-        scans[0].detector_m[0, 0],
-        state,
+    name = passes[0].label
+    angles = np.concatenate([mirror_rad(raw)[one.index] for raw, one in zip(passes, visits, strict=True)])
+    positions = len(np.unique(angles.round(6), axis=0))
+    require(
+        positions >= MIN_POSITIONS,
+        f"{name}: {positions} positions with a first bounce are too few, at least {MIN_POSITIONS} are "
+        "needed: measure a grid of 11 x 9 or so over the whole wall",
     )
-    for name, head_m in (("galvo", found.delays.laser_head_m), ("detector", found.delays.detector_head_m)):
-        if not (np.isfinite(head_m).all() and head_m[2] > 0):
-            raise CalibrationError(
-                f"{scans[0].path}: the arrivals put the {name} behind the wall: these are no first bounces "
-                "of this rig, or its positions in the configuration are wrong"
-            )
+    arrival_s = np.concatenate([one.centre_s for one in visits])
+    if drift is not None:
+        arrival_s = arrival_s - drift.rate * np.concatenate(drift.after_s)
+    arrivals = Arrivals(angles, arrival_s, np.concatenate([one.centre_error_s for one in visits]))
+    found = fit_path_delays(arrivals, passes[0].detector_spot_m, state)
+    for what, head_m in (("galvo", found.delays.laser_head_m), ("detector", found.delays.detector_head_m)):
+        require(
+            np.isfinite(head_m).all() and head_m[2] > 0,
+            f"{name}: the arrivals put the {what} behind the wall: these are no first bounces of this rig, "
+            "or its positions in the configuration are wrong",
+        )
     return found
 
 
-def fit_path_delays(
-    arrivals: Arrivals, detector_spot_m: NDArray[np.float64], state: RigState
-) -> FittedDelays:
+def fit_path_delays(arrivals: Arrivals, detector_spot_m: Floats, state: RigState) -> FittedDelays:
     """Fit delay, mirror and detector to the arrivals of first bounces.
 
     Mirror and detector are nearly exchangeable, and the delay trades with both, so that they are not well
@@ -220,18 +227,18 @@ def fit_path_delays(
     state
         The rig as it is known before.
     """
-    galvo, mirror_rad = state.calibrations.galvo, arrivals.mirror_rad
-    spots_m = state.pointing.spots_m(mirror_rad)
+    galvo, angles = state.calibrations.galvo, arrivals.mirror_rad
+    spots_m = state.pointing.spots_m(angles)
     calibrated = []
     if galvo:
         # that many spots with such errors know as much as the model's ten numbers do
-        error_m = max(galvo.spot_error_m, MIN_SPOT_ERROR_M) * np.sqrt(len(mirror_rad) / 10)
-        calibrated = [Spots(mirror_rad, spots_m[:, :2], float(error_m))]
+        error_m = max(galvo.spot_error_m, MIN_SPOT_ERROR_M) * np.sqrt(len(angles) / 10)
+        calibrated = [Spots(angles, spots_m[:, :2], float(error_m))]
     fit = fit_geometry(state.config, [arrivals], calibrated, robust=True)
     delays, at_m = fit.rig.delays, detector_spot_m[None]
 
-    def rectified_s(rig: RigGeometry) -> NDArray[np.float64]:
-        return rig.delays.delay_s(rig.pointing.spots_m(mirror_rad), at_m)
+    def rectified_s(rig: RigGeometry) -> Floats:
+        return rig.delays.delay_s(rig.pointing.spots_m(angles), at_m)
 
     # a scan puts the spots where the model has them: what the arrivals move them by stays an error of its own
     remains_s = rectified_s(fit.rig) - delays.delay_s(spots_m, at_m)
@@ -241,32 +248,26 @@ def fit_path_delays(
         delay_error_s=float(np.sqrt(delay_variance[0, 0])),
         rectified_error_s=np.sqrt(np.diag(fit.covariance_of(rectified_s)) + remains_s**2),
         spots_m=spots_m[:, :2],
+        moved_m=(fit.rig.pointing.spots_m(angles) - spots_m)[:, :2],
         residual_s=arrivals.residuals(fit.rig) * arrivals.error_s,
         chi2=fit.chi2,
-        moved_m=(fit.rig.pointing.spots_m(mirror_rad) - spots_m)[:, :2],
     )
 
 
-def _point(place_m: NDArray[np.float64]) -> tuple[float, float, float]:
-    x_m, y_m, z_m = place_m.tolist()
-    return x_m, y_m, z_m
-
-
 def _warnings(found: FittedDelays, drift: Drift | None, state: RigState) -> list[str]:
-    warnings = []
-    known = state.calibrations
-    worst_s = show(float(found.rectified_error_s.max()), "s", 2)
-    if known.galvo is None:
+    warnings, galvo = [], state.calibrations.galvo
+    if galvo is None:
         moved_m = float(np.sqrt((found.moved_m**2).sum(axis=1).mean()))
+        worst = show(float(found.rectified_error_s.max()), "s", 2)
         warnings.append(
             f"the galvo is not calibrated: arrivals put the spots {show_length(moved_m, 2)} from where they "
-            f"are taken to be, and rectified time is known to {worst_s} only. Run rig calibrate galvo, and "
+            f"are taken to be, and rectified time is known to {worst} only. Run rig calibrate galvo, and "
             "this again"
         )
     if found.chi2 > MAX_CHI2:
         reason = (
             "the calibration of the galvo does not hold (rig calibrate galvo)"
-            if known.galvo
+            if galvo
             else "the mirror is mounted in another way than is configured"
         )
         warnings.append(

@@ -77,7 +77,7 @@ def test_no_afterpulses_are_none():
         hold_s=90e-9,
     )
     got = fitted([record])
-    assert not got.seen
+    assert not got.detected
     assert got.probability == 0
     assert got.outlasting(100e-9) == 0
     assert 0 < got.probability_error < 0.02

@@ -207,7 +207,7 @@ def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, rea
 def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
     config, files = sweep
     counts = np.zeros((9, 12_500))
-    counts[:, 3600:3608] = 100
+    counts[:, 3600:3608] = 100 + np.arange(8)  # equal ones would be a full counter
     with pytest.raises(CalibrationError, match="other positions"):
         ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
     (tmp_path / "open.h5").unlink()

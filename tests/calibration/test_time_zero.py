@@ -146,8 +146,8 @@ def test_a_target_is_a_place_before_the_wall(text):
 
 
 def test_width_of_a_gaussian_and_its_slope():
-    shape = peaks.Shape(30e-12, 50e-12, 1e-9)
+    shape = peaks.Emg(30e-12, 50e-12, 1e-9)
     assert irf.width_s(shape) == pytest.approx(2.3548200450 * 30e-12, rel=1e-7)
     assert irf.width_slopes(shape)[0] == pytest.approx(2.3548200450, rel=1e-6)
-    widths_s = [irf.width_s(peaks.Shape(30e-12, 50e-12, part)) for part in (0.01, 0.1, 0.3)]
+    widths_s = [irf.width_s(peaks.Emg(30e-12, 50e-12, part)) for part in (0.01, 0.1, 0.3)]
     assert all(less < more for less, more in pairwise(widths_s))

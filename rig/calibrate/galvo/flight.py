@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.atomic import appearing
-from rig.calibrate.first_bounce import FirstBounces, first_bounces, free_running, record_first_bounces
+from rig.calibrate import Floats
+from rig.calibrate.first_bounce import first_bounces, mirror_rad
 from rig.calibrate.galvo.mirror import Fiducials, fit_flight, galvo_model
 from rig.calibrate.galvo.pictures import flight_figure
-from rig.calibrate.routine import Origin, Routine, origin
+from rig.calibrate.peaks import Peaks
+from rig.calibrate.raw import Origin, origin, reading
+from rig.calibrate.routine import Routine, first_bounce_plan, free_running, recorded
 from rig.errors import DataFileError, UsageError
-from rig.files.scan import ScanFile
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -71,34 +73,32 @@ class FlightRoutine(Routine[GalvoModel]):
             laser.stop()
         write_marks(marks_path, pairs, galvo.identity)
         # as configured, not as calibrated before: what is measured must not depend on it
-        record_first_bounces(
-            station, state.nominal, scan_path, watch,
-            columns=self.columns, rows=self.rows, exposure_s=self.exposure_s,
-        )  # fmt: skip
+        plan = first_bounce_plan(state.config, self.columns, self.rows, self.exposure_s)
+        recorded(scan_path, plan, state.nominal, station, watch)
         return [scan_path, marks_path]
 
     def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from a scan and a file of marks."""
-        bounces, marks, source = _read(files)
-        mirror = fit_flight(bounces.mirror_rad, bounces.arrival_s, bounces.error_s, marks, state.config)
+        angles, bounces, marks, source = _read(files)
+        mirror = fit_flight(angles, bounces.centre_s, bounces.centre_error_s, marks, state.config)
         return galvo_model(
             "flight",
             mirror,
             marks.mirror_rad,
             marks.place_m,
             source,
-            positions=len(bounces.arrival_s),
+            positions=len(angles),
             detector_head_m=tuple(mirror.rig.delays.detector_head_m.tolist()),
             electronics_delay_s=mirror.rig.delays.electronics_delay_s,
         )
 
     def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
         """Draw positions with what the fit leaves of their arrivals, and the marks."""
-        bounces, _, _ = _read(files)
-        return flight_figure(found, bounces.mirror_rad, bounces.arrival_s, bounces.error_s)
+        angles, bounces, _, _ = _read(files)
+        return flight_figure(found, angles, bounces.centre_s, bounces.centre_error_s)
 
 
-def _read(files: Sequence[Path]) -> tuple[FirstBounces, Fiducials, Origin]:
+def _read(files: Sequence[Path]) -> tuple[Floats, Peaks, Fiducials, Origin]:
     scans = [path for path in files if path.suffix != ".json"]
     marks_files = [path for path in files if path.suffix == ".json"]
     if len(scans) != 1 or len(marks_files) != 1:
@@ -106,11 +106,12 @@ def _read(files: Sequence[Path]) -> tuple[FirstBounces, Fiducials, Origin]:
             f"the mirror is calibrated from one scan and one file of marks (*.json), {len(scans)} and "
             f"{len(marks_files)} were given: --from galvo-flight.h5 --from galvo-marks.json"
         )
-    with ScanFile(scans[0]) as scan:
+    with reading(scans, whole=False) as ((scan,), (raw, *_)):
         marks, digest = read_marks(marks_files[0], scan.devices)
         source = origin(GalvoModel, [scan])
         source["measured_from"][marks_files[0].name] = digest
-        return first_bounces(scan), marks, source
+        bounces = first_bounces(raw)
+        return mirror_rad(raw)[bounces.index], bounces, marks, source
 
 
 def wall_marks_m(config: RigConfig) -> list[Pair]:

@@ -17,7 +17,7 @@ from rig.calibrate.geometry_fit import (
     Spots,
     fit_geometry,
 )
-from rig.calibrate.routine import Origin
+from rig.calibrate.raw import Origin
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.pointing import Pointing

@@ -17,7 +17,8 @@ from rig.calibrate.galvo.pictures import spots_figure
 from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import MIN_SPOTS, locate
 from rig.calibrate.geometry_fit import Floats
-from rig.calibrate.routine import Routine, origin
+from rig.calibrate.raw import origin
+from rig.calibrate.routine import Routine
 from rig.errors import CalibrationError
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
