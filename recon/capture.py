@@ -66,7 +66,7 @@ class Capture:
         Width of a bin.
     first_bin_s
         (1,) or (P,): left edge of bin 0 in rectified time. It differs between positions where the record was
-        taken in the laser's time, because the legs to and from the wall differ.
+        taken in the laser's time, because the paths to and from the wall differ.
     laser_m
         (P, 3) laser spots x_p on the wall.
     detector_m
@@ -88,6 +88,11 @@ class Capture:
     def bins(self) -> int:
         """Number of bins B."""
         return self.histograms.shape[1]
+
+    def begin_m(self, positions: slice, first: int = 0) -> NDArray[np.float64]:
+        """Return the path c t in rectified time at the left edge of a bin, for some positions, (block,)."""
+        first_bin_s = np.broadcast_to(self.first_bin_s, self.positions)[positions]
+        return C_M_PER_S * (first_bin_s + first * self.bin_width_s)
 
     @property
     def confocal(self) -> bool:

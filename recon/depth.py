@@ -11,7 +11,7 @@ Values = TypeVar("Values", NDArray[np.float32], NDArray[np.complex64])
 def compensate_falloff(amplitude: Values, z_m: NDArray[np.float64], power: float = 2.0) -> Values:
     """Multiply an amplitude by z^power, so that far objects are not lost beside near ones.
 
-    Counts from a small object fall as depth^-4 (both legs spread), and the intensity of its image with them
+    Counts from a small object fall as depth^-4 (both paths spread), and the intensity of its image with them
     and the wall's apparent size. The square of depth on the amplitude, the fourth power on the intensity,
     undoes the first of these; it also lifts the noise of far planes.
 

@@ -16,10 +16,10 @@ from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
 from recon.result import Image
-from recon.sampling import CONFOCAL, path_limits_m, slabs
+from recon.sampling import CONFOCAL, depth_blocks, path_limits_m
 from recon.solvers.problem import ImagingProblem, Solver, ignore
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 Progress = Callable[[float], None]
 
@@ -31,7 +31,7 @@ def image(
     *,
     solver: str = "rsd",
     camera: Camera = CONFOCAL,
-    fades: Fades | None = None,
+    window: Window | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
     device: str = "cpu",
@@ -61,7 +61,7 @@ def image(
         "backprojection": in time, any positions, slow.
     camera
         What to see; one that shows one frame.
-    fades
+    window
         Soft edges of the record; by default only its end is softened.
     progress
         Called with the fraction that is done.
@@ -85,7 +85,7 @@ def image(
         If the volume is not in front of the wall, the solver or the device is unknown or missing, the solver
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
-    fades = fades or Fades()
+    window = window or Window()
     _known(solver)
     if device != "cpu" and "device" not in SOLVERS[solver].options:
         raise ParameterError(
@@ -94,7 +94,7 @@ def image(
             "it computes on the cpu alone",
             f"Use {' or '.join(taking('device'))}, or the cpu.",
         )
-    problem = replace(plan(capture, pulse, grid, camera, fades, progress), device=device, fft=fft)
+    problem = replace(plan(capture, pulse, grid, camera, window, progress), device=device, fft=fft)
     if problem.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
@@ -103,7 +103,7 @@ def image(
     field = np.empty(grid.shape, np.complex64)
     for index, plane in enumerate(planes(problem, solver)):
         field[index] = plane[0]
-    return Image(grid, field, solver, fades, camera, pulse, problem.slabs)
+    return Image(grid, field, solver, window, camera, pulse, problem.depth_blocks)
 
 
 def plan(
@@ -111,16 +111,16 @@ def plan(
     pulse: VirtualPulse,
     grid: VoxelGrid,
     camera: Camera,
-    fades: Fades,
+    window: Window,
     progress: Progress | None = None,
 ) -> ImagingProblem:
     """Choose bins and frequencies for a volume; raises as `image`."""
     grid.check_in_front()
     light = camera.light(pulse)
-    parts = tuple(slabs(capture, light, grid, camera))
+    parts = tuple(depth_blocks(capture, light, grid, camera))
     if not any(part.reached for part in parts):
         raise _unreached(capture, grid, camera)
-    return ImagingProblem(capture, grid, camera, light, parts, fades, progress or ignore)
+    return ImagingProblem(capture, grid, camera, light, parts, window, progress or ignore)
 
 
 def planes(problem: ImagingProblem, solver: str) -> Iterator[NDArray[np.complexfloating]]:

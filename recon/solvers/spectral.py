@@ -1,7 +1,7 @@
 """What the solvers in the frequency domain share: spectra in, planes out, and the reading of a plane in time.
 
-Such a solver takes the weighted wall field of each frequency to the planes of one slab, most often by a
-propagator, plane by plane. All else, which bins, which frequencies, which passes over the record, is here.
+Such a solver takes the weighted wall field of each frequency to the planes of one depth block, most often by
+a propagator, plane by plane. All else, which bins, which frequencies, which passes over the record, is here.
 """
 
 from abc import ABC, abstractmethod
@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Solver, part_of
 from recon.spectrum import spectra
 from recon.wave import Band
@@ -53,7 +53,7 @@ class SumPropagator(Propagator):
     Parameters
     ----------
     capture
-        Where the positions are; with a detector spot for each, the phase is that of both legs.
+        Where the positions are; with a detector spot for each, the phase is that of both paths.
     emitted
         (F, P) complex: what each position emits at each frequency.
     band
@@ -103,16 +103,16 @@ def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
 
 
 def spectral(
-    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
+    focus_block: Callable[[ImagingProblem, Field], Iterator[Field]],
     dtype: DTypeLike = np.complex64,
     check: Callable[[ImagingProblem], object] | None = None,
 ) -> Solver:
-    """Make a solver of what images one slab.
+    """Make a solver of what images one depth block.
 
     Parameters
     ----------
-    focus_slab
-        Called for each slab with a problem of it alone and the (F, P) weighted spectra g(omega) a_p
+    focus_block
+        Called for each depth block with a problem of it alone and the (F, P) weighted spectra g(omega) a_p
         H^(p, omega); yields its planes.
     dtype
         Type of spectra and fields.
@@ -123,20 +123,20 @@ def spectral(
     def focus(problem: ImagingProblem) -> Iterator[Field]:
         if check:
             check(problem)
-        passes = problem.passes or (problem.slabs,)
-        work = sum(_work(slab) for slab in problem.slabs)
-        missing = deque(len(slab.band) for slab in problem.slabs)
+        passes = problem.passes or (problem.depth_blocks,)
+        work = sum(_work(depth_block) for depth_block in problem.depth_blocks)
+        missing = deque(len(depth_block.band) for depth_block in problem.depth_blocks)
         held: list[Field] = []
         done = 0.0
         for pieces in passes:
             told = part_of(problem.progress, done, done := done + READING / len(passes))
-            found = spectra(problem.capture, pieces, problem.fades, told, dtype)
+            found = spectra(problem.capture, pieces, problem.window, told, dtype)
             for piece in pieces:
                 told = part_of(problem.progress, done, done := done + (1 - READING) * _work(piece) / work)
                 voxels = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[piece.planes])
-                part = replace(problem, grid=voxels, slabs=(piece,), progress=told)
+                part = replace(problem, grid=voxels, depth_blocks=(piece,), progress=told)
                 # Taken out of the list, so that its memory is free when its piece is done.
-                planes = _planes(focus_slab, part, found.pop(0), dtype)
+                planes = _planes(focus_block, part, found.pop(0), dtype)
                 missing[0] -= len(piece.band)
                 if held:
                     for sum_, plane in zip(held, planes, strict=True):
@@ -152,28 +152,28 @@ def spectral(
     return focus
 
 
-def _work(piece: Slab) -> int:
+def _work(piece: DepthBlock) -> int:
     return piece.reached * (piece.planes.stop - piece.planes.start) * len(piece.band)
 
 
 def _planes(
-    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
+    focus_block: Callable[[ImagingProblem, Field], Iterator[Field]],
     part: ImagingProblem,
     emitted: Field,
     dtype: DTypeLike,
 ) -> Iterator[Field]:
-    """Image a problem of one slab: darkness, where the record does not reach it."""
-    if not part.slabs[0].reached:
+    """Image a problem of one depth block: darkness, where the record does not reach it."""
+    if not part.depth_blocks[0].reached:
         return (np.zeros((part.frames, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
     emitted *= part.band.weights[:, None]
     emitted *= part.weights
-    return focus_slab(part, emitted)
+    return focus_block(part, emitted)
 
 
 def by_planes(
     problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64]], Field]
 ) -> Iterator[Field]:
-    """Image a problem of one slab plane by plane.
+    """Image a problem of one depth block plane by plane.
 
     Planes are shared out to threads, and come in order, with no more in work than memory is meant for.
 

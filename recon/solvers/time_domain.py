@@ -12,7 +12,7 @@ four nodes is right to 9/384 (1/8)^4 max|B''''| sigma_t^4 = 2e-5 of the peak, an
 applied exactly.
 
 Work is positions x voxels x frames. This is the slow, independent check of the other solvers, and shares
-nothing with them but the pulse and the fades; it uses the pulse whole, where the others cut its spectrum at
+nothing with them but the pulse and the window; it uses the pulse whole, where the others cut its spectrum at
 three sigmas.
 """
 
@@ -28,6 +28,7 @@ from recon.errors import ParameterError
 from recon.sampling import path_limits_m
 from recon.solvers.problem import ImagingProblem
 from recon.wave import VirtualPulse
+from recon.window import windowed_blocks
 
 #: Nodes of the baseband for each sigma_t.
 NODES_PER_SIGMA = 8
@@ -64,13 +65,8 @@ def focus(problem: ImagingProblem) -> Iterator[NDArray[np.complex64]]:
     nodes_s = begin_s + spacing_s * np.arange(nodes, dtype=np.float64)
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
-    bins = slice(0, capture.bins)
-    end = problem.fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
-    for block, counts in capture.histograms.blocks():
-        faded = np.array(counts, dtype=np.float32) * end
-        start = problem.fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
-        faded[:, : start.shape[1]] *= start
-        baseband[block] = _baseband(faded, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
+    for block, counts in windowed_blocks(capture, problem.window, slice(0, capture.bins)):
+        baseband[block] = _baseband(counts, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
     baseband *= problem.weights.astype(np.float32)[:, None]
     laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
     detector_m = np.ascontiguousarray(capture.detector_m if capture.round_trip else np.empty((0, 3)))

@@ -23,7 +23,7 @@ from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
 from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
@@ -74,7 +74,7 @@ class _Work:
     seen: Seen
     pulse: VirtualPulse
     grid: VoxelGrid
-    fades: Fades
+    window: Window
     scan: str
     scan_digest: str
 
@@ -92,7 +92,7 @@ class _Work:
             parameters = {"camera": found.camera.name, **parameters, **wave}
         else:
             parameters["falloff_power"] = found.falloff_power
-        parameters |= {"fade_from_s": found.fades.start_s, **more, **calibrated}
+        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated}
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
         return Volume(found.intensity, *axes, depth_m, times_s, parameters, self.scan, self.scan_digest)
@@ -151,8 +151,8 @@ def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
         voxel_m=request.voxel_m,
         depth_m=request.depth_m,
     )
-    fades = Fades(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
-    return _Work(request, seen, pulse, grid, fades, scan.path.name, scan.digest), choice.reason
+    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
+    return _Work(request, seen, pulse, grid, window, scan.path.name, scan.digest), choice.reason
 
 
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
@@ -210,7 +210,7 @@ def _classic(work: _Work, progress: Callable[[float], None] | None) -> tuple[Vol
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
     request = work.request
     found = baseline_image(
-        work.capture, work.grid, solver=request.solver, fades=work.fades, snr=request.snr, progress=progress
+        work.capture, work.grid, solver=request.solver, window=work.window, snr=request.snr, progress=progress
     )
     depth_m = _depths(found.intensity, work.grid.z_m, found.falloff_power, lifted=0.0)
     snr = {} if found.snr is None else {"snr": found.snr}
@@ -238,7 +238,7 @@ def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | No
         work.grid,
         solver=request.solver,
         camera=camera,
-        fades=work.fades,
+        window=work.window,
         progress=progress,
         memory_bytes=request.memory_bytes,
         device=request.device,
@@ -262,7 +262,7 @@ def _film(
         depth_m = _depths(_focused(work, ConfocalCamera(), None).intensity, grid.z_m)
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     begun = Image(
-        grid, None, request.solver, work.fades, camera, work.pulse, times_s=camera.times_s, frames=dark
+        grid, None, request.solver, work.window, camera, work.pulse, times_s=camera.times_s, frames=dark
     )
     with _sink(volume_path, work.volume(begun, depth_m, over_depth=over), request.all_depths) as sink:
         found = video(
@@ -274,7 +274,7 @@ def _film(
             over=over,
             surface_m=depth_m,
             sink=sink,
-            fades=work.fades,
+            window=work.window,
             progress=progress,
             memory_bytes=request.memory_bytes,
         )

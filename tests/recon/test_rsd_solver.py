@@ -12,7 +12,7 @@ from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 PITCH = 0.02
 PULSE = VirtualPulse(0.08)
@@ -37,17 +37,17 @@ def exact(taken, result):
     first = np.broadcast_to(taken.first_bin_s, taken.positions)[:, None]
     times_s = first + (np.arange(BINS) + 0.5) * BIN
     parts = []
-    for slab in result.slabs:
-        grid = VoxelGrid(result.grid.x_m, result.grid.y_m, result.grid.z_m[slab.planes])
+    for depth_block in result.depth_blocks:
+        grid = VoxelGrid(result.grid.x_m, result.grid.y_m, result.grid.z_m[depth_block.planes])
         parts.append(
             direct_sum(
-                taken.histograms.counts[:, slab.bins],
-                times_s[:, slab.bins],
+                taken.histograms.counts[:, depth_block.bins],
+                times_s[:, depth_block.bins],
                 taken.laser_m,
                 taken.detector_m,
                 grid,
-                slab.band.frequencies_rad_per_s,
-                slab.band.weights,
+                depth_block.band.frequencies_rad_per_s,
+                depth_block.band.weights,
                 taken.confocal,
             )
         )
@@ -167,7 +167,7 @@ def test_moving_wall_and_scene_moves_the_image():
 def test_few_frequencies_at_a_time_give_the_same():
     whole = image(capture(), PULSE, voxels()).field
     parts = []
-    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Fades(), parts.append)
+    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Window(), parts.append)
     cut = np.concatenate(list(planes(replace(problem, wall_bytes=5 * 8 * 48 * 40), "rsd")))
     assert worst(cut, whole) < 1e-5
     assert parts == sorted(parts)

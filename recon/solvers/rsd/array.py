@@ -107,12 +107,12 @@ def _has_cuda(xp: Any) -> bool:
         return False
 
 
-def focus_slab(
+def focus_block(
     aperture: Aperture,
     emitted: NDArray[np.complex64],
     band: Band,
     grid: VoxelGrid,
-    legs: int,
+    round_trip_factor: int,
     times_s: Sequence[NDArray[np.float64]],
     progress: Callable[[float], None] | None = None,
     *,
@@ -123,7 +123,7 @@ def focus_slab(
 
     Parameters
     ----------
-    aperture, emitted, band, grid, legs
+    aperture, emitted, band, grid, round_trip_factor
         As of `recon.solvers.rsd.regular.LatticePropagator`.
     times_s
         For each plane, the (1, y or 1, x or 1) moments at which voxels are read.
@@ -141,7 +141,7 @@ def focus_slab(
     """
     on = on or backend("cpu")
     xp = on.xp
-    wavenumber = legs * band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
     y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
     at_once = max(1, batch_bytes // (POINT_BYTES * y.length * x.length))
     turns_per_s = band.frequencies_rad_per_s / (2 * np.pi)
@@ -155,7 +155,9 @@ def focus_slab(
         turns = on.array(turns_per_s[part])[:, None, None]
         for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
             r = xp.sqrt(lateral2 + float(z_m) ** 2)
-            spectrum = xp.fft.fft2(_unit(xp, legs / C_M_PER_S * turns * r) / _single(xp, r)) * wall
+            spectrum = (
+                xp.fft.fft2(_unit(xp, round_trip_factor / C_M_PER_S * turns * r) / _single(xp, r)) * wall
+            )
             spectrum = _fold(spectrum, y, x)
             turned = _unit(xp, turns * on.array(moments_s))
             if moments_s.size == 1:

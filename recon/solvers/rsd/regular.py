@@ -2,7 +2,7 @@
 
 For one frequency and one plane of voxels, sum_p H^(p, omega) exp(i k r_p)/r_p is a convolution over the
 wall's plane with the spherical wave exp(i k r)/r, k = omega/c (2 omega/c for confocal data, whose light goes
-both legs). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
+both paths). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
 nothing wraps around: the result is the discrete sum itself, to single precision, with no approximation of
 the wave.
 
@@ -36,7 +36,7 @@ from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan, plan_axis
@@ -69,7 +69,7 @@ class LatticePropagator(Propagator):
         The frequencies.
     grid
         Voxels; all depths that will be asked for.
-    legs
+    round_trip_factor
         Legs of the path that the kernel stands for: 1, or 2 for confocal data.
     wall_bytes
         As of `ImagingProblem`.
@@ -81,13 +81,13 @@ class LatticePropagator(Propagator):
         emitted: NDArray[np.complex64],
         band: Band,
         grid: VoxelGrid,
-        legs: int,
+        round_trip_factor: int,
         wall_bytes: int = ImagingProblem.wall_bytes,
     ) -> None:
         self.band = band
         self._emitted = emitted
         self._shape = grid.shape[1:]
-        self._legs = legs
+        self._round_trip_factor = round_trip_factor
         self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
         self._aperture = aperture
@@ -161,7 +161,7 @@ class LatticePropagator(Propagator):
         self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
     ) -> float:
         """Return the highest spatial frequency of the field along an axis [rad/m]."""
-        return self._legs * self.band.last_rad_per_s / C_M_PER_S
+        return self._round_trip_factor * self.band.last_rad_per_s / C_M_PER_S
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
@@ -169,8 +169,8 @@ class LatticePropagator(Propagator):
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
             np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
             z_m,
-            self._legs * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
-            self._legs * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._round_trip_factor * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._round_trip_factor * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
             work.wave,
             work.step,
         )
@@ -205,10 +205,12 @@ class LatticePropagator(Propagator):
         return self._threads.work
 
 
-def needs(problem: ImagingProblem, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> Need:
-    """Return the memory that imaging a slab from a lattice takes."""
+def needs(
+    problem: ImagingProblem, part: DepthBlock, x: LatticeAxis, y: LatticeAxis, round_trip_factor: int
+) -> Need:
+    """Return the memory that imaging a depth block from a lattice takes."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
-    wavenumber = legs * part.band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * part.band.last_rad_per_s / C_M_PER_S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)

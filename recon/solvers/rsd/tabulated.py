@@ -2,15 +2,15 @@
 
 What one position adds to a voxel depends on the path alone: g H^ summed over the frequencies is a signal in
 time, and the voxel reads it at r_p/c + t(v), t being the camera's moment, and r_c/c later where each record
-has a detector spot of its own. So each position's signal is tabulated once for a slab, and every pair of
-position and voxel is a square root or two and a look-up:
+has a detector spot of its own. So each position's signal is tabulated once for a depth block, and every pair
+of position and voxel is a square root or two and a look-up:
 
     U(v) = sum_p 1/r_p exp(i omega_m tau) B_p(tau),   tau = r_p/c + t(v),
     B_p(tau) = sum_omega g H^(p, omega) exp(i (omega - omega_m) tau)
 
 The carrier, in the band's middle omega_m, is kept apart and applied exactly; B is as smooth as the pulse's
 envelope, and straight lines between `NODES` nodes for each sigma_t are right to (1/NODES)^2/8 = 1.2e-4 of its
-peak. The frequencies are those of the RSD solver's slab, so that both give the same numbers.
+peak. The frequencies are those of the RSD solver's depth block, so that both give the same numbers.
 
 Paths are single precision: 6e-8 of some 200 turns of phase is 1e-4 rad.
 """
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab, path_limits_m
+from recon.sampling import DepthBlock, path_limits_m
 from recon.solvers.problem import ImagingProblem, Need
 from recon.wave import BAND_SIGMAS, Band
 
@@ -40,8 +40,8 @@ MIN_POSITIONS = 256
 F32 = NDArray[np.float32]
 
 
-def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
-    """Image a problem of one slab and one frame.
+def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """Image a problem of one depth block and one frame.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Itera
     nodes_s = (begin_m + np.arange(nodes) / nodes_per_m) / C_M_PER_S
     phases = np.exp(1j * np.multiply.outer(band.frequencies_rad_per_s - middle_rad_per_s, nodes_s))
     phases = phases.astype(np.complex64)
-    # Neighbours that share a detector spot share its leg.
+    # Neighbours that share a detector spot share its path.
     order = np.lexsort(capture.detector_m.T) if capture.round_trip else np.arange(capture.positions)
     lit = capture.laser_m[order].astype(np.float32)
     seen = (capture.detector_m[order] if capture.round_trip else np.empty((0, 3))).astype(np.float32)
@@ -94,8 +94,8 @@ def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Itera
     yield from field[:, None]
 
 
-def needs(problem: ImagingProblem, part: Slab) -> Need:
-    """Return the memory that a slab's tables take."""
+def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
+    """Return the memory that a depth block's tables take."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
     nodes = node_range(problem.capture, part.band, grid, problem.camera)[2]
     # The table's phases, with their double-precision halves, belong to the pass's frequencies.
@@ -146,7 +146,7 @@ def _look_up(
         for p in range(len(laser_m)):
             across, depth = laser_m[p, 1] - y_m[j], laser_m[p, 2] - z_m
             beside = across * across + depth * depth
-            legs = one
+            factor = one
             if len(detector_m) == 0:
                 pass
             elif (
@@ -154,7 +154,7 @@ def _look_up(
                 and detector_m[p, 1] == laser_m[p, 1]
                 and detector_m[p, 2] == laser_m[p, 2]
             ):
-                legs = two
+                factor = two
                 second[:] = read_m[j]
                 same_leg = False
             elif (
@@ -172,7 +172,7 @@ def _look_up(
             for i in range(count):
                 away = laser_m[p, 0] - x_m[i]
                 r_p = np.sqrt(beside + away * away)
-                path_m = legs * r_p + second[i]
+                path_m = factor * r_p + second[i]
                 at = (path_m - begin_m) * nodes_per_m
                 node[i] = np.int32(at)
                 part[i] = at - np.float32(node[i])
