@@ -58,6 +58,15 @@ def face_the_wall(axes: Axes) -> None:
     axes.margins(0.12)  # arrows reach beyond the spots
 
 
+def outline(axes: Axes, corners_m: ArrayLike) -> None:
+    """Draw the border of the calibrated area, whose (K, 2) corners go round."""
+    corners_m = np.asarray(corners_m)
+    axes.plot(
+        *corners_m[[*range(len(corners_m)), 0]].T, "-", color=GREY, linewidth=1, label="calibrated area"
+    )
+    face_the_wall(axes)
+
+
 def legend_below(axes: Axes) -> None:
     """Put the legend where it hides nothing of a map."""
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=3, fontsize="small", frameon=False)

@@ -14,15 +14,13 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
-from rig.calibrate import require
-from rig.calibrate.geometry_fit import Floats
+from rig.calibrate import Floats, require
 from rig.errors import CalibrationError
 from rig.model.devices import Board
 
-#: Of a camera: fx, fy, cx, cy [pixels], k1, k2, p1, p2, rotation vector [rad] and translation [m].
+#: Of a camera, in the order of OpenCV's Jacobian: rotation vector [rad], translation [m], fx, fy, cx, cy
+#: [pixels], k1, k2, p1, p2.
 NUMBERS = 14
-#: The same in the order of OpenCV's Jacobian, which begins with the pose.
-_AS_OPENCV_HAS_THEM = [6, 7, 8, 9, 10, 11, 12, 13, 0, 1, 2, 3, 4, 5]
 #: Fewest boards that each camera has to see, the one on the wall among them.
 MIN_BOARDS = 6
 #: Largest median distance of corners from their model [pixels].
@@ -72,21 +70,23 @@ class CameraModel:
     def of(cls, matrix: Floats, distortion: Floats, turn: Rotation, shift_m: Floats) -> Self:
         """Put together from OpenCV's camera matrix (3, 3), distortion (k1, k2, p1, p2, ...) and pose."""
         inner = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.ravel(distortion)[:4]]
-        return cls(np.array([*inner, *turn.as_rotvec(), *shift_m]))
+        return cls(np.array([*turn.as_rotvec(), *shift_m, *inner]))
 
     @property
-    def _matrix(self) -> Floats:
-        fx, fy, cx, cy = self.numbers[:4]
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    def _lens(self) -> tuple[Floats, Floats]:
+        """Camera matrix and distortion."""
+        fx, fy, cx, cy = self.numbers[6:10]
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), self.numbers[10:]
 
     @property
-    def _turn(self) -> Floats:
-        return np.asarray(Rotation.from_rotvec(self.numbers[8:11]).as_matrix())
+    def pose(self) -> Floats:
+        """(3, 4) [R t]."""
+        return np.column_stack([Rotation.from_rotvec(self.numbers[:3]).as_matrix(), self.numbers[3:6]])
 
     @property
     def position_m(self) -> Floats:
         """(3,) where it stands [m]."""
-        return -self._turn.T @ self.numbers[11:]
+        return -self.pose[:, :3].T @ self.pose[:, 3]
 
     def project(self, points_m: Floats) -> Floats:
         """(..., 3) points [m] to (..., 2) pixels (column, row)."""
@@ -97,21 +97,15 @@ class CameraModel:
 
         These are (N, 2, 14) by the camera's numbers and (N, 2, 3) by the point.
         """
-        pixels, slopes = opencv().projectPoints(
-            points_m, self.numbers[8:11], self.numbers[11:], self._matrix, self.numbers[4:8]
-        )
+        pixels, slopes = opencv().projectPoints(points_m, self.numbers[:3], self.numbers[3:6], *self._lens)
         slopes = slopes.reshape(-1, 2, NUMBERS)
-        return pixels.reshape(-1, 2), slopes[..., _AS_OPENCV_HAS_THEM], slopes[..., 3:6] @ self._turn
+        return pixels.reshape(-1, 2), slopes, slopes[..., 3:6] @ self.pose[:, :3]
 
-    def rays(self, pixels: Floats) -> Floats:
-        """(..., 2) pixels to (..., 3) unit vectors in the wall's frame, from where the camera stands."""
+    def ideal(self, pixels: Floats) -> Floats:
+        """(N, 2) pixels to (N, 2) tangents x / z, y / z of the rays in the camera's frame."""
         cv2 = opencv()
         stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-12)
-        ideal = cv2.undistortPoints(
-            pixels.reshape(-1, 1, 2), self._matrix, self.numbers[4:8], criteria=stop
-        ).reshape(*pixels.shape)
-        own = np.concatenate([ideal, np.ones_like(ideal[..., :1])], axis=-1)
-        return np.asarray(own / np.linalg.norm(own, axis=-1, keepdims=True) @ self._turn)
+        return cv2.undistortPoints(pixels.reshape(-1, 1, 2), *self._lens, criteria=stop).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
@@ -199,18 +193,17 @@ class _Bundle:
         pixels = np.zeros((len(poses), 2, len(self._points_m), 2))
         slopes = np.zeros((*pixels.shape, len(numbers)))
         for index, pose in enumerate(poses):
-            turn, by_turn = cv2.Rodrigues(pose[:3])
-            by_pose = np.concatenate(
-                [np.einsum("iab,kb->kai", by_turn.reshape(3, 3, 3), self._points_m),
-                 np.broadcast_to(np.eye(3), (len(self._points_m), 3, 3))], axis=-1,
-            )  # fmt: skip
-            by_unknown = by_pose @ self._spread[6 * index : 6 * index + 6]
+            by_unknown = self._spread[6 * index : 6 * index + 6]
             for number, camera in enumerate(cameras_of(numbers)):
-                own = slice(number * NUMBERS, (number + 1) * NUMBERS)
-                pixels[index, number], slopes[index, number, ..., own], by_point = camera.projected(
-                    self._points_m @ turn.T + pose[3:]
-                )
-                slopes[index, number, ..., 2 * NUMBERS :] = by_point @ by_unknown
+                own = slopes[index, number, ..., number * NUMBERS : (number + 1) * NUMBERS]
+                pose_seen = cv2.composeRT(pose[:3], pose[3:], camera.numbers[:3], camera.numbers[3:6])
+                turn, shift_m, *by = map(np.squeeze, pose_seen)
+                by_board, by_camera = np.split(np.block([by[:4], by[4:]]), 2, axis=1)
+                both = CameraModel(np.concatenate([turn, shift_m, camera.numbers[6:]]))
+                pixels[index, number], by_both, _ = both.projected(self._points_m)
+                by_pose, by_lens = by_both[..., :6], by_both[..., 6:]
+                own[...] = np.concatenate([by_pose @ by_camera, by_lens], axis=-1)
+                slopes[index, number, ..., 2 * NUMBERS :] = by_pose @ by_board @ by_unknown
         return pixels, slopes
 
 
