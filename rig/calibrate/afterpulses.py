@@ -126,10 +126,7 @@ class Afterpulses:
 def fitted(records: Sequence[Record]) -> Afterpulses:
     """Fit probability and decay time to all records together, by greatest likelihood.
 
-    Raises
-    ------
-    CalibrationError
-        If the records have no quiet time, or do not follow the model.
+    Raises CalibrationError if the records have no quiet time, or do not follow the model.
     """
     for record in records:
         quiet_s = len(record.quiet) * record.bin_width_s

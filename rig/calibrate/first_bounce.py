@@ -15,10 +15,8 @@ MAX_GATED_PER_PULSE = 0.2
 def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:
     """Find and fit the first bounce at each measured position.
 
-    Raises
-    ------
-    CalibrationError
-        If more than a few positions have no good peak, or the detector was gated though it should not be.
+    Raises CalibrationError if more than a few positions have no good peak, or the detector was gated though
+    it should not be.
     """
     require(raw.done.any(), f"{raw.label} holds no measured position: measure again")
     if not gated:
@@ -38,10 +36,7 @@ def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:
 def mirror_rad(raw: Raw) -> Floats:
     """Return (P, 2) commanded angles of the measured positions.
 
-    Raises
-    ------
-    CalibrationError
-        If the file does not say.
+    Raises CalibrationError if the file does not say.
     """
     if raw.mirror_rad is None:
         raise CalibrationError(

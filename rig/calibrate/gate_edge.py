@@ -87,6 +87,8 @@ def passed(x_s: ArrayLike, rise_s: float, sigma_s: float) -> Floats:
 def fit_edge(late_s: Floats, counts: Floats, whole: Floats, sigma_s: float) -> Edge:
     """Fit offset and rise.
 
+    Raises ValueError if the counts do not go from open to closed.
+
     Parameters
     ----------
     late_s
@@ -95,11 +97,6 @@ def fit_edge(late_s: Floats, counts: Floats, whole: Floats, sigma_s: float) -> E
         (n,) counts of the pulse, and those that the open gate lets pass in the same exposure.
     sigma_s
         Of the pulse.
-
-    Raises
-    ------
-    ValueError
-        If the counts do not go from open to closed.
     """
     part = counts / whole
 

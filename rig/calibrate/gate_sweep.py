@@ -67,10 +67,7 @@ class Sweep:
 def open_gate_bounces(wide: Raw) -> Peaks:
     """Return the first bounce of each of P positions through the wide open gate.
 
-    Raises
-    ------
-    CalibrationError
-        If some position has too few counts, or the detector sees too much light.
+    Raises CalibrationError if some position has too few counts, or the detector sees too much light.
     """
     found = first_bounces(wide, gated=True)
     position = min(found.left_out, default=0)
@@ -84,17 +81,14 @@ def open_gate_bounces(wide: Raw) -> Peaks:
 def read_sweep(passes: Sequence[Raw], sigma_s: float) -> Sweep:
     """Read a sweep, whatever the order of its passes, and fit its edge.
 
+    Raises CalibrationError if it is no sweep over one grid, or does not show the edge.
+
     Parameters
     ----------
     passes
         The one with the widest gate is the open one.
     sigma_s
         Standard deviation of the laser's pulse.
-
-    Raises
-    ------
-    CalibrationError
-        If it is no sweep over one grid, or does not show the edge.
     """
     for one in passes:
         require(
@@ -129,10 +123,7 @@ def smooth_arrivals(sweep: Sweep, spots_m: Floats, legs: PathDelays) -> tuple[Fl
     Straight ways mirror, spot, lens, as far as their places are known; the residuals are smooth, and are
     taken as a polynomial in x and y.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few positions.
+    Raises CalibrationError if there are too few positions.
     """
     positions = len(sweep.spots_m)
     require(positions >= DEGREES[-1][1], f"{positions} positions are too few: use a finer grid (--columns)")

@@ -137,6 +137,9 @@ def find(
 ) -> Peaks:
     """Find and fit the one strong peak of each histogram.
 
+    Raises CalibrationError if more than a few histograms have no peak, a full counter, too high a rate, or
+    two equal peaks.
+
     Parameters
     ----------
     histograms
@@ -153,11 +156,6 @@ def find(
         Most detections for each pulse.
     searched
         Bins in which the highest point is looked for.
-
-    Raises
-    ------
-    CalibrationError
-        If more than a few histograms have no peak, a full counter, too high a rate, or two equal peaks.
     """
     width_s = float(edges_s[-1] - edges_s[0]) / (len(edges_s) - 1)
     before, size = round(-WINDOW_S[0] / width_s), round((WINDOW_S[1] - WINDOW_S[0]) / width_s)
@@ -238,6 +236,8 @@ def fit(edges_s: Floats, observed: Floats, live: Floats) -> Fit:
 
     The counts of a bin are Poisson distributed about live (counts * a CDF difference + background).
 
+    Raises CalibrationError if the search does not end.
+
     Parameters
     ----------
     edges_s
@@ -246,11 +246,6 @@ def fit(edges_s: Floats, observed: Floats, live: Floats) -> Fit:
         (N, W) counts.
     live
         (N, W) part of the light that is detected at all.
-
-    Raises
-    ------
-    CalibrationError
-        If the search does not end.
     """
     own, common = _start(edges_s, observed, live)
     zero = edges_s[:, :1]

@@ -1,19 +1,18 @@
 """Raw data as calibrations read it: passes of scan files, counted by the one channel, and their origin."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.calibrate import Floats, require
 from rig.errors import CalibrationError
+from rig.files.recorded import RecordedFile
 from rig.files.scan import ScanFile, ScanPass
 from rig.model.calibrations.base import Calibration
-from rig.model.config import RigConfig
-from rig.model.devices import Settings
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -23,6 +22,8 @@ SPOILT = ("sync was lost", "No sync pulses", "is full")
 
 class Raw:
     """One pass of S steps; its file must stay open.
+
+    Raises CalibrationError if the file does not say how it was measured.
 
     Attributes
     ----------
@@ -41,11 +42,6 @@ class Raw:
         Of the detector, as it said itself.
     period_s
         Between the sync pulses that the timing instrument sees.
-
-    Raises
-    ------
-    CalibrationError
-        If the file does not say how it was measured.
     """
 
     def __init__(self, one: ScanPass) -> None:
@@ -87,13 +83,7 @@ class Raw:
         return float(self.live_s.sum())
 
     def refuse_gated(self) -> None:
-        """Refuse counts that were shaped by the gate.
-
-        Raises
-        ------
-        CalibrationError
-            If the detector was gated.
-        """
+        """Refuse counts that were shaped by the gate."""
         require(
             not self.config.detector.gated,
             f"{self.label} was measured through the gate, which shapes the counts and keeps the first bounce "
@@ -101,13 +91,7 @@ class Raw:
         )
 
     def refuse_saturated(self, rate_hz: float) -> None:
-        """Refuse light that keeps the detector off half of the time: the corrections for it grow too large.
-
-        Raises
-        ------
-        CalibrationError
-            If ``rate_hz`` detections a second do.
-        """
+        """Refuse light that keeps the detector off half of the time: corrections for it grow too large."""
         off = rate_hz * self.hold_off_s
         require(
             off <= 0.5,
@@ -120,17 +104,14 @@ class Raw:
 def reading(files: Sequence[Path], *, whole: bool = True) -> Iterator[tuple[list[ScanFile], list[Raw]]]:
     """Open scan files; give them, and the passes of all: it does not matter how many files they are in.
 
+    Raises CalibrationError if counts are missing that are needed.
+
     Parameters
     ----------
     files
         In the order in which they were measured.
     whole
         Whether all counts are needed.
-
-    Raises
-    ------
-    CalibrationError
-        If counts are missing that are needed.
     """
     with ExitStack() as stack:
         scans = [stack.enter_context(ScanFile(path)) for path in files]
@@ -162,35 +143,10 @@ class Origin(TypedDict):
     simulated: bool
 
 
-class RawData(Protocol):
-    """A file that says where it comes from, such as a `rig.files.scan.ScanFile`."""
-
-    path: Path
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of its bytes."""
-
-    @property
-    def devices(self) -> Mapping[str, Settings]:
-        """Settings of each device, ``identity`` among them."""
-
-    @property
-    def config(self) -> RigConfig | None:
-        """The configuration with which it was measured; None where it does not say."""
-
-    @property
-    def simulated(self) -> bool:
-        """Whether it was computed rather than measured."""
-
-
-def origin(kind: type[Calibration], files: Sequence[RawData]) -> Origin:
+def origin(kind: type[Calibration], files: Sequence[RecordedFile]) -> Origin:
     """Return rig, devices and digests of the files that a calibration of this kind is computed from.
 
-    Raises
-    ------
-    CalibrationError
-        If the files are of different devices.
+    Raises CalibrationError if the files are of different devices.
     """
     devices: dict[str, str] = {}
     for file in files:

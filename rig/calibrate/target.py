@@ -32,10 +32,7 @@ NEAR_S = 0.9e-9
 def place(text: str) -> Point:
     """Read ``10cm,-5cm,1m``, or a distance alone straight before the wall's centre.
 
-    Raises
-    ------
-    UsageError
-        If it is neither, or not before the wall.
+    Raises UsageError if it is neither, or not before the wall.
     """
     parts = [parse(part, "length") for part in text.split(",")]
     if len(parts) == 1:

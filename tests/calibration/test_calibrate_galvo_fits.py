@@ -7,10 +7,16 @@ from scipy.spatial.transform import Rotation
 
 from rig.bench.simulated import true_geometry
 from rig.calibrate.galvo.cameras import CalibratedCameras, CameraModel, board_points_m, calibrate_cameras
-from rig.calibrate.galvo.mirror import AIMED_TO_M, fit_flight, fit_mirror, spot_covariances_m2
+from rig.calibrate.galvo.mirror import (
+    AIMED_TO_M,
+    fit_flight,
+    fit_mirror,
+    numbers_covariance,
+    spot_covariances_m2,
+)
 from rig.calibrate.galvo.routine import mirror_angles_rad
 from rig.calibrate.galvo.spots import background, find_spot
-from rig.calibrate.galvo.triangulation import locate
+from rig.calibrate.galvo.triangulation import locate, plane_of, triangulate
 from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.errors import CalibrationError
 from rig.model.devices import Board
@@ -57,9 +63,9 @@ def test_the_mirror_s_model_finds_the_truth_with_honest_errors(mirrors):
         seen = true_spots_m(config, angles) + 0.3e-3 * rng.standard_normal((35, 2))
         fit = fit_mirror(Spots(angles, seen, 0.3e-3**2 * np.eye(70)), config)
         others = 0.9 * np.array(mirror_angles_rad(config, 4, 3))
-        off = fit.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
+        off = fit.rig.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
         errors.append(np.linalg.norm(off, axis=1))
-        spread = spot_covariances_m2(fit.pointing, fit.covariance, others)
+        spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), others)
         pulls.append(off / np.sqrt(np.einsum("nii->ni", spread)))
     assert np.max(errors) < 1e-3
     # the spots of one rig share some 8 numbers: 160 independent ones, so the width is good to 6 %
@@ -95,9 +101,9 @@ def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
         config = misaligned(signs=rng.choice([-1, 1], 16))
         angles, arrival_s, marks = flight_data(config, rng)
         fit = fit_flight(Arrivals(angles, arrival_s, np.full(len(angles), 1e-13)), marks, config)
-        off = fit.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)
+        off = fit.rig.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)
         errors.append(np.linalg.norm(off, axis=1))
-        spread = spot_covariances_m2(fit.pointing, fit.covariance, angles)
+        spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), angles)
         pulls.append(off / np.sqrt(np.einsum("nii->ni", spread)))
     assert np.max(errors) < 5e-3
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.25)
@@ -241,19 +247,21 @@ def test_spots_are_located_on_the_wall_and_strays_are_left_out():
     rng = np.random.default_rng(11)
     points_m = wall_points(rng)
     points_m[5, 2], points_m[9, 2] = 0.2, 0.4
-    found = locate(known(), *pixels_of(points_m, rng))
-    assert np.flatnonzero(~found.on_wall).tolist() == [5, 9]
+    spots_m, _, on_wall = locate(known(), *pixels_of(points_m, rng))
+    assert np.flatnonzero(~on_wall).tolist() == [5, 9]
     # 0.01 pixels are 25 um on the wall; the plane's tilt is good to some 10 urad
-    assert found.spots_m == pytest.approx(points_m[found.on_wall, :2], abs=2e-4)
+    assert spots_m == pytest.approx(points_m[on_wall, :2], abs=2e-4)
 
 
 def test_a_tilted_board_s_frame_gives_way_to_the_wall():
     """Cameras that think the wall is tilted by 2 degrees: distances on it stay what they are."""
     rng, turn = np.random.default_rng(12), Rotation.from_rotvec([0.02, -0.03, 0])
     points_m = wall_points(rng)
-    found = locate(known(), *pixels_of(turn.apply(points_m), rng))
-    assert found.tilt_rad == pytest.approx(np.hypot(0.02, 0.03), rel=0.01)
-    apart = np.linalg.norm(found.spots_m - found.spots_m[0], axis=1)
+    seen = pixels_of(turn.apply(points_m), rng)
+    wall = plane_of(*triangulate(MODELS, *seen)[:2])
+    assert np.arccos(wall.axes[2, 2]) == pytest.approx(np.hypot(0.02, 0.03), rel=0.01)
+    spots_m, _, _ = locate(known(), *seen)
+    apart = np.linalg.norm(spots_m - spots_m[0], axis=1)
     assert apart == pytest.approx(np.linalg.norm(points_m - points_m[0], axis=1), abs=3e-4)
 
 

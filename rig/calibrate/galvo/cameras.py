@@ -39,10 +39,7 @@ WRONG, MAX_WRONG = 6.0, 0.03
 def opencv() -> Any:
     """Return the module, which only cameras need.
 
-    Raises
-    ------
-    CalibrationError
-        If it is not installed.
+    Raises CalibrationError if it is not installed.
     """
     try:
         import cv2
@@ -221,6 +218,9 @@ def calibrate_cameras(
 ) -> CalibratedCameras:
     """Adjust both cameras and all boards at once, so that the corners are where they were seen.
 
+    Raises CalibrationError if a camera did not see the board on the wall, or too few boards, or corners do
+    not fit.
+
     Parameters
     ----------
     corners
@@ -234,11 +234,6 @@ def calibrate_cameras(
         Standard deviation of either end's place on the wall.
     size
         Width and height of the images [pixels].
-
-    Raises
-    ------
-    CalibrationError
-        If a camera did not see the board on the wall, or too few boards, or corners do not fit.
     """
     _refuse_unseen(corners, len(fiducials_m))
     points_m = board_points_m(board)

@@ -100,15 +100,16 @@ class FlightRoutine(Routine[GalvoModel]):
     def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from a scan and a file of marks."""
         arrivals, marks, source = _read(files)
-        mirror = fit_flight(arrivals, marks, state.config)
+        fit = fit_flight(arrivals, marks, state.config)
         return galvo_model(
             "flight",
-            mirror,
+            fit,
             marks,
+            np.concatenate([arrivals.mirror_rad, marks.mirror_rad]),
             source,
             positions=len(arrivals.arrival_s),
-            detector_head_m=tuple(mirror.rig.delays.detector_head_m.tolist()),
-            electronics_delay_s=mirror.rig.delays.electronics_delay_s,
+            detector_head_m=tuple(fit.rig.delays.detector_head_m.tolist()),
+            electronics_delay_s=fit.rig.delays.electronics_delay_s,
         )
 
     def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
@@ -176,10 +177,7 @@ def _read(files: Sequence[Path]) -> tuple[Arrivals, Spots, Origin]:
 def _read_marks(path: Path) -> tuple[WallMarks, str]:
     """Return the content of a file of marks, and its SHA-256.
 
-    Raises
-    ------
-    DataFileError
-        If it cannot be read, or is of another kind.
+    Raises DataFileError if it cannot be read, or is of another kind.
     """
     try:
         data = path.read_bytes()

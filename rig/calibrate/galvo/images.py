@@ -85,6 +85,9 @@ def writing(
 class WallImages(RecordedFile):
     """A file of pictures of the wall.
 
+    Raises DataFileError if it is missing, damaged, or of another kind. CalibrationError If it lacks the
+    pictures of two cameras.
+
     Attributes
     ----------
     mirror_rad
@@ -96,13 +99,6 @@ class WallImages(RecordedFile):
     marks_m, placed_to_m
         (M, 2) where the first inner corners of the first boards were on the wall, and how well either end of
         it was held to its mark [m].
-
-    Raises
-    ------
-    DataFileError
-        If it is missing, damaged, or of another kind.
-    CalibrationError
-        If it lacks the pictures of two cameras.
     """
 
     def _read(self) -> None:

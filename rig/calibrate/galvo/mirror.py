@@ -1,6 +1,6 @@
 """The mirror's model, fitted to spots or to times of flight, and what is stored of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from scipy.spatial import ConvexHull
 
 from rig.calibrate import Floats, require
-from rig.calibrate.geometry_fit import Arrivals, FittedGeometry, RigGeometry, Spots, fit_geometry
+from rig.calibrate.geometry_fit import Arrivals, FittedGeometry, Spots, fit_geometry
 from rig.calibrate.raw import Origin
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
@@ -26,35 +26,10 @@ MIN_MARKS, MIN_ARRIVALS, MIN_WIDTH_M = 4, 12, 0.2
 MAX_ARRIVALS_S, MAX_MARKS_M = 20e-12, 5e-3
 
 
-@dataclass(frozen=True)
-class FittedMirror:
-    """A mirror's model and how well it is known.
-
-    Attributes
-    ----------
-    rig
-        Mirror, detector and delay, as fitted.
-    pointing
-        The mirror's model, with the hull of its spots as the calibrated area.
-    covariance
-        (10, 10) of place, rotation, offset and gain.
-    residual_m
-        Root mean square distance of measured from modelled spots [m].
-    """
-
-    rig: RigGeometry
-    pointing: Pointing
-    covariance: Floats
-    residual_m: float
-
-
-def fit_mirror(spots: Spots, config: RigConfig) -> FittedMirror:
+def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
     """Fit the model to measured spots.
 
-    Raises
-    ------
-    CalibrationError
-        If the spots are not where any such mirror would send the beam.
+    Raises CalibrationError if the spots are not where any such mirror would send the beam.
     """
     fit = fit_geometry(config, [spots], robust=False)
     off_m = _off_m(fit.rig.pointing, spots)
@@ -66,18 +41,15 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedMirror:
         f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
         "meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in metres right?",
     )
-    return _fitted(fit, spots.mirror_rad, residual_m)
+    return fit
 
 
-def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedMirror:
+def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedGeometry:
     """Fit mirror, detector and delay to first bounces, and to marks onto which the beam was steered.
 
     Where a first bounce arrives late, the spot is far out; marks say where it is at some angles for certain.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few arrivals or marks, or no such rig makes them.
+    Raises CalibrationError if there are too few arrivals or marks, or no such rig makes them.
     """
     _refuse_few(len(arrivals.arrival_s), marks.spot_m)
     noisy = replace(arrivals, error_s=np.hypot(arrivals.error_s, INSTRUMENT_S))
@@ -91,7 +63,7 @@ def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedMir
         "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
         "galvo.position and spad.position right to a few centimetres?",
     )
-    return _fitted(fit, np.concatenate([arrivals.mirror_rad, marks.mirror_rad]), rms_m)
+    return fit
 
 
 def _refuse_few(arrivals: int, marks_m: Floats) -> None:
@@ -120,15 +92,9 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _fitted(fit: FittedGeometry, angles_rad: Floats, residual_m: float) -> FittedMirror:
-    spots_m = fit.rig.pointing.spots_m(angles_rad)[:, :2]
-    corners_m = spots_m[ConvexHull(spots_m).vertices]  # counter-clockwise
-    return FittedMirror(
-        fit.rig,
-        replace(fit.rig.pointing, area_m=tuple((float(x), float(y)) for x, y in corners_m)),
-        fit.covariance_of(lambda rig: _numbers(rig.pointing)),
-        residual_m,
-    )
+def numbers_covariance(fit: FittedGeometry) -> Floats:
+    """Return the (10, 10) covariance of the mirror's place, rotation, offset and gain."""
+    return fit.covariance_of(lambda rig: _numbers(rig.pointing))
 
 
 def _numbers(pointing: Pointing) -> Floats:
@@ -152,11 +118,28 @@ def spot_covariances_m2(pointing: Pointing, covariance: Floats, angles_rad: Floa
 
 
 def galvo_model(
-    method: Literal["cameras", "flight"], mirror: FittedMirror, spots: Spots, source: Origin, **more: Any
+    method: Literal["cameras", "flight"],
+    fit: FittedGeometry,
+    spots: Spots,
+    angles_rad: Floats,
+    source: Origin,
+    **more: Any,
 ) -> GalvoModel:
-    """Return the calibration of a fitted mirror, with the spots it was fitted to, and ``more``."""
-    pointing = mirror.pointing
-    spread_m2 = spot_covariances_m2(pointing, mirror.covariance, spots.mirror_rad)
+    """Return the calibration of a fitted mirror.
+
+    Parameters
+    ----------
+    method, fit, spots
+        How it was fitted, and the spots, or marks, to which it was.
+    angles_rad
+        (K, 2) at which it was measured: the hull of the spots there is the calibrated area.
+    source, more
+        Where it comes from, and what else is known.
+    """
+    pointing, covariance = fit.rig.pointing, numbers_covariance(fit)
+    measured_m = pointing.spots_m(angles_rad)[:, :2]
+    corners_m = measured_m[ConvexHull(measured_m).vertices]  # counter-clockwise
+    spread_m2 = spot_covariances_m2(pointing, covariance, spots.mirror_rad)
     return GalvoModel(
         **source,
         valid_days=30,
@@ -167,11 +150,11 @@ def galvo_model(
         gain=pointing.gain,
         mirrors=pointing.mirrors,
         separation_m=pointing.separation_m,
-        area_m=list(pointing.area_m),
-        covariance=tuple(tuple(row) for row in mirror.covariance.tolist()),
+        area_m=[(float(x), float(y)) for x, y in corners_m],
+        covariance=tuple(tuple(row) for row in covariance.tolist()),
         spot_error_m=float(np.sqrt(np.trace(spread_m2, axis1=1, axis2=2).mean())),
-        residual_m=mirror.residual_m,
+        residual_m=_rms(_off_m(pointing, spots)),
         mirror_rad=tuple((float(x), float(y)) for x, y in spots.mirror_rad),
         spots_m=tuple((float(x), float(y)) for x, y in spots.spot_m),
-        **{"positions": len(spots.mirror_rad), **more},
+        **more,
     )

@@ -105,11 +105,10 @@ class CameraRoutine(Routine[GalvoModel]):
         """Return the mirror's model from the pictures of one file."""
         with WallImages(files[0]) as images:
             cameras = _calibrated(images)
-            located = locate(cameras, *_spots(images))
-            spots = Spots(images.mirror_rad[located.on_wall], located.spots_m, located.covariance)
-            return galvo_model(
-                "cameras", fit_mirror(spots, state.config), spots, origin(GalvoModel, [images])
-            )
+            spots_m, covariance, on_wall = locate(cameras, *_spots(images))
+            spots = Spots(images.mirror_rad[on_wall], spots_m, covariance)
+            fit, source = fit_mirror(spots, state.config), origin(GalvoModel, [images])
+            return galvo_model("cameras", fit, spots, spots.mirror_rad, source, positions=len(spots_m))
 
     def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
         """Draw measured spots with magnified residuals, where the model may be used, and how they scatter."""

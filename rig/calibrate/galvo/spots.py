@@ -70,6 +70,8 @@ def background(dark: NDArray[np.uint16], full: int) -> Background:
 def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
     """Return the one spot of a picture.
 
+    Raises CalibrationError if there is no spot, or a second one, or it fills pixels, or is at the edge.
+
     Parameters
     ----------
     lit
@@ -78,11 +80,6 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
         The same camera's background.
     where
         Which picture it is, for messages.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no spot, or a second one, or it fills pixels, or is at the edge.
     """
     light = lit - dark.mean
     places = _bright_places(light, dark)

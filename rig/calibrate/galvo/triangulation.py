@@ -26,44 +26,19 @@ Cameras = tuple[CameraModel, CameraModel]
 
 @dataclass(frozen=True)
 class WallPlane:
-    """The wall as the spots show it, in the frame of the board.
-
-    Attributes
-    ----------
-    origin_m
-        (3,) the wall's origin.
-    axes
-        (3, 3) rows are the wall's x, y and z.
-    """
+    """The wall as spots show it, in the frame of the board: (3,) origin, and (3, 3) rows x, y and z."""
 
     origin_m: Floats
     axes: Floats
 
 
-@dataclass(frozen=True)
-class LocatedSpots:
-    """Spots on the wall.
-
-    Attributes
-    ----------
-    spots_m
-        (K, 2) x and y [m].
-    covariance
-        (2K, 2K) of all of them together: what cameras get wrong they get wrong for all.
-    on_wall
-        (N,) which of the spots given were on the wall, K of them.
-    tilt_rad
-        Angle between this plane and the board that was held on the wall.
-    """
-
-    spots_m: Floats
-    covariance: Floats
-    on_wall: NDArray[np.bool_]
-    tilt_rad: float
-
-
-def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, seed: int = 0) -> LocatedSpots:
+def locate(
+    calibrated: CalibratedCameras, pixels: Floats, covariances: Floats
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return where spots are on the wall, with errors of spots and of cameras.
+
+    Raises CalibrationError if there are too few spots, the cameras contradict each other, too many spots are
+    off any plane, or a camera sees the wall nearly edge-on.
 
     Parameters
     ----------
@@ -71,14 +46,11 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
         Both cameras.
     pixels, covariances
         (N, 2, 2) spot, camera, (column, row); and (N, 2, 2, 2) their covariances [pixels^2].
-    seed
-        Of the choice of spots through which planes are tried.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few spots, the cameras contradict each other, too many spots are off any plane, or a
-        camera sees the wall nearly edge-on.
+    Returns
+    -------
+    (K, 2) x and y [m]; their (2K, 2K) covariance, since what cameras get wrong they get wrong for all; and
+    (N,) which of the spots given were on the wall.
     """
     number = len(pixels)
     require(
@@ -91,7 +63,7 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
         f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
         f"square), more than {MAX_MISS_PX:g}: was one moved after the boards were shown? Show them again",
     )
-    good = on_one_plane(points_m, spread_m2, seed)
+    good = on_one_plane(points_m, spread_m2)
     require(
         good.sum() >= max(MIN_SPOTS, MIN_ON_WALL * number),
         f"only {good.sum()} of {number} spots lie on one plane: does the beam meet something before the "
@@ -110,7 +82,7 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
     numbers = np.concatenate([camera.numbers for camera in calibrated.cameras])
     slopes = approx_fprime(numbers, with_numbers, 0.1 * np.sqrt(calibrated.covariance.diagonal()))
     covariance = slopes @ calibrated.covariance @ slopes.T + block_diag(*spread_m2)
-    return LocatedSpots(spots_m, covariance, good, float(np.arccos(min(wall.axes[2, 2], 1.0))))
+    return spots_m, covariance, good
 
 
 def triangulate(cameras: Cameras, pixels: Floats, covariances: Floats) -> tuple[Floats, Floats, float]:
@@ -150,9 +122,9 @@ def _nearest(
     return points_m, np.asarray(spread_m2, dtype=float), float(np.sqrt((missing_px**2).sum(axis=-1).mean()))
 
 
-def on_one_plane(points_m: Floats, spread_m2: Floats, seed: int = 0) -> NDArray[np.bool_]:
+def on_one_plane(points_m: Floats, spread_m2: Floats) -> NDArray[np.bool_]:
     """Return which of (N, 3) points are on the plane that has most of them, of those tried through three."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     best = np.zeros(len(points_m), bool)
     for _ in range(TRIED):
         a, b, c = points_m[rng.choice(len(points_m), 3, replace=False)]
