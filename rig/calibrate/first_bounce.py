@@ -1,15 +1,71 @@
-"""When the first bounce arrives at each position of a scan."""
+"""When the first bounce arrives at each position of a scan: measured on a coarse grid, found and fitted."""
 
-from math import floor
+from dataclasses import dataclass
+from math import ceil, floor
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
+from drivers.hydraharp.limits import LIMITS
+from rig.acquire.acquisition import Watch
+from rig.acquire.connect import Station
 from rig.calibrate import Floats, peaks, require
 from rig.calibrate.raw import Raw
+from rig.calibrate.routine import K, Routine, changed, histogram_settings, recorded
 from rig.errors import CalibrationError
+from rig.model.config import RigConfig
+from rig.model.devices import Preparation
+from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 
 #: Detections for each pulse above which a peak through the wide open gate is refused.
 MAX_GATED_PER_PULSE = 0.2
+
+
+def free_running(config: RigConfig) -> RigConfig:
+    """Return a configuration in which the detector runs free and the histogram holds the whole period."""
+    period_s = 1 / config.laser.repetition_hz
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
+    return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
+
+
+@dataclass(frozen=True)
+class FirstBounceRoutine(Routine[K]):
+    """Measures first bounces on a coarse grid over the scan's area, the laser attenuated.
+
+    Attributes
+    ----------
+    columns, rows, exposure_s
+        Of the grid, and at each position.
+    files
+        A visit of the grid for each.
+    """
+
+    columns: int = 11
+    rows: int = 9
+    exposure_s: float = 0.1
+
+    files: ClassVar[tuple[str, ...]]
+
+    def setup(self, config: RigConfig) -> RigConfig:
+        """Return the detector free running, and a histogram of the whole period."""
+        return free_running(config)
+
+    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
+        """Record each visit of the grid."""
+        scan = state.config.scan
+        fits = (scan.columns - 1) / max(self.columns - 1, 1), (scan.rows - 1) / max(self.rows - 1, 1)
+        plan = ScanPlan.grid(
+            state.config,
+            columns=self.columns,
+            rows=self.rows,
+            spacing_m=scan.spacing_m * min(fits),
+            exposure_s=self.exposure_s,
+            skip_m=0.0,
+            preparation=Preparation.ATTENUATE,
+        )
+        return [recorded(folder / name, plan, state, station, watch) for name in self.files]
 
 
 def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:

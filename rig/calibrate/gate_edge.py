@@ -35,14 +35,10 @@ class Edge:
     ----------
     offset_s
         Delay of the half open gate less the recorded arrival of the light that it halves.
-    rise_s
-        W.
-    sigma_s
-        Of the pulse.
-    covariance
-        (2, 2) of offset and rise [s^2].
-    residual
-        Root mean square of the residuals, in standard errors.
+    rise_s, sigma_s
+        W, and sigma of the pulse.
+    covariance, residual
+        (2, 2) of offset and rise [s^2], and root mean square of the residuals in standard errors.
     """
 
     offset_s: float
@@ -85,18 +81,11 @@ def passed(x_s: ArrayLike, rise_s: float, sigma_s: float) -> Floats:
 
 
 def fit_edge(late_s: Floats, counts: Floats, whole: Floats, sigma_s: float) -> Edge:
-    """Fit offset and rise.
+    """Fit offset and rise, met by a pulse of this sigma.
 
-    Raises ValueError if the counts do not go from open to closed.
-
-    Parameters
-    ----------
-    late_s
-        (n,) gate's delay less recorded arrival.
-    counts, whole
-        (n,) counts of the pulse, and those that the open gate lets pass in the same exposure.
-    sigma_s
-        Of the pulse.
+    Of each of n measurements there are the gate's delay less the recorded arrival, the counts of the pulse,
+    and the counts of the whole pulse, which the open gate lets pass in the same exposure. Raises ValueError
+    if the counts do not go from open to closed.
     """
     part = counts / whole
 

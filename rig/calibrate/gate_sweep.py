@@ -79,16 +79,10 @@ def open_gate_bounces(wide: Raw) -> Peaks:
 
 
 def read_sweep(passes: Sequence[Raw], sigma_s: float) -> Sweep:
-    """Read a sweep, whatever the order of its passes, and fit its edge.
+    """Read a sweep, whatever the order of its passes, and fit its edge, met by a pulse of this sigma.
 
-    Raises CalibrationError if it is no sweep over one grid, or does not show the edge.
-
-    Parameters
-    ----------
-    passes
-        The one with the widest gate is the open one.
-    sigma_s
-        Standard deviation of the laser's pulse.
+    The pass with the widest gate is the open one. Raises CalibrationError if it is no sweep over one grid, or
+    does not show the edge.
     """
     for one in passes:
         require(

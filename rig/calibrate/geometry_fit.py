@@ -140,18 +140,9 @@ def fit_geometry(
     *,
     robust: bool,
 ) -> FittedGeometry:
-    """Fit the rig to what was measured, and to what was ``calibrated`` before.
+    """Fit the rig to what was measured, and to what was ``calibrated`` before; ``config`` is by tape measure.
 
-    Parameters
-    ----------
-    config
-        The rig as far as a tape measure knows it.
-    measured
-        Its residuals say how good the fit is.
-    calibrated
-        Takes part in the fit, with its errors.
-    robust
-        Whether single data may be far off (Huber).
+    Residuals of what was ``measured`` say how good the fit is. With ``robust`` single data may be far off.
     """
     data = [*measured, *calibrated]
     number = sum(len(one.residuals(geometry(np.zeros(len(WIDTHS)), config))) for one in measured)

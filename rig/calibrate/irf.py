@@ -8,15 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import approx_fprime, brentq, minimize_scalar
 
-from rig.acquire.acquisition import Watch
-from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.first_bounce import first_bounces
+from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces
 from rig.calibrate.peaks import FWHM_PER_SIGMA, Emg, Peaks
 from rig.calibrate.raw import origin, reading
-from rig.calibrate.routine import Routine, first_bounce_plan, free_running, recorded
 from rig.model.calibrations.kinds import Response
-from rig.model.config import RigConfig
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -29,23 +25,14 @@ SAMPLED_S = (-0.3e-9, 0.7e-9)
 
 
 @dataclass(frozen=True)
-class ResponseRoutine(Routine[Response]):
+class ResponseRoutine(FirstBounceRoutine[Response]):
     """Measures first bounces at a few places of the wall for a while."""
 
     columns: int = 5
     rows: int = 4
     exposure_s: float = 0.5
 
-    makes = Response
-
-    def setup(self, config: RigConfig) -> RigConfig:
-        """Return the detector free running, and a histogram of the whole period."""
-        return free_running(config)
-
-    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
-        """Record first bounces, the laser attenuated."""
-        plan = first_bounce_plan(state.config, self.columns, self.rows, self.exposure_s)
-        return [recorded(folder / "irf.h5", plan, state, station, watch)]
+    makes, files = Response, ("irf.h5",)
 
     def fit(self, files: Sequence[Path], state: RigState) -> Response:
         """Return width and tail.

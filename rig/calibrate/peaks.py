@@ -38,14 +38,9 @@ _LOW, _HIGH = np.array([2e-12, 5e-12, 1e-4]), np.array([500e-12, 1e-9, 0.9])
 
 @dataclass(frozen=True)
 class Emg:
-    """A Gaussian core, of which a part is delayed exponentially (exponentially modified Gaussian).
+    """A Gaussian core with this sigma, of which a fraction is delayed exponentially with ``tail_s``.
 
-    Attributes
-    ----------
-    sigma_s
-        Standard deviation of the core.
-    tail_s, tail_fraction
-        Time constant, and which part is delayed by it.
+    It is the sum of a Gaussian and an exponentially modified Gaussian.
     """
 
     sigma_s: float
@@ -142,12 +137,10 @@ def find(
 
     Parameters
     ----------
-    histograms
-        (P, B) counts.
+    histograms, live
+        (P, B) counts, and the part of the light that is detected at all.
     pulses
         (P,) after how many pulses they were counted.
-    live
-        (P, B) part of the light that is detected.
     edges_s
         (B + 1,) of the bins, which are equally wide.
     name
@@ -234,18 +227,8 @@ def _highest(histogram: Floats, width_s: float) -> int:
 def fit(edges_s: Floats, observed: Floats, live: Floats) -> Fit:
     """Fit a centre, counts and a background to each of N histograms, and one shape to all.
 
-    The counts of a bin are Poisson distributed about live (counts * a CDF difference + background).
-
-    Raises CalibrationError if the search does not end.
-
-    Parameters
-    ----------
-    edges_s
-        (N, W + 1) edges of the bins.
-    observed
-        (N, W) counts.
-    live
-        (N, W) part of the light that is detected at all.
+    The (N, W) observed counts of bins with (N, W + 1) edges are Poisson distributed about live (counts * a
+    CDF difference + background). Raises CalibrationError if the search does not end.
     """
     own, common = _start(edges_s, observed, live)
     zero = edges_s[:, :1]

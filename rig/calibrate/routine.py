@@ -2,20 +2,17 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from math import ceil
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
 from rig.acquire.preflight import check
 from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
-from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -93,28 +90,6 @@ def histogram_settings(config: RigConfig) -> HydraHarpConfig:
             "allow; give recorded raw data with --from, or the configuration of the rig itself"
         )
     return config.tcspc
-
-
-def free_running(config: RigConfig) -> RigConfig:
-    """Return a configuration in which the detector runs free and the histogram holds the whole period."""
-    period_s = 1 / config.laser.repetition_hz
-    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
-    return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
-
-
-def first_bounce_plan(config: RigConfig, columns: int, rows: int, exposure_s: float) -> ScanPlan:
-    """Return a coarse grid over the scan's area, detector's spot included, the laser attenuated."""
-    scan = config.scan
-    fits = (scan.columns - 1) / max(columns - 1, 1), (scan.rows - 1) / max(rows - 1, 1)
-    return ScanPlan.grid(
-        config,
-        columns=columns,
-        rows=rows,
-        spacing_m=scan.spacing_m * min(fits),
-        exposure_s=exposure_s,
-        skip_m=0.0,
-        preparation=Preparation.ATTENUATE,
-    )
 
 
 def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watch: Watch) -> Path:

@@ -8,16 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rig.acquire.acquisition import Watch
-from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.first_bounce import first_bounces, mirror_rad
+from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometry
 from rig.calibrate.peaks import Peaks
 from rig.calibrate.raw import Raw, origin, reading
-from rig.calibrate.routine import Routine, first_bounce_plan, free_running, recorded
 from rig.model.calibrations.kinds import Point, TimeZero
-from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length
 from rig.model.state import RigState
@@ -67,24 +63,10 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class TimeZeroRoutine(Routine[TimeZero]):
+class TimeZeroRoutine(FirstBounceRoutine[TimeZero]):
     """Measures first bounces on a coarse grid, twice one after the other so that a drift is seen."""
 
-    columns: int = 11
-    rows: int = 9
-    exposure_s: float = 0.1
-
-    makes = TimeZero
-
-    def setup(self, config: RigConfig) -> RigConfig:
-        """Return the detector free running, and a histogram of the whole period."""
-        return free_running(config)
-
-    def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
-        """Record the grid twice, the laser attenuated."""
-        plan = first_bounce_plan(state.config, self.columns, self.rows, self.exposure_s)
-        paths = [folder / f"time-zero-{number}.h5" for number in (1, 2)]
-        return [recorded(path, plan, state, station, watch) for path in paths]
+    makes, files = TimeZero, ("time-zero-1.h5", "time-zero-2.h5")
 
     def fit(self, files: Sequence[Path], state: RigState) -> TimeZero:
         """Return delay and heads; see `fit_path_delays`."""
@@ -211,21 +193,12 @@ def _fitted(
 
 
 def fit_path_delays(arrivals: Arrivals, detector_spot_m: Floats, state: RigState) -> FittedDelays:
-    """Fit delay, mirror and detector to the arrivals of first bounces.
+    """Fit delay, mirror and detector to the arrivals of N first bounces; the detector looks at x_c.
 
     Mirror and detector are nearly exchangeable, and the delay trades with both, so that they are not well
     known one by one: what was known before, with its errors, keeps them in place. What imaging needs, the
     delay T0 + |g - x_p| / c + |x_c - h| / c, hardly depends on it. A calibrated mirror takes part as its
     spots, as well as they are known.
-
-    Parameters
-    ----------
-    arrivals
-        Of N first bounces.
-    detector_spot_m
-        (3,) x_c.
-    state
-        The rig as it is known before.
     """
     galvo, angles = state.calibrations.galvo, arrivals.mirror_rad
     spots_m = state.pointing.spots_m(angles)

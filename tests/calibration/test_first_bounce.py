@@ -5,9 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from rig.calibrate import peaks
-from rig.calibrate.first_bounce import first_bounces
+from rig.calibrate.first_bounce import first_bounces, free_running
 from rig.calibrate.raw import Raw
-from rig.calibrate.routine import free_running
 from rig.errors import CalibrationError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile

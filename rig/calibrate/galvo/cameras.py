@@ -53,13 +53,7 @@ def opencv() -> Any:
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A camera in the wall's frame.
-
-    Attributes
-    ----------
-    numbers
-        (14,) see `NUMBERS`.
-    """
+    """A camera in the wall's frame, by its (14,) numbers, see `NUMBERS`."""
 
     numbers: Floats
 

@@ -15,11 +15,10 @@ from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.atomic import appearing
 from rig.calibrate import figures
-from rig.calibrate.first_bounce import first_bounces, mirror_rad
+from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.calibrate.galvo.mirror import AIMED_TO_M, fit_flight, galvo_model
 from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.calibrate.raw import Origin, origin, reading
-from rig.calibrate.routine import Routine, first_bounce_plan, free_running, recorded
 from rig.errors import DataFileError, UsageError
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
@@ -52,26 +51,10 @@ class WallMarks(BaseModel):
 
 
 @dataclass(frozen=True)
-class FlightRoutine(Routine[GalvoModel]):
-    """Learns from times of flight where the beam meets the wall.
+class FlightRoutine(FirstBounceRoutine[GalvoModel]):
+    """Learns from times of flight where the beam meets the wall."""
 
-    Attributes
-    ----------
-    columns, rows
-        Positions at which the first bounce is timed.
-    exposure_s
-        At each.
-    """
-
-    columns: int = 11
-    rows: int = 9
-    exposure_s: float = 0.1
-
-    makes = GalvoModel
-
-    def setup(self, config: RigConfig) -> RigConfig:
-        """Return a detector that runs free, and a histogram of the whole period."""
-        return free_running(config)
+    makes, files = GalvoModel, ("galvo-flight.h5",)
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Let a person steer the beam onto marks, then scan."""
@@ -94,8 +77,7 @@ class FlightRoutine(Routine[GalvoModel]):
             content = WallMarks(galvo=galvo.identity, marks=marks)
             partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
         # as configured, not as calibrated before: what is measured must not depend on it
-        plan = first_bounce_plan(state.config, self.columns, self.rows, self.exposure_s)
-        return [recorded(folder / "galvo-flight.h5", plan, state.nominal, station, watch), marks_path]
+        return [*super().measure(station, state.nominal, folder, watch), marks_path]
 
     def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from a scan and a file of marks."""

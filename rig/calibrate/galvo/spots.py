@@ -26,10 +26,8 @@ class Background:
 
     Attributes
     ----------
-    mean
-        (height, width) counts.
-    variance
-        (height, width) of one picture's counts, as a smooth function of the mean.
+    mean, variance
+        (height, width) of one picture's counts, the variance as a smooth function of the mean.
     counts_per_count
         By how much the variance grows with each count of light.
     full
@@ -68,18 +66,9 @@ def background(dark: NDArray[np.uint16], full: int) -> Background:
 
 
 def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
-    """Return the one spot of a picture.
+    """Return the one spot of a (height, width) picture; ``where`` says for messages which one it is.
 
     Raises CalibrationError if there is no spot, or a second one, or it fills pixels, or is at the edge.
-
-    Parameters
-    ----------
-    lit
-        (height, width) counts.
-    dark
-        The same camera's background.
-    where
-        Which picture it is, for messages.
     """
     light = lit - dark.mean
     places = _bright_places(light, dark)
