@@ -88,7 +88,7 @@ def dark(
 
     With --from: the file with the lens covered, then the one uncovered, then those with the attenuated beam.
     """
-    from rig.calibrate.dark import DarkRoutine
+    from rig.calibrate.counting.dark import DarkRoutine
     from rig.model.quantities import parse
 
     each_s = (
@@ -119,7 +119,7 @@ def gate(
     ] = "1ns",
 ) -> "Routine[Any]":
     """Find when to open the gate: the first bounce blocked, the nearest object kept."""
-    from rig.calibrate.gate import GateRoutine
+    from rig.calibrate.gate.routine import GateRoutine
     from rig.model.quantities import parse
 
     return GateRoutine(
@@ -139,7 +139,7 @@ def dnl(
     ] = "20s",
 ) -> "Routine[Any]":
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
-    from rig.calibrate.dnl import DnlRoutine
+    from rig.calibrate.counting.dnl import DnlRoutine
     from rig.model.quantities import parse
 
     return DnlRoutine(exposure_s=parse(exposure, "time"))
@@ -157,10 +157,10 @@ def time_zero(
 ) -> "Routine[Any]":
     """Measure when the pulse is on the wall, from first bounces all over it or from one known target."""
     if target is not None:
-        from rig.calibrate.target import TargetRoutine, place
+        from rig.calibrate.timing.target import TargetRoutine, place
 
         return TargetRoutine(place(target))
-    from rig.calibrate.time_zero import TimeZeroRoutine
+    from rig.calibrate.timing.time_zero import TimeZeroRoutine
 
     return TimeZeroRoutine()
 
@@ -168,6 +168,6 @@ def time_zero(
 @_routine("irf")
 def irf() -> "Routine[Any]":
     """Measure the response of laser, detector and electronics to a pulse, from first bounces."""
-    from rig.calibrate.irf import ResponseRoutine
+    from rig.calibrate.timing.irf import ResponseRoutine
 
     return ResponseRoutine()

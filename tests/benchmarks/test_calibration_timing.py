@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 from misaligned_rig import galvo_calibration, misaligned, true_delays_s, true_width_s
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.irf import ResponseRoutine
 from rig.calibrate.run import measured
-from rig.calibrate.time_zero import TimeZeroRoutine
+from rig.calibrate.timing.irf import ResponseRoutine
+from rig.calibrate.timing.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
 from rig.model.calibrations.chosen import Calibrations
 from rig.model.state import RigState

@@ -7,8 +7,8 @@ import pytest
 from calibration_files import config_with, write_counts
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.afterpulses import Record, fitted
-from rig.calibrate.dark import DarkRoutine
+from rig.calibrate.counting.afterpulses import Record, fitted
+from rig.calibrate.counting.dark import DarkRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError

@@ -8,7 +8,7 @@ from calibration_files import config_with, write_counts
 
 from recon.capture import ArrayHistograms
 from rig.acquire.acquisition import Watch
-from rig.calibrate.dnl import DnlRoutine
+from rig.calibrate.counting.dnl import DnlRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError, DataFileError

@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 from rig.acquire.acquisition import Watch
 from rig.bench.simulated import true_geometry
-from rig.calibrate.gate import MAY_PASS, GateRoutine
-from rig.calibrate.gate_edge import fit_edge, passed
-from rig.calibrate.gate_sweep import nearest_after_s
+from rig.calibrate.gate.edge import fit_edge, passed
+from rig.calibrate.gate.routine import MAY_PASS, GateRoutine
+from rig.calibrate.gate.sweep import nearest_after_s
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from rig.calibrate import peaks
-from rig.calibrate.first_bounce import first_bounces, free_running
 from rig.calibrate.raw import Raw
+from rig.calibrate.timing import peaks
+from rig.calibrate.timing.first_bounce import first_bounces, free_running
 from rig.errors import CalibrationError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile

@@ -16,12 +16,12 @@ from misaligned_rig import (
 
 from recon.defaults import shortest_wavelength_m, wavelength
 from rig.acquire.acquisition import Watch, acquire
-from rig.calibrate import irf, peaks
 from rig.calibrate.geometry_fit import Arrivals
-from rig.calibrate.irf import ResponseRoutine
 from rig.calibrate.run import fitted, measured
-from rig.calibrate.target import TargetRoutine, place
-from rig.calibrate.time_zero import TimeZeroRoutine, fit_path_delays
+from rig.calibrate.timing import irf, peaks
+from rig.calibrate.timing.irf import ResponseRoutine
+from rig.calibrate.timing.target import TargetRoutine, place
+from rig.calibrate.timing.time_zero import TimeZeroRoutine, fit_path_delays
 from rig.errors import CalibrationError, UsageError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.store import CalibrationStore

@@ -15,10 +15,10 @@ from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.atomic import appearing
 from rig.calibrate import figures
-from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.calibrate.galvo.mirror import AIMED_TO_M, fit_flight, galvo_model
 from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.calibrate.raw import Origin, origin, reading
+from rig.calibrate.timing.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.errors import DataFileError, UsageError
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig

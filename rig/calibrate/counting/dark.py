@@ -2,7 +2,7 @@
 
 Rates are those of a ready detector: R counts a second with a hold-off h come from R / (1 - R h), since the
 detector is off for h after each (non-paralysable dead time, Knoll, Radiation Detection and Measurement, ch.
-4), less the afterpulses among them. Afterpulses are seen in time: see `rig.calibrate.afterpulses`.
+4), less the afterpulses among them. Afterpulses are seen in time: see `rig.calibrate.counting.afterpulses`.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.afterpulses import USUAL_DECAY_S, Record, expected, fitted, fitted_alone
+from rig.calibrate.counting.afterpulses import USUAL_DECAY_S, Record, expected, fitted, fitted_alone
 from rig.calibrate.raw import Raw, origin, reading
 from rig.calibrate.routine import Routine, changed, recorded
 from rig.model.calibrations.kinds import DarkRates

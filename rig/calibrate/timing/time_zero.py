@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometry
-from rig.calibrate.peaks import Peaks
 from rig.calibrate.raw import Raw, origin, reading
+from rig.calibrate.timing.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
+from rig.calibrate.timing.peaks import Peaks
 from rig.model.calibrations.kinds import Point, TimeZero
 from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length

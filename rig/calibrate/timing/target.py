@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from recon.capture import C_M_PER_S
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.calibrate import Floats, figures, peaks
+from rig.calibrate import Floats, figures
 from rig.calibrate.geometry_fit import TAPE_ERROR_M, TILT_ERROR_RAD
 from rig.calibrate.raw import Raw, origin, reading
 from rig.calibrate.routine import Routine, recorded
-from rig.calibrate.time_zero import draw_peak, point
+from rig.calibrate.timing import peaks
+from rig.calibrate.timing.time_zero import draw_peak, point
 from rig.errors import UsageError
 from rig.model.calibrations.kinds import Point, TimeZero
 from rig.model.devices import Preparation

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.calibrate import Floats, require
-from rig.calibrate.first_bounce import first_bounces
-from rig.calibrate.gate_edge import Edge, fit_edge
-from rig.calibrate.peaks import Peaks
+from rig.calibrate.gate.edge import Edge, fit_edge
 from rig.calibrate.raw import Raw
+from rig.calibrate.timing.first_bounce import first_bounces
+from rig.calibrate.timing.peaks import Peaks
 from rig.errors import CalibrationError
 from rig.model.delays import PathDelays
 from rig.model.quantities import show

@@ -10,9 +10,10 @@ import numpy as np
 from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.calibrate import Floats, peaks, require
+from rig.calibrate import Floats, require
 from rig.calibrate.raw import Raw
 from rig.calibrate.routine import K, Routine, changed, histogram_settings, recorded
+from rig.calibrate.timing import peaks
 from rig.errors import CalibrationError
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation

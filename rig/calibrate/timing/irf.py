@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from scipy.optimize import approx_fprime, brentq, minimize_scalar
 
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.first_bounce import FirstBounceRoutine, first_bounces
-from rig.calibrate.peaks import FWHM_PER_SIGMA, Emg, Peaks
 from rig.calibrate.raw import origin, reading
+from rig.calibrate.timing.first_bounce import FirstBounceRoutine, first_bounces
+from rig.calibrate.timing.peaks import FWHM_PER_SIGMA, Emg, Peaks
 from rig.model.calibrations.kinds import Response
 from rig.model.quantities import show
 from rig.model.state import RigState

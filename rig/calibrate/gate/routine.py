@@ -19,11 +19,11 @@ from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.gate_edge import MIDDLE, Edge, fitted_at, part_error
-from rig.calibrate.gate_sweep import Sweep, nearest_after_s, open_gate_bounces, read_sweep, smooth_arrivals
-from rig.calibrate.peaks import FWHM_PER_SIGMA
+from rig.calibrate.gate.edge import MIDDLE, Edge, fitted_at, part_error
+from rig.calibrate.gate.sweep import Sweep, nearest_after_s, open_gate_bounces, read_sweep, smooth_arrivals
 from rig.calibrate.raw import origin, reading
 from rig.calibrate.routine import Routine, changed, histogram_settings, recorded
+from rig.calibrate.timing.peaks import FWHM_PER_SIGMA
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
