@@ -91,13 +91,11 @@ def dark(
     from rig.calibrate.counting.dark import DarkRoutine
     from rig.model.quantities import parse
 
-    each_s = (
-        dict.fromkeys(("dark_s", "ambient_s", "afterpulse_s"), parse(exposure, "time")) if exposure else {}
-    )
+    names = ("dark_s", "ambient_s", "afterpulse_s")
     return DarkRoutine(
         hold_offs_s=tuple(parse(text, "time") for text in hold_offs.split(",")),
         repetition_hz=parse(repetition, "frequency"),
-        **each_s,
+        **(dict.fromkeys(names, parse(exposure, "time")) if exposure else {}),
     )
 
 

@@ -41,14 +41,10 @@ class Record:
     ----------
     name
         For errors.
-    counts
-        (bins,) over one sync period, from the pulse on.
-    bin_width_s, period_s
-        Of the bins, and between pulses; the last bin may reach over the period's end.
-    pulses
-        How many there were.
-    hold_off_s
-        Of the detector.
+    counts, pulses
+        (bins,) counts over one sync period from the pulse on, and the number of pulses.
+    bin_width_s, period_s, hold_off_s
+        The last bin may reach over the period's end.
     """
 
     name: str
@@ -69,7 +65,7 @@ class Record:
 
     def ready(self) -> Floats:
         """(bins,) part of the pulses after which the detector is ready at each bin."""
-        return 1 - self._past(lambda lag_s: self._within_hold_off(lag_s)) / self.pulses
+        return 1 - self._past(self._within_hold_off) / self.pulses
 
     def released(self, decay_s: float) -> Floats:
         """(bins,) carriers released in each bin after the hold-off, were p = 1."""
@@ -191,15 +187,11 @@ def _solve(records: Sequence[Record], decay_s: float, *, free_decay: bool) -> tu
     def due(at: Floats) -> Floats:
         tau_s = decay_s * np.exp(at[1]) if free_decay else decay_s
         factor = at[0] * _per_level(tau_s, pivot_s, decay_s)
-        return np.maximum(
-            np.concatenate(
-                [
-                    (steady + factor * record.released(tau_s)[record.quiet]) * live
-                    for record, live, steady in zip(records, ready, at[lines:], strict=True)
-                ]
-            ),
-            1e-9,
-        )
+        counts = [
+            (steady + factor * record.released(tau_s)[record.quiet]) * live
+            for record, live, steady in zip(records, ready, at[lines:], strict=True)
+        ]
+        return np.maximum(np.concatenate(counts), 1e-9)
 
     steady = [float(np.median(one)) + 0.1 for one in counts]
     at, covariance, _ = reweighted(

@@ -37,15 +37,7 @@ TOGETHER, MAX_TOGETHER = 64, 0.01
 
 @dataclass(frozen=True)
 class DnlRoutine(Routine[BinWidths]):
-    """Measures the widths of the bins that scans use.
-
-    Attributes
-    ----------
-    exposure_s
-        Of the whole measurement.
-    exposures
-        In how many parts it is taken.
-    """
+    """Measures the widths of the bins that scans use, in so many exposures of so long all together."""
 
     exposure_s: float = 20.0
     exposures: int = 4

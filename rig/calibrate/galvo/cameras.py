@@ -37,10 +37,7 @@ WRONG, MAX_WRONG = 6.0, 0.03
 
 
 def opencv() -> Any:
-    """Return the module, which only cameras need.
-
-    Raises CalibrationError if it is not installed.
-    """
+    """Return the module, which only cameras need; raises CalibrationError if it is not installed."""
     try:
         import cv2
     except ImportError:
@@ -101,16 +98,10 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class CalibratedCameras:
-    """Both cameras, with the covariance of all their numbers.
+    """Both cameras in the wall's frame, as far as the board on the wall gives it.
 
-    Attributes
-    ----------
-    cameras
-        In the wall's frame, as far as the board on the wall gives it.
-    covariance
-        (28, 28) of the first camera's numbers and then the second's.
-    corners_px
-        Root mean square distance of the corners from their model [pixels].
+    With them the (28, 28) covariance of the first one's numbers and then the second's, and the root mean
+    square distance of the corners from their model [pixels].
     """
 
     cameras: tuple[CameraModel, CameraModel]
@@ -218,14 +209,10 @@ def calibrate_cameras(
     Parameters
     ----------
     corners
-        For each board and each of the two cameras, its corners as `find_corners` gives them. The first M
-        boards were flat on the wall.
-    board
-        The board.
-    fiducials_m
-        (M, 2) where its first inner corner was then.
-    placed_to_m
-        Standard deviation of either end's place on the wall.
+        For each board and each of the two cameras, its corners as `find_corners` gives them.
+    fiducials_m, placed_to_m
+        The first M boards were flat on the wall: (M, 2) where their first inner corner was, and the standard
+        deviation of either end's place.
     size
         Width and height of the images [pixels].
     """

@@ -49,14 +49,10 @@ class GateRoutine(Routine[GateOpening]):
     ----------
     nearest_m
         Distance from the wall of the nearest object that shall be seen.
-    columns
-        Of the coarse grid; as many rows as fit.
-    exposure_s
-        At each position and delay.
-    step_s
-        Between delays.
-    before_s, after_s
-        From the first light's arrival less this to the last one's and this: what delays are tried.
+    columns, exposure_s
+        Of the coarse grid, with as many rows as fit; and at each position and delay.
+    step_s, before_s, after_s
+        Delays are tried in such steps from so long before the first light's arrival to after the last one's.
     pulse_fwhm_s
         Full width at half maximum of the laser's pulse.
     """
@@ -92,18 +88,18 @@ class GateRoutine(Routine[GateOpening]):
         state = RigState(state.config, state.calibrations.without(GateOpening.kind))
         grid = self._plan(state.config).passes[0]
 
-        def sweep(name: str, gates: dict[str, tuple[float, float]]) -> Path:
-            passes = [
-                grid.model_copy(update={"name": of, "gate_s": gate, "preparation": Preparation.ATTENUATE})
-                for of, gate in gates.items()
-            ]
-            return recorded(folder / name, ScanPlan(passes=tuple(passes)), state, station, watch)
+        def sweep(name: str, delays_s: list[float], width_s: float) -> Path:
+            passes = tuple(
+                grid.model_copy(update={"name": show(delay_s, "s", 5), "gate_s": (delay_s, width_s)})
+                for delay_s in delays_s
+            )
+            return recorded(folder / name, ScanPlan(passes=passes), state, station, watch)
 
-        files = [sweep("gate-open.h5", {"open": (0.0, state.config.detector.gate_width_s)})]
+        files = [sweep("gate-open.h5", [0.0], state.config.detector.gate_width_s)]
         if not watch.should_stop():
             with reading(files) as (_, (wide,)):
                 delays_s = self._delays_s(open_gate_bounces(wide).centre_s)
-            files.append(sweep("gate-sweep.h5", {show(at_s, "s", 5): (at_s, CLOSED_S) for at_s in delays_s}))
+            files.append(sweep("gate-sweep.h5", delays_s, CLOSED_S))
         return files
 
     def fit(self, files: Sequence[Path], state: RigState) -> GateOpening:
@@ -172,7 +168,12 @@ class GateRoutine(Routine[GateOpening]):
         spacing_m = wide_m / max(self.columns - 1, 1)
         rows = int(high_m / spacing_m + 1e-9) + 1
         return ScanPlan.grid(
-            config, columns=self.columns, rows=rows, spacing_m=spacing_m, exposure_s=self.exposure_s
+            config,
+            columns=self.columns,
+            rows=rows,
+            spacing_m=spacing_m,
+            exposure_s=self.exposure_s,
+            preparation=Preparation.ATTENUATE,
         )
 
     def _delays_s(self, arrival_s: Floats) -> list[float]:

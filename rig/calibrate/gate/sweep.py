@@ -33,20 +33,14 @@ class Sweep:
 
     Attributes
     ----------
-    spots_m
-        (P, 3) where the laser was sent.
-    arrival_s, arrival_error_s
-        (P,) recorded arrivals of the first bounce.
+    spots_m, arrival_s, arrival_error_s
+        (P, 3) where the laser was sent, and (P,) recorded arrivals of the first bounce.
     delays_s
         (D,) of the gate, as the detector said itself.
-    part
-        (D, P) first-bounce counts by those through the open gate.
-    whole
-        (P,) these, for the sweep's exposure.
-    failed
-        (P,) where the closed gate lets the first bounce pass.
-    edge
-        Fitted to all but these.
+    part, whole
+        (D, P) first-bounce counts by (P,) those through the open gate.
+    failed, edge
+        (P,) where the closed gate lets the first bounce pass; and the edge, fitted to all others.
     """
 
     spots_m: Floats
@@ -65,10 +59,7 @@ class Sweep:
 
 
 def open_gate_bounces(wide: Raw) -> Peaks:
-    """Return the first bounce of each of P positions through the wide open gate.
-
-    Raises CalibrationError if some position has too few counts, or the detector sees too much light.
-    """
+    """Return the first bounce of each of P positions through the wide open gate, all of them or none."""
     found = first_bounces(wide, gated=True)
     position = min(found.left_out, default=0)
     require(

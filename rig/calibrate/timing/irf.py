@@ -84,9 +84,9 @@ class ResponseRoutine(FirstBounceRoutine[Response]):
         figure, axes = figures.panels(
             f"response: {found.counts:,} counts, tail of {show(found.tail_s, 's', 3)} in "
             f"{100 * found.tail_fraction:.1f} %",
-            [["response"], ["left"]], (9, 6), sharex=True, height_ratios=(3, 1),
+            [["response"], ["residual"]], (9, 6), sharex=True, height_ratios=(3, 1),
         )  # fmt: skip
-        above, below = axes["response"], axes["left"]
+        above, below = axes["response"], axes["residual"]
         above.plot(time_s * 1e12, response * 1e-12, ".", color=figures.RED, markersize=4, label="measured")
         above.plot(fine_s * 1e12, curve, color=figures.BLUE, linewidth=1.2, label="core and tail")
         half = curve.max() / 2
@@ -96,8 +96,8 @@ class ResponseRoutine(FirstBounceRoutine[Response]):
         above.annotate(width, (inside_ps[-1], half), xytext=(8, -3), textcoords="offset points")
         above.set(ylabel="density (1/ps)", yscale="log", ylim=(curve.max() * 1e-5, curve.max() * 2))
         above.legend(frameon=False)
-        left = (response - shape.density(time_s + top_s)) * 1e-12 / curve.max() * 100
-        figures.residuals(below, time_s * 1e12, left, color=figures.RED, markersize=3)
+        residual = (response - shape.density(time_s + top_s)) * 1e-12 / curve.max() * 100
+        figures.residuals(below, time_s * 1e12, residual, color=figures.RED, markersize=3)
         below.set(xlabel="time after the peak (ps)", ylabel="residual\n(% of the peak)")
         return figure
 

@@ -16,9 +16,10 @@ from rig.calibrate.geometry_fit import TAPE_ERROR_M, TILT_ERROR_RAD
 from rig.calibrate.raw import Raw, origin, reading
 from rig.calibrate.routine import Routine, recorded
 from rig.calibrate.timing import peaks
-from rig.calibrate.timing.time_zero import draw_peak, point
+from rig.calibrate.timing.time_zero import draw_peak, in_common
 from rig.errors import UsageError
 from rig.model.calibrations.kinds import Point, TimeZero
+from rig.model.delays import PathDelays
 from rig.model.devices import Preparation
 from rig.model.plan import ScanPlan
 from rig.model.quantities import parse, show, show_length
@@ -87,17 +88,11 @@ class TargetRoutine(Routine[TimeZero]):
             aside_s = np.linalg.norm(towards - towards.mean(axis=0), axis=1) * head_error_m / C_M_PER_S
             own_s = float(np.hypot(found.centre_error_s[0], 2 * TARGET_ERROR_M / C_M_PER_S))
             errors_s = np.hypot(own_s, aside_s)
-            worst_s = float(errors_s.max())
+            own_delays = PathDelays(head_m, delays.detector_head_m, float(found.centre_s[0]))
             return TimeZero(
                 **origin(TimeZero, scans),
-                valid_days=30,
-                electronics_delay_s=float(found.centre_s[0]),
+                **in_common(own_delays, errors_s, raw),
                 electronics_delay_error_s=float(np.hypot(own_s, 2**0.5 * head_error_m / C_M_PER_S)),
-                laser_head_m=point(head_m),
-                detector_head_m=point(delays.detector_head_m),
-                detector_spot_m=point(raw.detector_spot_m),
-                rectified_error_s=float(np.median(errors_s)),
-                rectified_error_worst_s=worst_s,
                 residual_s=None,
                 chi2=found.chi2,
                 positions=len(spots_m),
@@ -107,8 +102,8 @@ class TargetRoutine(Routine[TimeZero]):
                 residuals_s=[],
                 warnings=[
                     "the galvo is not calibrated: time is right at the wall's centre if the target is where "
-                    f"you say it is, but may be wrong by {show(worst_s, 's', 2)} at the rim: run rig "
-                    "calibrate galvo, then this"
+                    f"you say it is, but may be wrong by {show(float(errors_s.max()), 's', 2)} at the rim: "
+                    "run rig calibrate galvo, then this"
                 ]
                 * (galvo is None),
             )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,7 @@ from rig.calibrate.geometry_fit import Arrivals, RigGeometry, Spots, fit_geometr
 from rig.calibrate.raw import Raw, origin, reading
 from rig.calibrate.timing.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.calibrate.timing.peaks import Peaks
-from rig.model.calibrations.kinds import Point, TimeZero
+from rig.model.calibrations.kinds import TimeZero
 from rig.model.delays import PathDelays
 from rig.model.quantities import show, show_length
 from rig.model.state import RigState
@@ -76,14 +77,8 @@ class TimeZeroRoutine(FirstBounceRoutine[TimeZero]):
             found = _fitted(passes, visits, drift, state)
             return TimeZero(
                 **origin(TimeZero, scans),
-                valid_days=30,
-                electronics_delay_s=found.delays.electronics_delay_s,
+                **in_common(found.delays, found.rectified_error_s, passes[0]),
                 electronics_delay_error_s=found.delay_error_s,
-                laser_head_m=point(found.delays.laser_head_m),
-                detector_head_m=point(found.delays.detector_head_m),
-                detector_spot_m=point(passes[0].detector_spot_m),
-                rectified_error_s=float(np.median(found.rectified_error_s)),
-                rectified_error_worst_s=float(found.rectified_error_s.max()),
                 residual_s=float(np.sqrt((found.residual_s**2).mean())),
                 chi2=found.chi2,
                 positions=len(np.unique(found.spots_m, axis=0)),
@@ -115,9 +110,9 @@ class TimeZeroRoutine(FirstBounceRoutine[TimeZero]):
         )  # fmt: skip
         axes["wall"].set_title("over the wall")
         start = 0
-        for number, (one, left_ps) in enumerate(zip(visits, residuals_ps, strict=True)):
+        for number, (one, residual_ps) in enumerate(zip(visits, residuals_ps, strict=True)):
             figures.residuals(
-                axes["order"], start + one.index, left_ps, 1e12 * one.centre_error_s,
+                axes["order"], start + one.index, residual_ps, 1e12 * one.centre_error_s,
                 color=figures.SERIES[number], label=f"visit {number + 1}",
             )  # fmt: skip
             start += int(one.index.max()) + 1
@@ -137,10 +132,17 @@ def draw_peak(axes: Axes, found: Peaks, number: int) -> None:
     axes.legend(frameon=False)
 
 
-def point(place_m: Floats) -> Point:
-    """Return a place as a calibration holds it."""
-    x_m, y_m, z_m = place_m.tolist()
-    return x_m, y_m, z_m
+def in_common(delays: PathDelays, rectified_error_s: Floats, raw: Raw) -> dict[str, Any]:
+    """Return what every calibration of time zero holds, with (N,) errors of rectified time."""
+    return {
+        "valid_days": 30,
+        "electronics_delay_s": delays.electronics_delay_s,
+        "laser_head_m": tuple(delays.laser_head_m.tolist()),
+        "detector_head_m": tuple(delays.detector_head_m.tolist()),
+        "detector_spot_m": tuple(raw.detector_spot_m.tolist()),
+        "rectified_error_s": float(np.median(rectified_error_s)),
+        "rectified_error_worst_s": float(rectified_error_s.max()),
+    }
 
 
 def _drift(passes: Sequence[Raw], visits: Sequence[Peaks]) -> Drift | None:
