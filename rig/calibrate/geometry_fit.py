@@ -1,7 +1,7 @@
 """One fit of the rig's geometry: mirror, detector and delay, from what is known where and when.
 
 A first bounce arrives at delay + |g - x| / c + |x - h| / c: pivot g of the mirror, spot x(commanded angles)
-on the wall, head h of the detector. Arrivals, spots that cameras see and fiducials onto which a person steers
+on the wall, head h of the detector. Arrivals, spots that cameras see and marks onto which a person steers
 the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
@@ -71,7 +71,7 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class Spots:
-    """(K, 2) places on the wall where the beam was for (K, 2) commanded angles: spots, or fiducials.
+    """(K, 2) places on the wall where the beam was for (K, 2) commanded angles: spots, or marks.
 
     Their error is one standard deviation for each coordinate, or the (2K, 2K) covariance.
     """

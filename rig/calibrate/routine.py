@@ -23,6 +23,11 @@ class Routine(ABC, Generic[K]):
     """What makes one kind of calibration; subclasses are dataclasses of its options.
 
     ``measure`` writes raw data, ``fit`` reads it: so recorded data is fitted just like fresh data.
+
+    Attributes
+    ----------
+    makes
+        The kind of calibration.
     """
 
     makes: type[K]

@@ -1,4 +1,4 @@
-"""Two cameras calibrated by a checkerboard: held flat on the wall at fiducials, and then freely.
+"""Two cameras calibrated by a checkerboard: held flat on the wall at marks, and then freely.
 
 OpenCV's terms: camera frame x right and y down in the image, z forward; a point X of the wall's frame is
 R X + t there; pinhole with the distortion of Brown (Photogrammetric Engineering 37, 1971).
@@ -159,14 +159,14 @@ class _Bundle:
     about z), then six for each other board (rotation vector and place).
     """
 
-    def __init__(self, points_m: Floats, fiducials_m: Floats, boards: int) -> None:
+    def __init__(self, points_m: Floats, marks_m: Floats, boards: int) -> None:
         self._points_m = points_m.reshape(-1, 3)
-        walls = len(fiducials_m)
+        walls = len(marks_m)
         flat = np.zeros((6, 3))
         flat[[3, 4, 2], [0, 1, 2]] = 1
         self._spread = block_diag(*[flat] * walls, *[np.eye(6)] * (boards - walls))
         self._fixed = np.zeros((boards, 6))
-        self._fixed[:walls, 3:5] = fiducials_m
+        self._fixed[:walls, 3:5] = marks_m
 
     def images(self, numbers: Floats) -> tuple[Floats, Floats]:
         """Return (B, 2, corners, 2) pixels and their (..., U) derivatives."""
@@ -197,7 +197,7 @@ def cameras_of(numbers: Floats) -> tuple[CameraModel, CameraModel]:
 def calibrate_cameras(
     corners: Sequence[Sequence[Floats | None]],
     board: Board,
-    fiducials_m: Floats,
+    marks_m: Floats,
     placed_to_m: float,
     size: tuple[int, int],
 ) -> CalibratedCameras:
@@ -210,23 +210,23 @@ def calibrate_cameras(
     ----------
     corners
         For each board and each of the two cameras, its corners as `find_corners` gives them.
-    fiducials_m, placed_to_m
+    marks_m, placed_to_m
         The first M boards were flat on the wall: (M, 2) where their first inner corner was, and the standard
         deviation of either end's place.
     size
         Width and height of the images [pixels].
     """
-    _refuse_unseen(corners, len(fiducials_m))
+    _refuse_unseen(corners, len(marks_m))
     points_m = board_points_m(board)
-    start = _first_guess(corners, points_m, fiducials_m, size)
+    start = _first_guess(corners, points_m, marks_m, size)
     given = [pair for pair in corners if any(one is not None for one in pair)]
     blank = np.full((*points_m.shape[:2], 2), np.nan)
     pixels = np.array([[blank if one is None else one for one in pair] for pair in given])
     pixels = pixels.reshape(len(given), 2, -1, 2)
-    bundle = _Bundle(points_m, fiducials_m, len(given))
+    bundle = _Bundle(points_m, marks_m, len(given))
     along_m = (board.columns - 1) * board.square_m
     # a board on the wall may be off along x, along y, and turned; the others are wherever they are
-    slack = np.tile([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m], len(fiducials_m))
+    slack = np.tile([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m], len(marks_m))
     placed = np.arange(2 * NUMBERS, 2 * NUMBERS + len(slack))
     priors = np.zeros((len(slack), len(start)))
     priors[np.arange(len(slack)), placed] = 1 / slack
@@ -283,7 +283,7 @@ def _refuse_unseen(corners: Sequence[Sequence[Floats | None]], walls: int) -> No
 
 
 def _first_guess(
-    corners: Sequence[Sequence[Floats | None]], points_m: Floats, fiducials_m: Floats, size: tuple[int, int]
+    corners: Sequence[Sequence[Floats | None]], points_m: Floats, marks_m: Floats, size: tuple[int, int]
 ) -> Floats:
     """Return what each camera says alone, by OpenCV: cameras, and boards by the first that sees them."""
     cv2 = opencv()
@@ -297,11 +297,11 @@ def _first_guess(
             [flat_m] * len(mine), pixels, size, None, None, flags=cv2.CALIB_FIX_K3
         )
         turn, shift_m = Rotation.from_rotvec(np.ravel(turns[0])), np.ravel(shifts[0])
-        shift_m = shift_m - turn.apply((*fiducials_m[mine[0][0]], 0.0))  # the wall's frame, not the board's
+        shift_m = shift_m - turn.apply((*marks_m[mine[0][0]], 0.0))  # the wall's frame, not the board's
         cameras.append(CameraModel.of(matrix, distortion, turn, shift_m).numbers)
         for (index, _), of_board, board_shift_m in zip(mine, turns, shifts, strict=True):
             relative = turn.inv() * Rotation.from_rotvec(np.ravel(of_board))
             place_m = turn.inv().apply(np.ravel(board_shift_m) - shift_m)
             boards.setdefault(index, np.array([*relative.as_rotvec(), *place_m]))
-    free = [boards[index] for index in sorted(boards) if index >= len(fiducials_m)]
-    return np.concatenate([*cameras, np.zeros(3 * len(fiducials_m)), *free])
+    free = [boards[index] for index in sorted(boards) if index >= len(marks_m)]
+    return np.concatenate([*cameras, np.zeros(3 * len(marks_m)), *free])

@@ -46,7 +46,7 @@ class WallMarks(BaseModel):
 
     format: Literal["rig-wall-marks"] = "rig-wall-marks"
     version: Literal[1] = 1
-    galvo: str = ""
+    galvo: str | None = None
     marks: list[Mark]
 
 

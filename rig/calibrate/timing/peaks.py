@@ -67,8 +67,8 @@ class Emg:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """N peaks of one shape.
+class Peaks:
+    """N peaks of one shape, in windows of W bins.
 
     Attributes
     ----------
@@ -78,8 +78,10 @@ class Fit:
         (N,) counts in each peak, and a bin beside it, had the detector always been ready.
     shape, shape_covariance
         Of all, and the (3, 3) covariance of its parameters.
-    model
-        (N, W) expected counts.
+    time_s, observed, live, model
+        (N, W) bins' centres, counts, the part of the light that is detected at all, and expected counts.
+    index, left_out
+        (N,) of which histograms these are the peaks; and why each of the others has none.
     """
 
     centre_s: Floats
@@ -88,36 +90,25 @@ class Fit:
     background: Floats
     shape: Emg
     shape_covariance: Floats
+    time_s: Floats
+    observed: Floats
+    live: Floats
     model: Floats
+    index: NDArray[np.int64]
+    left_out: dict[int, str]
 
     @property
     def shape_error(self) -> Emg:
         """Standard errors of the shape."""
         return Emg(*np.sqrt(np.diag(self.shape_covariance)).tolist())
 
-
-@dataclass(frozen=True)
-class Peaks(Fit):
-    """The peaks of those N histograms that have a good one, in windows of W bins.
-
-    Attributes
-    ----------
-    index
-        (N,) which histograms.
-    left_out
-        The reason for each of the others.
-    time_s, observed, live
-        (N, W) bins' centres, counts, and the part of the light that is detected at all.
-    chi2
-        Pearson's, of the bins with enough counts, by their number; about 1 where the shape is right.
-    """
-
-    index: NDArray[np.int64]
-    left_out: dict[int, str]
-    time_s: Floats
-    observed: Floats
-    live: Floats
-    chi2: float
+    @property
+    def chi2(self) -> float:
+        """Pearson's, of the bins with enough counts, by their number; about 1 where the shape is right."""
+        many = self.model >= MIN_FOR_CHI2
+        squares = (self.observed - self.model)[many] ** 2 / self.model[many]
+        free = len(squares) - 2 * len(self.model) - 3
+        return float(squares.sum() / free) if free > 0 else 1.0
 
 
 def find(
@@ -168,22 +159,9 @@ def find(
         f"{left_out.get(first)}",
     )
     good = np.setdiff1d(np.arange(len(histograms)), list(left_out))
-    inside = starts[good, None] + np.arange(size)
-    observed, live = histograms[good[:, None], inside], live[good[:, None], inside]
-    edges = edges_s[starts[good, None] + np.arange(size + 1)]
-    found = fit(edges, observed, live)
-    many = found.model >= MIN_FOR_CHI2
-    squares = (observed - found.model)[many] ** 2 / found.model[many]
-    free = len(squares) - 2 * len(good) - 3
-    return Peaks(
-        **vars(found),
-        index=good,
-        left_out=left_out,
-        time_s=(edges[:, :-1] + edges[:, 1:]) / 2,
-        observed=observed,
-        live=live,
-        chi2=float(squares.sum() / free) if free > 0 else 1.0,
-    )
+    inside, edges = (starts[good, None] + np.arange(width) for width in (size, size + 1))
+    found = fit(edges_s[edges], histograms[good[:, None], inside], live[good[:, None], inside])
+    return replace(found, index=good, left_out=left_out)
 
 
 def _refuse_saturated(histogram: Floats, pulses: float, max_per_pulse: float) -> None:
@@ -224,7 +202,7 @@ def _highest(histogram: Floats, width_s: float) -> int:
     return peak
 
 
-def fit(edges_s: Floats, observed: Floats, live: Floats) -> Fit:
+def fit(edges_s: Floats, observed: Floats, live: Floats) -> Peaks:
     """Fit a centre, counts and a background to each of N histograms, and one shape to all.
 
     The (N, W) observed counts of bins with (N, W + 1) edges are Poisson distributed about live (counts * a
@@ -251,7 +229,10 @@ def fit(edges_s: Floats, observed: Floats, live: Floats) -> Fit:
             "the search for one shape of all peaks does not end: look at the raw data with rig plot"
         )
     centre_s, counts, background = own.T
-    return Fit(centre_s + zero[:, 0], errors, counts, background, Emg(*common.tolist()), covariance, model)
+    return Peaks(
+        centre_s + zero[:, 0], errors, counts, background, Emg(*common.tolist()), covariance,
+        (edges_s[:, :-1] + edges_s[:, 1:]) / 2, observed, live, model, np.arange(len(own)), {},
+    )  # fmt: skip
 
 
 def _start(edges_s: Floats, observed: Floats, live: Floats) -> tuple[Floats, Floats]:

@@ -136,7 +136,8 @@ class TargetRoutine(Routine[TimeZero]):
         if direct.max() > total.max():
             middle = round((direct_start_s - start_s) / raw.bin_width_s) + int(direct.argmax())
             near = round(NEAR_S / raw.bin_width_s)
-            searched = slice(max(middle - near, 0), middle + near)
+            first = min(max(middle - near, 0), max(len(total) - 2 * near, 0))
+            searched = slice(first, first + 2 * near)
         edges_s = np.asarray(start_s + np.arange(len(total) + 1) * raw.bin_width_s, dtype=np.float64)
         return peaks.find(
             total[None], np.array([np.inf]), np.ones((1, len(total))), edges_s,
