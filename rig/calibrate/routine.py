@@ -1,7 +1,8 @@
 """What a calibration routine is: it measures through the devices, fits what it measured, and shows it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +14,7 @@ from rig.acquire.preflight import check
 from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.devices import Galvo, Laser
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -108,3 +110,17 @@ def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watc
     check(plan, state, path.parent)
     record(plan, state, station.devices, path, watch, station.operator)
     return path
+
+
+@contextmanager
+def beam(station: Station, config: RigConfig, angle: tuple[float, float]) -> Iterator[tuple[Galvo, Laser]]:
+    """Light the beam, aimed before it is lit; it is dark again after the block, however that ends."""
+    galvo, laser = station.devices.galvo, station.devices.laser
+    galvo.point(*angle)
+    galvo.wait_settled(config.galvo.settle_timeout_s)
+    try:
+        laser.arm()
+        laser.emit()
+        yield galvo, laser
+    finally:
+        laser.stop()

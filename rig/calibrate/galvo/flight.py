@@ -18,6 +18,7 @@ from rig.calibrate import figures
 from rig.calibrate.galvo.mirror import AIMED_TO_M, fit_flight, galvo_model
 from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.calibrate.raw import Origin, origin, reading
+from rig.calibrate.routine import beam
 from rig.calibrate.timing.first_bounce import FirstBounceRoutine, first_bounces, mirror_rad
 from rig.errors import DataFileError, UsageError
 from rig.model.calibrations.kinds import GalvoModel
@@ -58,20 +59,13 @@ class FlightRoutine(FirstBounceRoutine[GalvoModel]):
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Let a person steer the beam onto marks, then scan."""
-        galvo, laser = station.devices.galvo, station.devices.laser
-        station.operator.prepare(Preparation.ATTENUATE)
-        galvo.point(0.0, 0.0)  # aims before it lights
-        galvo.wait_settled(state.config.galvo.settle_timeout_s)
         marks = []
-        try:
-            laser.arm()
-            laser.emit()
+        station.operator.prepare(Preparation.ATTENUATE)
+        with beam(station, state.config, (0.0, 0.0)) as (galvo, _):
             for mark_m in wall_marks_m(state.config):
                 marks.append(Mark(mark_m=mark_m, mirror_rad=station.operator.aim_at(galvo, mark_m)))
                 if watch.should_stop():
                     return []
-        finally:
-            laser.stop()
         marks_path = folder / "galvo-marks.json"
         with appearing(marks_path) as partial:
             content = WallMarks(galvo=galvo.identity, marks=marks)

@@ -19,7 +19,7 @@ from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import MIN_SPOTS, locate
 from rig.calibrate.geometry_fit import Spots
 from rig.calibrate.raw import origin
-from rig.calibrate.routine import Routine
+from rig.calibrate.routine import Routine, beam
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Board, Preparation
@@ -80,13 +80,8 @@ class CameraRoutine(Routine[GalvoModel]):
         return [path]
 
     def _lit(self, station: Station, config: RigConfig, writer: ImagesWriter, watch: Watch) -> None:
-        galvo, laser = station.devices.galvo, station.devices.laser
         angles = mirror_angles_rad(config, self.columns, self.rows)
-        galvo.point(*angles[0])  # aims before it lights
-        galvo.wait_settled(config.galvo.settle_timeout_s)
-        try:
-            laser.arm()
-            laser.emit()
+        with beam(station, config, angles[0]) as (galvo, laser):
             for angle in angles:
                 if watch.should_stop():
                     break
@@ -95,11 +90,8 @@ class CameraRoutine(Routine[GalvoModel]):
                 writer.take("lit", angle)
             require(
                 laser.emitting(),
-                "the laser went dark by itself while spots were measured: check its interlock, and begin "
-                "anew",
+                "the laser went dark while spots were measured: check its interlock, and begin anew",
             )
-        finally:
-            laser.stop()
 
     def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from the pictures of one file."""
