@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon import memory
-from recon.camera import Camera
+from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
@@ -94,16 +94,44 @@ def image(
             "it computes on the cpu alone",
             f"Use {' or '.join(taking('device'))}, or the cpu.",
         )
-    problem = replace(plan(capture, pulse, grid, camera, window, progress), device=device, fft=fft)
+    problem = replace(
+        plan(capture, pulse, grid, camera, window, progress),
+        device=device,
+        fft=fft,
+        slopes=isinstance(camera, ConfocalCamera),
+    )
     if problem.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
     problem = bounded(problem, solver, memory_bytes)
     field = np.empty(grid.shape, np.complex64)
+    late_s = np.empty(grid.shape, np.float32) if problem.slopes else None
     for index, plane in enumerate(planes(problem, solver)):
         field[index] = plane[0]
-    return Image(grid, field, solver, window, camera, pulse, problem.depth_blocks)
+        if late_s is not None:
+            late_s[index] = lateness_s(plane[0], plane[1], pulse)
+    return Image(grid, field, solver, window, camera, pulse, problem.depth_blocks, late_s=late_s)
+
+
+def lateness_s(
+    field: NDArray[np.complexfloating], slope: NDArray[np.complexfloating], pulse: VirtualPulse
+) -> NDArray[np.floating]:
+    """Return by how much later than a voxel is read its pulse is at its peak.
+
+    The envelope is exp(-(t - t_0)^2/(2 sigma_t^2)), so d ln|U| / dt = t_0 / sigma_t^2 at t = 0, which is
+    Re(U* dU/dt) / |U|^2; zero where there is no field.
+
+    Parameters
+    ----------
+    field, slope
+        U, and dU/dt - i omega_0 U, which has the same envelope's change.
+    pulse
+        The virtual illumination.
+    """
+    power = field.real**2 + field.imag**2
+    change = field.real * slope.real + field.imag * slope.imag
+    return pulse.sigma_s**2 * np.divide(change, power, out=np.zeros_like(power), where=power > 0)
 
 
 def plan(

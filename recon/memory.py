@@ -4,7 +4,7 @@ Everything that grows with the scan or the volume is counted: here what all solv
 solver that keeps to a bound what it needs itself (`needs`; lattice and tables below):
 
 ==================================  ========================================================================
-the field, and a depth block's beside it   8 bytes a voxel; 24 more for each voxel of the thickest depth block
+the field and its lateness          12 bytes a voxel; 32 more for each voxel of the thickest depth block
 a block of the record               8 bytes a bin of `BLOCK_POSITIONS` positions
 spectra                             8 bytes a position and frequency; 40 more while phases are applied, where
                                     each position has its own first bin
@@ -73,7 +73,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     fixed = SLACK_BYTES + 8 * min(BLOCK_POSITIONS, capture.positions) * bins
     frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
     plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
-    fixed += 8 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
+    fixed += 12 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
     least = fixed + max(need.fixed for need in needs) + together * spectrum + solver
     if memory_bytes < least:
         raise MemoryBoundError(

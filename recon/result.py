@@ -32,6 +32,9 @@ class Image:
     times_s, frames
         (T,) moments since the flash, and (T, y, x) float32 intensity over depth of a video; None for an
         image.
+    late_s
+        (z, y, x) float32: by how much later than each voxel is read its pulse is at its peak; None where that
+        was not asked. It is zero on a surface, see `recon.depth`.
     falloff_power
         Power of 1/depth left in the intensity that `recon.depth.compensate_falloff` should undo for the eye.
     snr
@@ -49,6 +52,7 @@ class Image:
     depth_blocks: tuple[DepthBlock, ...] = ()
     times_s: NDArray[np.float64] | None = None
     frames: NDArray[np.float32] | None = None
+    late_s: NDArray[np.float32] | None = None
     falloff_power: float = 4.0
     snr: float | None = None
     notes: tuple[str, ...] = ()

@@ -106,8 +106,7 @@ def windowed_blocks(
     first = int(falls[0]) if len(falls) else len(end)
     for block, counts in capture.histograms.blocks(bins):
         soft = np.array(counts, dtype=dtype)
-        first_bin_s = capture.first_bin_s if len(capture.first_bin_s) == 1 else capture.first_bin_s[block]
-        start = window.start_weights(first_bin_s, bins, capture.bin_width_s)
+        start = window.start_weights(capture.begins_s(block), bins, capture.bin_width_s)
         soft[:, : start.shape[1]] *= start
         soft[:, first:] *= end[first:]
         yield block, soft

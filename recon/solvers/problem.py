@@ -6,12 +6,13 @@ It asks the camera for light, reading times and aperture weights, and never what
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import Camera
-from recon.capture import Capture
+from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock, plane_times_s
 from recon.wave import Band, Light
@@ -66,6 +67,9 @@ class ImagingProblem:
         Where the rsd solver computes: "cpu" or "cuda".
     fft
         Whether the rsd solver goes by FFT; None takes what is quicker.
+    slopes
+        Whether the change with time is asked for beside the field: the solver then yields (2, y, x) for each
+        plane, U and dU/dt - i omega_0 U. For images of one moment.
     wall_bytes
         Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
     """
@@ -82,6 +86,7 @@ class ImagingProblem:
     plane_bytes: int = 2**30
     device: str = "cpu"
     fft: bool | None = None
+    slopes: bool = False
     wall_bytes: int = 256 * 2**20
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
@@ -92,6 +97,11 @@ class ImagingProblem:
     def band(self) -> Band:
         """The frequencies of a problem of one depth block."""
         return self.depth_blocks[0].band
+
+    @property
+    def reference_rad_per_s(self) -> float | None:
+        """The frequency omega_0 from which changes with time are counted; None if they are not asked for."""
+        return 2 * pi * C_M_PER_S / self.light.wavelength_m if self.slopes else None
 
     @property
     def frames(self) -> int:

@@ -42,9 +42,20 @@ class Propagator(ABC):
     def fields(self, z_m: float) -> Field:
         """Return g(omega) F(v, omega) on the plane at depth `z_m`: (F, y, x) complex."""
 
-    def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
-        """Sum the fields over all frequencies at moments t, (T, y or 1, x or 1): (T, y, x) complex."""
-        return read(self.fields(z_m), self.band, times_s)
+    def focus(
+        self, z_m: float, times_s: NDArray[np.float64], reference_rad_per_s: float | None = None
+    ) -> Field:
+        """Sum the fields over all frequencies at moments t, (T, y or 1, x or 1): (T, y, x) complex.
+
+        With a reference omega_0, and one moment, the change dU/dt - i omega_0 U follows: (2, y, x).
+        """
+        fields = self.fields(z_m)
+        values = read(fields, self.band, times_s)
+        if reference_rad_per_s is None:
+            return values
+        turning = 1j * (self.band.frequencies_rad_per_s - reference_rad_per_s)
+        fields *= turning[:, None, None].astype(fields.dtype)
+        return np.concatenate([values, read(fields, self.band, times_s)])
 
 
 class SumPropagator(Propagator):
@@ -164,14 +175,14 @@ def _planes(
 ) -> Iterator[Field]:
     """Image a problem of one depth block: darkness, where the record does not reach it."""
     if not part.depth_blocks[0].reached:
-        return (np.zeros((part.frames, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
+        return (np.zeros((part.frames + part.slopes, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
     emitted *= part.band.weights[:, None]
     emitted *= part.weights
     return focus_block(part, emitted)
 
 
 def by_planes(
-    problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64]], Field]
+    problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64], float | None], Field]
 ) -> Iterator[Field]:
     """Image a problem of one depth block plane by plane.
 
@@ -182,11 +193,11 @@ def by_planes(
     problem
         Its planes.
     focus
-        Called with a depth and the moments there, as `Propagator.focus`.
+        Called with a depth, the moments there, and the reference for slopes, as `Propagator.focus`.
     """
 
     def one_plane(plane: int) -> Field:
-        return focus(float(problem.grid.z_m[plane]), problem.times_s(plane))
+        return focus(float(problem.grid.z_m[plane]), problem.times_s(plane), problem.reference_rad_per_s)
 
     planes = range(len(problem.grid.z_m))
     frequencies = len(problem.band) if problem.frames > 1 else 1

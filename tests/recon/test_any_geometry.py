@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -14,6 +13,7 @@ from recon.imaging import image, plan, planes
 from recon.solvers.rsd import direct_f32, dispatch
 from recon.wave import VirtualPulse
 from recon.window import Window
+from support.hidden_points import C, exact, histograms, wall, worst
 
 PULSE = VirtualPulse(0.08)
 BIN, BINS = 16e-12, 700
@@ -59,33 +59,6 @@ def taken(spots, geometry, first_bin_s=0.0, points_m=POINTS):
     detector_m = DETECTORS[geometry](spots)
     counts = histograms(points_m, spots, detector_m, BINS, BIN, first_bin_s)
     return Capture(ArrayHistograms(counts, 100), BIN, np.atleast_1d(first_bin_s), spots, detector_m)
-
-
-def exact(capture, result):
-    """The defining sum of the records, each with its own two legs, in complex128."""
-    first = np.broadcast_to(capture.first_bin_s, capture.positions)[:, None]
-    times_s = first + (np.arange(BINS) + 0.5) * BIN
-    parts = []
-    for depth_block in result.depth_blocks:
-        axes = np.meshgrid(
-            result.grid.z_m[depth_block.planes], result.grid.y_m, result.grid.x_m, indexing="ij"
-        )
-        voxels = np.stack([axis.ravel() for axis in axes[::-1]], axis=1)[:, None]
-        r_p = np.linalg.norm(voxels - capture.laser_m, axis=2)
-        r_c = np.linalg.norm(voxels - capture.detector_m, axis=2)
-        total = 0
-        for frequency, weight in zip(
-            depth_block.band.frequencies_rad_per_s, depth_block.band.weights, strict=True
-        ):
-            turn = np.exp(-1j * frequency * times_s[:, depth_block.bins])
-            spectrum = (capture.histograms.counts[:, depth_block.bins] * turn).sum(axis=1)
-            total = total + weight * (np.exp(1j * frequency * (r_p + r_c) / C) / r_p) @ spectrum
-        parts.append(total.reshape(axes[0].shape))
-    return np.concatenate(parts)
-
-
-def worst(found, wanted):
-    return np.abs(found - wanted).max() / np.abs(wanted).max()
 
 
 def by_fft(name, geometry="one"):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_points import C, wall
 
 from recon.aperture import recognise
 from recon.errors import ParameterError
@@ -14,6 +13,7 @@ from recon.grid import VoxelGrid
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import VirtualPulse
+from support.hidden_points import C, wall
 
 BAND = VirtualPulse(0.08).band(4e-9)
 DETECTOR = np.array([0.03, -0.05, 0.0])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff
@@ -10,6 +9,7 @@ from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.solvers.classic.solve import baseline_image
 from recon.window import Window
+from support.hidden_points import histograms, snake, wall
 
 POINT = np.array([0.083, -0.057, 0.613])
 BIN = 8e-12
@@ -32,12 +32,6 @@ def taken(laser_m, detector_m, first_bin_s=0.0, falloff=True, bins=1000):
     first_bin_s = np.atleast_1d(first_bin_s)
     counts = histograms(POINT, laser_m, detector_m, bins, BIN, first_bin_s, falloff)
     return Capture(ArrayHistograms(counts, 300), BIN, first_bin_s, laser_m, detector_m)
-
-
-def snake(laser_m, columns):
-    rows = laser_m.reshape(-1, columns, 3).copy()
-    rows[1::2] = rows[1::2, ::-1]
-    return rows.reshape(-1, 3)
 
 
 LASER = wall(32, 28, 0.015)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from test_published_scenes import load
 
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
 from recon.solvers.classic.solve import baseline_image
+from support.published import load
 
 
 @pytest.mark.parametrize("solver", ["log-fbp", "lct", "fk"])

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -16,6 +15,7 @@ from recon.registry import WAVE_SOLVERS
 from recon.video import frame_times_s, video
 from recon.wave import ContinuousWave, VirtualPulse
 from recon.window import Window
+from support.hidden_points import C, histograms, wall
 
 PULSE = VirtualPulse(0.06)
 LASER = wall(24, 20, 0.02)

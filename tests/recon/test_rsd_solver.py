@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import direct_sum, histograms, wall
 
 from recon.camera import ConfocalCamera
 from recon.capture import ArrayHistograms, Capture
@@ -13,6 +12,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.wave import VirtualPulse
 from recon.window import Window
+from support.hidden_points import exact, histograms, wall, worst
 
 PITCH = 0.02
 PULSE = VirtualPulse(0.08)
@@ -30,32 +30,6 @@ def capture(confocal=False, first_bin_s=0.0, laser_m=None, detector_m=(0.03, -0.
 
 def voxels(pitch=PITCH, x0=-0.23, y0=-0.19, nx=24, ny=20, z_m=(0.5, 0.52, 0.54, 0.74, 0.76)):
     return VoxelGrid(x0 + pitch * np.arange(nx), y0 + pitch * np.arange(ny), np.array(z_m))
-
-
-def exact(taken, result):
-    """The defining sum over the very frequencies and bins that the solver used."""
-    first = np.broadcast_to(taken.first_bin_s, taken.positions)[:, None]
-    times_s = first + (np.arange(BINS) + 0.5) * BIN
-    parts = []
-    for depth_block in result.depth_blocks:
-        grid = VoxelGrid(result.grid.x_m, result.grid.y_m, result.grid.z_m[depth_block.planes])
-        parts.append(
-            direct_sum(
-                taken.histograms.counts[:, depth_block.bins],
-                times_s[:, depth_block.bins],
-                taken.laser_m,
-                taken.detector_m,
-                grid,
-                depth_block.band.frequencies_rad_per_s,
-                depth_block.band.weights,
-                taken.confocal,
-            )
-        )
-    return np.concatenate(parts)
-
-
-def worst(found, wanted):
-    return np.abs(found - wanted).max() / np.abs(wanted).max()
 
 
 def correlation(a, b):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
@@ -10,6 +9,7 @@ from recon.sampling import depth_blocks, path_limits_m
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
+from support.hidden_points import C, histograms, wall
 
 PULSE = VirtualPulse(0.06)
 GRID = VoxelGrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.1, 0.3, 7), np.linspace(0.4, 1.6, 25))

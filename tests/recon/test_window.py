@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import ParameterError
@@ -10,6 +9,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.wave import VirtualPulse
 from recon.window import Window
+from support.hidden_points import histograms, wall
 
 
 def test_end_is_the_last_bins_raised_cosine():

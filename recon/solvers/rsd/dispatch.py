@@ -204,7 +204,9 @@ def _on_lattices(
     if len(groups) == 1:
         yield from by_planes(problem, _propagation(problem, emitted, groups[0]))
         return
-    total: Field = np.zeros((len(problem.grid.z_m), 1, *problem.grid.shape[1:]), np.complex64)
+    total: Field = np.zeros(
+        (len(problem.grid.z_m), 1 + problem.slopes, *problem.grid.shape[1:]), np.complex64
+    )
     for number, group in enumerate(groups):
         told = part_of(problem.progress, number / len(groups), (number + 1) / len(groups))
         part = replace(problem, progress=told)
@@ -215,7 +217,7 @@ def _on_lattices(
 
 def _propagation(
     problem: ImagingProblem, emitted: NDArray[np.complex64], group: PlanarGroup
-) -> Callable[[float, NDArray[np.float64]], Field]:
+) -> Callable[[float, NDArray[np.float64], float | None], Field]:
     """Return what focuses a group on a plane at moments that do not hold the group's own detector path."""
     aperture, emitted = _put(problem, emitted, group)
     through = LatticePropagator(
@@ -226,8 +228,8 @@ def _propagation(
         group.round_trip_factor,
         problem.wall_bytes,
     )
-    return lambda z_m, times_s: through.focus(
-        z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m)
+    return lambda z_m, times_s, reference: through.focus(
+        z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m), reference
     )
 
 
@@ -247,8 +249,9 @@ def _on_device(
         group.round_trip_factor,
         times_s,
         problem.progress,
+        reference_rad_per_s=problem.reference_rad_per_s,
         on=rsd_array.backend(problem.device),
-    )[:, None]
+    )
 
 
 def check(problem: ImagingProblem) -> None:

@@ -54,7 +54,7 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
     Yields
     ------
     ndarray
-        (1, y, x) complex64 field U of each plane.
+        (1 or 2, y, x) complex64 field U of each plane, and its slope where the problem asks for it.
     """
     capture, band, grid = problem.capture, problem.band, problem.grid
     begin_m, nodes_per_m, nodes = node_range(capture, band, grid, problem.camera)
@@ -68,7 +68,7 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
     seen = (capture.detector_m[order] if capture.round_trip else np.empty((0, 3))).astype(np.float32)
     axes = [axis.astype(np.float32) for axis in (grid.z_m, grid.y_m, grid.x_m)]
     at_once = max(1, min(problem.working_bytes, TABLE_BYTES) // (2 * NODE_BYTES * nodes))
-    field = np.zeros(grid.shape, np.complex64)
+    field = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
     for start in range(0, len(order), at_once):
         part = slice(start, min(start + at_once, len(order)))
         table = np.zeros((part.stop - start, nodes, 2), np.complex64)
@@ -91,7 +91,11 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
             )
             done = start + (plane + 1) / len(grid.z_m) * (part.stop - start)
             problem.progress(done / len(order))
-    yield from field[:, None]
+    if problem.reference_rad_per_s is not None:
+        # The slope of a straight line between nodes, and that of the carrier in the band's middle.
+        field[:, 1] *= nodes_per_m * C_M_PER_S
+        field[:, 1] += 1j * (middle_rad_per_s - problem.reference_rad_per_s) * field[:, 0]
+    yield from field
 
 
 def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
@@ -99,7 +103,7 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
     nodes = node_range(problem.capture, part.band, grid, problem.camera)[2]
     # The table's phases, with their double-precision halves, belong to the pass's frequencies.
-    fixed = 24 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
+    fixed = 32 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
     return Need(fixed, 2 * NODE_BYTES * nodes * MIN_POSITIONS, many)
 
 
@@ -127,7 +131,7 @@ def _look_up(
     turns_per_m: np.float32,
     plane: NDArray[np.complex64],
 ) -> None:
-    """Add what each voxel of a plane (y, x) reads in the tables (P, nodes, 4).
+    """Add what each voxel of a plane (1, y, x) reads in the tables (P, nodes, 4); with (2, y, x), its change.
 
     The path is r_p + `read_m`, (y, x), and r_c of the record's own detector spot where there are any. What
     needs no look-up is in loops of its own, which vectorise.
@@ -143,6 +147,7 @@ def _look_up(
         same_leg = False
         real, imaginary = np.zeros(count, np.float32), np.zeros(count, np.float32)
         value_re, value_im = np.empty(count, np.float32), np.empty(count, np.float32)
+        change_re, change_im = np.zeros(count, np.float32), np.zeros(count, np.float32)
         for p in range(len(laser_m)):
             across, depth = laser_m[p, 1] - y_m[j], laser_m[p, 2] - z_m
             beside = across * across + depth * depth
@@ -198,5 +203,14 @@ def _look_up(
             for i in range(count):
                 real[i] += value_re[i] * cosine[i] - value_im[i] * sine[i]
                 imaginary[i] += value_re[i] * sine[i] + value_im[i] * cosine[i]
+            if len(plane) > 1:
+                for i in range(count):
+                    value_re[i], value_im[i] = row[node[i], 2], row[node[i], 3]
+                for i in range(count):
+                    change_re[i] += value_re[i] * cosine[i] - value_im[i] * sine[i]
+                    change_im[i] += value_re[i] * sine[i] + value_im[i] * cosine[i]
         for i in range(count):
-            plane[j, i] += complex(real[i], imaginary[i])
+            plane[0, j, i] += complex(real[i], imaginary[i])
+        if len(plane) > 1:
+            for i in range(count):
+                plane[1, j, i] += complex(change_re[i], change_im[i])
