@@ -27,8 +27,8 @@ class Raw:
 
     Attributes
     ----------
-    label
-        File and pass, for messages.
+    label, alone
+        File and pass, for messages; and whether the file has no other.
     config
         As it was set for this pass.
     bins, bin_width_s, first_bin_s
@@ -51,6 +51,7 @@ class Raw:
                 f"{self.label} does not say how it was measured: give files of this program"
             )
         self._pass, self.config = one, one.config
+        self.alone = len(one.steps) == one.scan.steps
         steps = slice(one.steps.start, one.steps.stop)
         self.bins, self.bin_width_s, self.first_bin_s = one.time_axis
         self.done, self.live_s, self.laser_m = one.scan.done[steps], one.live_time_s, one.laser_m

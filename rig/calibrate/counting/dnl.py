@@ -162,7 +162,7 @@ def _draw_widths(axes: Axes, time_ns: Floats, off: Floats, widths: Floats) -> No
     known = np.isfinite(off)
     for values, colour, label in (
         (off, figures.GREY, "as counted"),
-        (100 * (widths - 1), figures.BLUE, "best estimate: shrunk towards 0"),
+        (100 * (widths - 1), figures.BLUE, "believed: shrunk towards 0"),
     ):
         axes.plot(time_ns[known], values[known], ".", markersize=2, color=colour, label=label)
     if not known.all():

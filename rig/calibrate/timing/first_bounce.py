@@ -78,6 +78,7 @@ def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:
     require(raw.done.any(), f"{raw.label} holds no measured position: measure again")
     if not gated:
         raw.refuse_gated()
+        require(raw.alone, f"{raw.label} is one of several passes: it is raw data of another calibration")
     pulses = raw.live_s[raw.done] * raw.config.laser.repetition_hz
     counts = raw.counts[raw.done]
     return peaks.find(

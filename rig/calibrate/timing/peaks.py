@@ -153,10 +153,10 @@ def find(
         except CalibrationError as error:
             left_out[number] = str(error)
     first = min(left_out, default=0)
+    several = f"{len(left_out)} of {len(histograms)} positions cannot be used. Position {first}: "
     require(
         len(left_out) <= MAX_LEFT_OUT * len(histograms),
-        f"{name}: {len(left_out)} of {len(histograms)} positions cannot be used. Position {first}: "
-        f"{left_out.get(first)}",
+        f"{name}: {several if len(histograms) > 1 else ''}{left_out.get(first)}",
     )
     good = np.setdiff1d(np.arange(len(histograms)), list(left_out))
     inside, edges = (starts[good, None] + np.arange(width) for width in (size, size + 1))

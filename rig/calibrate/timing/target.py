@@ -115,7 +115,7 @@ class TargetRoutine(Routine[TimeZero]):
             heads_m = np.array(found.laser_head_m), np.array(found.detector_head_m)
             stacked = self._stacked(raw, spots_m, *heads_m)
         figure, axes = figures.panels(f"target at {self._name}, all positions", [["peak"]], (8, 4))
-        draw_peak(axes["peak"], stacked, 0)
+        draw_peak(axes["peak"], stacked, 0, "delay")
         axes["peak"].set_xlabel("time less the way over the target (ns)")
         return figure
 

@@ -99,7 +99,7 @@ class TimeZeroRoutine(FirstBounceRoutine[TimeZero]):
             f"residuals {show(found.residual_s or 0.0, 's', 2)}, chi² {found.chi2:.2f}",
             [["peak", "wall", "order"]], (13, 4), width_ratios=(1, 1.2, 1.2),
         )  # fmt: skip
-        draw_peak(axes["peak"], visits[0], int(visits[0].counts.argmax()))
+        draw_peak(axes["peak"], visits[0], int(visits[0].counts.argmax()), "arrival")
         axes["peak"].set(title="a first bounce", ylim=(0.5, None), yscale="log")
         ends = np.cumsum([len(one.index) for one in visits])
         residuals_ps = np.split(1e12 * np.array(found.residuals_s), ends[:-1])
@@ -122,12 +122,12 @@ class TimeZeroRoutine(FirstBounceRoutine[TimeZero]):
         return figure
 
 
-def draw_peak(axes: Axes, found: Peaks, number: int) -> None:
-    """Draw the counts of one peak with the fit."""
+def draw_peak(axes: Axes, found: Peaks, number: int, what: str) -> None:
+    """Draw the counts of one peak with the fit, and what its centre is."""
     time_ns, live = found.time_s[number] * 1e9, found.live[number]
     axes.plot(time_ns, found.observed[number] / live, ".", color=figures.GREY, markersize=4, label="counts")
     axes.plot(time_ns, found.model[number] / live, color=figures.BLUE, linewidth=1.4, label="fit")
-    axes.axvline(found.centre_s[number] * 1e9, color=figures.RED, linewidth=1, label="arrival")
+    axes.axvline(found.centre_s[number] * 1e9, color=figures.RED, linewidth=1, label=what)
     axes.set(xlabel="time after sync (ns)", ylabel="counts a bin")
     axes.legend(frameon=False)
 
