@@ -1,6 +1,7 @@
-"""What a file lacks, estimated from its data. Arrays in, values out."""
+"""What a file lacks, estimated from its data: time zero, bin width, wall size. Arrays in, values out."""
 
 from recon.estimate.first_bounce import from_first_bounce
+from recon.estimate.unknown import bin_width, time_origin, wall_size
 from recon.estimate.value import Estimate, EstimateError
 
-__all__ = ["Estimate", "EstimateError", "from_first_bounce"]
+__all__ = ["Estimate", "EstimateError", "bin_width", "from_first_bounce", "time_origin", "wall_size"]
