@@ -10,7 +10,7 @@ the aperture:
 
     U(v, t) = sum_omega g(omega) exp(i omega t) F(v, omega),   I = |U|^2
 
-Where each position has a detector spot of its own (confocal data, or pairs), both legs are in the kernel:
+Where each position has a detector spot of its own (confocal data, or pairs), both paths are in the kernel:
 r_p + r_c in place of r_p in the phase, and t counts from the moment at which light that was scattered once
 by v is focused.
 
@@ -27,9 +27,6 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from recon.errors import GeometryError, ParameterError
 from recon.wave import ContinuousWave, Light, VirtualPulse
-
-#: How far a virtual source may be from the measured spot [m]: a tenth of a spot's spacing in usual scans.
-SAME_SPOT_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -127,8 +124,6 @@ class TransientCamera(Camera):
     ----------
     times_s
         (T,) moments of the frames.
-    source_m
-        (3,) place of the source, or None for the spot that was measured; only that one is possible.
 
     Raises
     ------
@@ -137,7 +132,6 @@ class TransientCamera(Camera):
     """
 
     times_s: NDArray[np.float64]
-    source_m: NDArray[np.float64] | None = None
     name = "transient"
 
     def __post_init__(self) -> None:
@@ -154,16 +148,4 @@ class TransientCamera(Camera):
                 "each position of this scan has its own detector spot, so that there is no one source",
                 "Use a scan with one detector spot, or the confocal or the photo camera.",
             )
-        if self.source_m is not None and np.linalg.norm(self.source_m - spot_m) > SAME_SPOT_M:
-            raise GeometryError(
-                "transient camera",
-                f"a virtual source at {_place(self.source_m)}",
-                f"the scan was taken with one detector spot, at {_place(spot_m)}, and only light "
-                "from there was measured",
-                "Leave the source out, or take a scan with the detector there.",
-            )
         return np.asarray(self.times_s, np.float64)[:, None, None]
-
-
-def _place(spot_m: NDArray[np.float64]) -> str:
-    return "(" + ", ".join(f"{value:.3f}" for value in spot_m) + ") m"

@@ -1,7 +1,7 @@
 """What imaging starts from: histograms, and where and when they were taken."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -66,7 +66,7 @@ class Capture:
         Width of a bin.
     first_bin_s
         (1,) or (P,): left edge of bin 0 in rectified time. It differs between positions where the record was
-        taken in the laser's time, because the legs to and from the wall differ.
+        taken in the laser's time, because the paths to and from the wall differ.
     laser_m
         (P, 3) laser spots x_p on the wall.
     detector_m
@@ -89,12 +89,35 @@ class Capture:
         """Number of bins B."""
         return self.histograms.shape[1]
 
+    def begins_s(self, positions: slice) -> NDArray[np.float64]:
+        """Return the left edge of bin 0 in rectified time for some positions: (block,), or (1,) for all."""
+        return self.first_bin_s if len(self.first_bin_s) == 1 else self.first_bin_s[positions]
+
+    def begin_m(self, positions: slice, first: int = 0) -> NDArray[np.float64]:
+        """Return the path c t in rectified time at the left edge of a bin, for some positions, (block,)."""
+        first_bin_s = np.broadcast_to(self.first_bin_s, self.positions)[positions]
+        return C_M_PER_S * (first_bin_s + first * self.bin_width_s)
+
     @property
     def confocal(self) -> bool:
         """Whether each position is lit and seen at the same spot."""
         return self.detector_m.shape == self.laser_m.shape and bool(
             np.allclose(self.detector_m, self.laser_m, atol=1e-4)
         )
+
+    def by_its_finer_aperture(self) -> "Capture":
+        """Return the capture with the spots that focus as its laser spots.
+
+        Light takes the same paths both ways, so that lasers and detectors may change places. The aperture is
+        the side with more spots; where the other is one spot, it is the one detector spot.
+        """
+        if not self.round_trip or self.confocal:
+            return self
+        sides = [np.unique(spots_m, axis=0) for spots_m in (self.laser_m, self.detector_m)]
+        swapped = len(sides[0]) < len(sides[1])
+        aperture_m, other_m = (self.detector_m, self.laser_m) if swapped else (self.laser_m, self.detector_m)
+        one_m = sides[0] if swapped else sides[1]
+        return replace(self, laser_m=aperture_m, detector_m=one_m if len(one_m) == 1 else other_m)
 
     @property
     def round_trip(self) -> bool:

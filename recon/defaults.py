@@ -16,8 +16,17 @@ from recon.wave import ContinuousWave, Light, VirtualPulse
 
 #: Full width at half maximum of a Gaussian in standard deviations.
 FWHM_SIGMAS = 2.355
-#: The paper's trade-off: a wavelength of four spacings.
-SPACINGS = 4.0
+#: Least wavelength in spacings of positions. A pulse of two cycles has a wide band, whose ghosts do not come
+#: together: below two spacings (four where laser and detector move together), they are a haze.
+SPACINGS, SPACINGS_CONFOCAL = 1.2, 3.0
+#: Positions whose haze is faint enough for that; of fewer, the wavelength is longer by the root.
+MANY_POSITIONS = 1000
+#: Wavelength in the shortest that the instrument's response passes: two thirds of the band pass well.
+RESPONSES = 1.5
+#: Response that is taken where none is known: laser, detector and timing of the usual rig.
+USUAL_RESPONSE_S = 65e-12
+#: Where no response is known, so many wavelengths are to fit on the wall.
+WAVELENGTHS = 12.0
 #: Fewest wavelengths across the wall with which anything is told apart.
 MIN_WAVELENGTHS = 4.0
 #: Part of a lattice that must be filled for its pitch to be the spacing.
@@ -35,14 +44,18 @@ class Choice:
 
 
 def spacing_m(capture: Capture) -> float:
-    """Return the spacing that sets the aliasing.
+    """Return the spacing that sets the aliasing: that of the finer aperture, where pairs have two.
 
     That is the coarser pitch of a regular grid, on a plane of any depth; for scattered positions, and for few
     points of a grid, the side of the square that each has to itself, sqrt(area / positions): random ones
     crowd, and the distance of nearest neighbours, half of that, would promise too much. Spots that are lit
     more than once, with several detectors, count once.
     """
-    spots_m = np.unique(np.round(capture.laser_m, 4), axis=0)
+    return _spacing_of_m(capture.by_its_finer_aperture().laser_m)
+
+
+def _spacing_of_m(spots_m: NDArray[np.float64]) -> float:
+    spots_m = np.unique(np.round(spots_m, 4), axis=0)
     try:
         aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
@@ -80,15 +93,35 @@ def _slowest_response_s(extent_m: float) -> float:
 
 
 def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice:
-    """Choose a wavelength from the spacing of positions, and from the instrument's response where known."""
-    pitch_m = spacing_m(capture)
-    spaced = Choice(SPACINGS * pitch_m, f"four times the spacing of positions, {pitch_m * 100:.3g} cm")
-    if response_fwhm_s is None or shortest_wavelength_m(response_fwhm_s) <= spaced.value:
-        return spaced
-    return Choice(
-        shortest_wavelength_m(response_fwhm_s),
-        f"the shortest that an instrument response of {response_fwhm_s * 1e12:.0f} ps passes",
+    """Choose a wavelength from spacing and number of positions, and from the instrument's response.
+
+    The reason names the choice that is next worth a try.
+    """
+    spots_m = np.unique(np.round(capture.by_its_finer_aperture().laser_m, 4), axis=0)
+    pitch_m, few = spacing_m(capture), min(2.0, max(1.0, (MANY_POSITIONS / len(spots_m)) ** 0.5))
+    spaced = Choice(
+        few * (SPACINGS_CONFOCAL if capture.confocal else SPACINGS) * pitch_m,
+        f"for {len(spots_m):,} positions {pitch_m * 100:.3g} cm apart",
     )
+    if response_fwhm_s is not None:
+        passed = Choice(
+            RESPONSES * shortest_wavelength_m(response_fwhm_s),
+            f"for an instrument response of {response_fwhm_s * 1e12:.0f} ps",
+        )
+    else:
+        response_s = max(USUAL_RESPONSE_S, capture.bin_width_s)
+        fitting_m = float(np.ptp(spots_m, axis=0).max()) / WAVELENGTHS
+        passed = Choice(
+            min(RESPONSES * shortest_wavelength_m(response_s), fitting_m),
+            "since no instrument response is known",
+        )
+    return _rounded(max(spaced, passed, key=lambda choice: choice.value))
+
+
+def _rounded(choice: Choice) -> Choice:
+    """Round to two digits, and add what else to try."""
+    value = float(f"{choice.value:.2g}")
+    return Choice(value, f"{choice.reason}; {value * 70:.2g} cm may show more, with more noise")
 
 
 def voxels(
@@ -114,7 +147,7 @@ def voxels(
     width_m, height_m, voxel_m, depth_m
         As in `VoxelGrid.from_spec`; None chooses.
     """
-    low, high = capture.laser_m.min(axis=0), capture.laser_m.max(axis=0)
+    low, high = extent(capture)
     pitch_m = spacing_m(capture)
     voxel_m = voxel_m or pitch_m
     width_m = width_m or float(high[0] - low[0]) + pitch_m
@@ -145,16 +178,22 @@ def _snapped(voxels_m: NDArray[np.float64], wall: LatticeAxis) -> NDArray[np.flo
     return wall.start_m + wall.pitch_m * (start + round(stride) * np.arange(len(voxels_m), dtype=np.float64))
 
 
+def extent(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the greatest coordinates of the wall that is lit or, by several spots, seen."""
+    spots_m = np.vstack([capture.laser_m, capture.detector_m]) if capture.round_trip else capture.laser_m
+    return spots_m.min(axis=0), spots_m.max(axis=0)
+
+
 def depths(capture: Capture) -> tuple[float, float]:
     """Choose the nearest and the farthest depth.
 
     Near: half a metre, or half the wall's width where that is less. Far: three metres, or half of the
     record's longest path.
     """
-    extent = np.ptp(capture.laser_m, axis=0)
+    low, high = extent(capture)
     end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s
     far_m = min(FAR_M, end_s * C_M_PER_S / 2)
-    near_m = min(NEAR_M, float(max(extent[0], extent[1])) / 2)
+    near_m = min(NEAR_M, float((high - low)[:2].max()) / 2)
     return (near_m, far_m) if near_m < far_m else (far_m / 2, far_m)
 
 
@@ -171,14 +210,15 @@ def warnings(
     """
     found = []
     pitch_m = spacing_m(capture)
-    least = 4 if capture.confocal else 2
+    least = 2 if capture.confocal else 1
     if pulse.wavelength_m < least * pitch_m * (1 - 1e-3):
         found.append(
             f"wavelength {pulse.wavelength_m * 100:.3g} cm is shorter than {least} times the spacing of "
             f"positions, {pitch_m * 100:.3g} cm: ghosts will appear; use "
             f"{least * pitch_m * 100:.3g} cm or more"
         )
-    extent_m = float(np.ptp(capture.laser_m, axis=0).max())
+    low, high = extent(capture)
+    extent_m = float((high - low).max())
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
     if response_fwhm_s and extent_m < MIN_WAVELENGTHS * passed_m:
         found.append(

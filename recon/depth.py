@@ -1,4 +1,19 @@
-"""From a volume to what one looks at: front view and depth map."""
+"""From a volume to what one looks at: front view and depths.
+
+**Where a surface is.** The brightest voxel along depth is not quite on it. The 1/r of the sum takes something
+from far voxels, z^-2 of the intensity of a point and nothing of a plane's (there the part of the wall that
+adds up grows with r), and a power q of depth moves the peak of a Gaussian of variance s^2 by q s^2/z:
+millimetres at lambda = 4 cm, centimetres for long waves. Such a factor belongs to the voxel and not to the
+time, though. So the pulse is read in time: at a voxel v
+
+    U(v, t) = sum_p A_p/r_p(v) pulse(t + tau_p(v) - tau_p(v_0))
+
+for a point at v_0 with the delays tau_p, and at v = v_0 all pulses are at their peak at t = 0, whatever the
+weights, the pulse's length and the arrangement of spots. The time t_0(v) of the peak is late, positive, in
+front of a surface and negative behind it; the surface is where it is zero. For an extended plane the sum over
+its points is one of stationary phase: the factor that it leaves hardly depends on the frequency, and a factor
+that does not depend on it has no delay.
+"""
 
 from typing import TypeVar
 
@@ -11,7 +26,7 @@ Values = TypeVar("Values", NDArray[np.float32], NDArray[np.complex64])
 def compensate_falloff(amplitude: Values, z_m: NDArray[np.float64], power: float = 2.0) -> Values:
     """Multiply an amplitude by z^power, so that far objects are not lost beside near ones.
 
-    Counts from a small object fall as depth^-4 (both legs spread), and the intensity of its image with them
+    Counts from a small object fall as depth^-4 (both paths spread), and the intensity of its image with them
     and the wall's apparent size. The square of depth on the amplitude, the fourth power on the intensity,
     undoes the first of these; it also lifts the noise of far planes.
 
@@ -37,62 +52,82 @@ def front_view(intensity: NDArray[np.float32]) -> NDArray[np.float32]:
     return intensity.max(axis=0)
 
 
-def depth_map(
-    intensity: NDArray[np.float32], z_m: NDArray[np.float64], threshold: float = 0.1, lifted: float = 0.0
+def peak_depth(
+    intensity: NDArray[np.float32], z_m: NDArray[np.float64], late_s: NDArray[np.float32] | None = None
 ) -> NDArray[np.float32]:
-    """Find the depth of greatest intensity, finer than the planes are spaced.
+    """Find the depth of what is brightest at each pixel, finer than the planes are spaced.
 
-    The pulse is Gaussian, so along depth the logarithm of a single surface's intensity is a parabola, and the
-    vertex through the greatest plane and its neighbours is its place.
+    With `late_s`, that is where the pulse is neither late nor early, next to the brightest plane; see above.
+    Without, as for methods that have no pulse, it is the vertex of the parabola through the logarithm of the
+    brightest plane and its neighbours.
 
     Parameters
     ----------
     intensity
         (z, y, x) intensity.
     z_m
-        (z,) depths, evenly spaced.
-    threshold
-        Pixels whose front view is below this part of its maximum have no depth.
-    lifted
-        Power of depth by which the intensity was multiplied too much to be peaked at the surface. A power q
-        of depth moves the peak of a Gaussian of variance s^2 by q s^2 / z: millimetres at lambda = 4 cm,
-        10 cm at 20 cm. The solvers' 1/r takes z^-2 from the intensity; so after `compensate_falloff` with
-        the fourth power, which shows near and far surfaces alike, two are too much. Which surface is seen,
-        and whether, is told by the intensity as given; its place by the nearest peak without that power.
+        (z,) depths, ascending, evenly spaced.
+    late_s
+        (z, y, x) by how much later than read each voxel's pulse is at its peak, of a `recon.result.Image`.
 
     Returns
     -------
     ndarray
-        (y, x) float32 depth [m], NaN where there is none.
+        (y, x) float32 depth [m].
+    """
+    brightest = intensity.argmax(axis=0)
+    if len(z_m) < 3:
+        return z_m[brightest].astype(np.float32)
+    if late_s is not None:
+        return _on_time(late_s, z_m, brightest)
+    inner = np.clip(brightest, 1, len(z_m) - 2)
+    tiny = np.finfo(np.float32).tiny
+    before, here, after = (
+        np.log(np.maximum(_at(intensity, inner + shift), tiny)).astype(np.float64) for shift in (-1, 0, 1)
+    )
+    bend = before - 2 * here + after
+    peaked = (brightest == inner) & (bend < 0)
+    shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=peaked)
+    return (z_m[brightest] + shift * (z_m[1] - z_m[0])).astype(np.float32)
+
+
+def depth_map(
+    intensity: NDArray[np.float32],
+    z_m: NDArray[np.float64],
+    threshold: float = 0.1,
+    late_s: NDArray[np.float32] | None = None,
+) -> NDArray[np.float32]:
+    """Return `peak_depth`, NaN where the front view is below a part of its maximum.
+
+    `recon.surface.find` tells surfaces from noise and glints; this is the plain read-out.
     """
     front = front_view(intensity)
-    plain = intensity * (z_m**-lifted).astype(np.float32)[:, None, None] if lifted else intensity
-    nearest = _uphill(plain, intensity.argmax(axis=0))
-    depth = z_m[nearest]
-    if len(z_m) >= 3:
-        inner = np.clip(nearest, 1, len(z_m) - 2)[None]
-        tiny = np.finfo(np.float32).tiny
-        before, here, after = (
-            np.log(np.maximum(np.take_along_axis(plain, inner + shift, axis=0)[0], tiny)).astype(np.float64)
-            for shift in (-1, 0, 1)
-        )
-        bend = before - 2 * here + after
-        peaked = (nearest == inner[0]) & (bend < 0)
-        shift = np.divide(before - after, 2 * bend, out=np.zeros_like(bend), where=peaked)
-        depth = depth + shift * (z_m[1] - z_m[0])
-    return np.where((front > 0) & (front >= threshold * front.max()), depth, np.nan).astype(np.float32)
+    seen = (front > 0) & (front >= threshold * front.max())
+    return np.where(seen, peak_depth(intensity, z_m, late_s), np.nan).astype(np.float32)
 
 
-def _uphill(intensity: NDArray[np.float32], plane: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Climb from each pixel's plane (y, x) to the nearest plane that is brighter than its neighbours."""
-    last = len(intensity) - 1
+def _on_time(
+    late_s: NDArray[np.float32], z_m: NDArray[np.float64], plane: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Go from each pixel's plane (y, x) to where lateness falls through zero, and interpolate there."""
+    last = len(z_m) - 1
+    late = _at(late_s, plane)
+    step = np.where(late > 0, 1, -1)
+    walking = np.ones(plane.shape, bool)
     while True:
-        here, before, after = (
-            np.take_along_axis(intensity, np.clip(plane + shift, 0, last)[None], axis=0)[0]
-            for shift in (0, -1, 1)
-        )
-        # each step ends brighter than it began, so the climb ends
-        step = np.where((after > here) & (after >= before), 1, np.where(before > here, -1, 0))
-        if not step.any():
-            return plane
-        plane = plane + step
+        beyond = np.clip(plane + step, 0, last)
+        next_late = _at(late_s, beyond)
+        # On, while the next plane is on the same side of the surface, and nearer to it.
+        walking &= (next_late * step > 0) & (np.abs(next_late) < np.abs(late)) & (beyond != plane)
+        if not walking.any():
+            break
+        plane, late = np.where(walking, beyond, plane), np.where(walking, next_late, late)
+    # Where lateness does not change sign, or rises with depth, the brightest plane is what there is.
+    falls = (next_late * late < 0) & (beyond != plane)
+    part = np.divide(late, late - next_late, out=np.zeros_like(late), where=falls)
+    return (z_m[plane] + part * (z_m[beyond] - z_m[plane])).astype(np.float32)
+
+
+def _at(volume: NDArray[np.float32], plane: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Take a volume (z, y, x) at a plane for each pixel, (y, x)."""
+    return np.take_along_axis(volume, plane[None], axis=0)[0]

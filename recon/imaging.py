@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon import memory
-from recon.camera import Camera
+from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
 from recon.result import Image
-from recon.sampling import CONFOCAL, path_limits_m, slabs
+from recon.sampling import CONFOCAL, depth_blocks, path_limits_m
 from recon.solvers.problem import ImagingProblem, Solver, ignore
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 Progress = Callable[[float], None]
 
@@ -31,7 +31,7 @@ def image(
     *,
     solver: str = "rsd",
     camera: Camera = CONFOCAL,
-    fades: Fades | None = None,
+    window: Window | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
     device: str = "cpu",
@@ -61,7 +61,7 @@ def image(
         "backprojection": in time, any positions, slow.
     camera
         What to see; one that shows one frame.
-    fades
+    window
         Soft edges of the record; by default only its end is softened.
     progress
         Called with the fraction that is done.
@@ -85,7 +85,7 @@ def image(
         If the volume is not in front of the wall, the solver or the device is unknown or missing, the solver
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
     """
-    fades = fades or Fades()
+    window = window or Window()
     _known(solver)
     if device != "cpu" and "device" not in SOLVERS[solver].options:
         raise ParameterError(
@@ -94,16 +94,44 @@ def image(
             "it computes on the cpu alone",
             f"Use {' or '.join(taking('device'))}, or the cpu.",
         )
-    problem = replace(plan(capture, pulse, grid, camera, fades, progress), device=device, fft=fft)
+    problem = replace(
+        plan(capture, pulse, grid, camera, window, progress),
+        device=device,
+        fft=fft,
+        slopes=isinstance(camera, ConfocalCamera),
+    )
     if problem.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
     problem = bounded(problem, solver, memory_bytes)
     field = np.empty(grid.shape, np.complex64)
+    late_s = np.empty(grid.shape, np.float32) if problem.slopes else None
     for index, plane in enumerate(planes(problem, solver)):
         field[index] = plane[0]
-    return Image(grid, field, solver, fades, camera, pulse, problem.slabs)
+        if late_s is not None:
+            late_s[index] = lateness_s(plane[0], plane[1], pulse)
+    return Image(grid, field, solver, window, camera, pulse, problem.depth_blocks, late_s=late_s)
+
+
+def lateness_s(
+    field: NDArray[np.complexfloating], slope: NDArray[np.complexfloating], pulse: VirtualPulse
+) -> NDArray[np.floating]:
+    """Return by how much later than a voxel is read its pulse is at its peak.
+
+    The envelope is exp(-(t - t_0)^2/(2 sigma_t^2)), so d ln|U| / dt = t_0 / sigma_t^2 at t = 0, which is
+    Re(U* dU/dt) / |U|^2; zero where there is no field.
+
+    Parameters
+    ----------
+    field, slope
+        U, and dU/dt - i omega_0 U, which has the same envelope's change.
+    pulse
+        The virtual illumination.
+    """
+    power = field.real**2 + field.imag**2
+    change = field.real * slope.real + field.imag * slope.imag
+    return pulse.sigma_s**2 * np.divide(change, power, out=np.zeros_like(power), where=power > 0)
 
 
 def plan(
@@ -111,16 +139,16 @@ def plan(
     pulse: VirtualPulse,
     grid: VoxelGrid,
     camera: Camera,
-    fades: Fades,
+    window: Window,
     progress: Progress | None = None,
 ) -> ImagingProblem:
     """Choose bins and frequencies for a volume; raises as `image`."""
     grid.check_in_front()
     light = camera.light(pulse)
-    parts = tuple(slabs(capture, light, grid, camera))
+    parts = tuple(depth_blocks(capture, light, grid, camera))
     if not any(part.reached for part in parts):
         raise _unreached(capture, grid, camera)
-    return ImagingProblem(capture, grid, camera, light, parts, fades, progress or ignore)
+    return ImagingProblem(capture, grid, camera, light, parts, window, progress or ignore)
 
 
 def planes(problem: ImagingProblem, solver: str) -> Iterator[NDArray[np.complexfloating]]:

@@ -4,7 +4,7 @@ Everything that grows with the scan or the volume is counted: here what all solv
 solver that keeps to a bound what it needs itself (`needs`; lattice and tables below):
 
 ==================================  ========================================================================
-the field, and a slab's beside it   8 bytes a voxel; 24 more for each voxel of the thickest slab
+the field and its lateness          12 bytes a voxel; 32 more for each voxel of the thickest depth block
 a block of the record               8 bytes a bin of `BLOCK_POSITIONS` positions
 spectra                             8 bytes a position and frequency; 40 more while phases are applied, where
                                     each position has its own first bin
@@ -17,9 +17,9 @@ a video's front view                4 bytes a voxel of a plane and frame
 a video's planes in work            8 bytes a voxel of a plane, frame and frequency; 5 planes for each thread
 ==================================  ========================================================================
 
-An image is a sum over frequencies, so that a slab may be made in several passes over the record (on a
-lattice; tables take all of a slab's frequencies at once, and positions in turns). A video needs all of them
-at once, and fewer threads where memory is short. Spectra and solver share what the fixed part leaves.
+An image is a sum over frequencies, so that a depth block may be made in several passes over the record (on a
+lattice; tables take all of a depth block's frequencies at once, and positions in turns). A video needs all
+of them at once, and fewer threads where memory is short. Spectra and solver share what the fixed part leaves.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from math import ceil
 from os import cpu_count
 
 from recon.errors import MemoryBoundError
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
 
 #: Positions in a block of the record, as the readers of this program make them.
@@ -43,7 +43,7 @@ SLACK_BYTES = 32 * 2**20
 
 
 #: A solver's memory for a part of the depth.
-Needs = Callable[[ImagingProblem, Slab], Need]
+Needs = Callable[[ImagingProblem, DepthBlock], Need]
 
 
 def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingProblem:
@@ -63,7 +63,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     MemoryBoundError
         If not even one frequency at a time fits, or one plane of a video; it names the least that is needed.
     """
-    capture, grid, parts = problem.capture, problem.grid, problem.slabs
+    capture, grid, parts = problem.capture, problem.grid, problem.depth_blocks
     needs = [needs_of(problem, part) if part.reached else Need(0, 0, 1) for part in parts]
     reached = [part for part in parts if part.reached]
     bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
@@ -73,7 +73,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     fixed = SLACK_BYTES + 8 * min(BLOCK_POSITIONS, capture.positions) * bins
     frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
     plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
-    fixed += 8 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
+    fixed += 12 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
     least = fixed + max(need.fixed for need in needs) + together * spectrum + solver
     if memory_bytes < least:
         raise MemoryBoundError(
@@ -89,7 +89,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
         spare -= (threads - 1) * PLANES_PER_THREAD * plane
     working = min(WORKING_BYTES, solver + spare // 2)
     at_once = together + (spare - (working - solver)) // spectrum
-    passes: list[list[Slab]] = [[]]
+    passes: list[list[DepthBlock]] = [[]]
     room = at_once
     for part, need in zip(parts, needs, strict=True):
         many = len(part.band)
@@ -103,7 +103,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
                 passes.append([])
                 room = at_once
             stop = min(many, start + room, start + longest)
-            passes[-1].append(Slab(part.planes, part.bins, part.band[start:stop]))
+            passes[-1].append(DepthBlock(part.planes, part.bins, part.band[start:stop]))
             room -= stop - start
             start = stop
     return replace(

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from recon.camera import Camera
 from recon.grid import VoxelGrid
-from recon.sampling import CONFOCAL, Slab
+from recon.sampling import CONFOCAL, DepthBlock
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,18 @@ class Image:
     field
         (z, y, x) complex64 field U of a virtual wave, or float32 amplitude of an earlier method, not
         negative; both are linear in photon counts. None for a video.
-    solver, fades, camera
+    solver, window, camera
         What was asked.
     pulse
         The virtual illumination; None for an earlier method.
-    slabs
+    depth_blocks
         Which bins and frequencies image which planes; empty where that is not how it was made.
     times_s, frames
         (T,) moments since the flash, and (T, y, x) float32 intensity over depth of a video; None for an
         image.
+    late_s
+        (z, y, x) float32: by how much later than each voxel is read its pulse is at its peak; None where that
+        was not asked. It is zero on a surface, see `recon.depth`.
     falloff_power
         Power of 1/depth left in the intensity that `recon.depth.compensate_falloff` should undo for the eye.
     snr
@@ -43,12 +46,13 @@ class Image:
     grid: VoxelGrid
     field: NDArray[np.complex64] | NDArray[np.float32] | None
     solver: str
-    fades: Fades
+    window: Window
     camera: Camera = CONFOCAL
     pulse: VirtualPulse | None = None
-    slabs: tuple[Slab, ...] = ()
+    depth_blocks: tuple[DepthBlock, ...] = ()
     times_s: NDArray[np.float64] | None = None
     frames: NDArray[np.float32] | None = None
+    late_s: NDArray[np.float32] | None = None
     falloff_power: float = 4.0
     snr: float | None = None
     notes: tuple[str, ...] = ()

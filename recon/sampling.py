@@ -13,10 +13,14 @@ from recon.grid import VoxelGrid
 from recon.wave import Band, Light
 
 CONFOCAL = ConfocalCamera()
+#: Least thickness of a depth block, as a part of the path between the first and the last light of a plane.
+THICKNESS = 0.12
+#: Neighbouring blocks take the same frequencies where their periods are this alike.
+FAMILY = 0.85
 
 
 @dataclass(frozen=True)
-class Slab:
+class DepthBlock:
     """Neighbouring planes of voxels that are imaged from the same bins with the same frequencies.
 
     Attributes
@@ -48,23 +52,23 @@ def plane_times_s(capture: Capture, grid: VoxelGrid, camera: Camera, z_m: float)
 def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) -> tuple[float, float]:
     """Bound the path, times c the delay, at which a record is read over all voxels, positions and frames.
 
-    For the confocal camera that is the length of wall to voxel to wall. The aperture's leg and the reading
-    times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is nearest
-    to, and one farthest from, both ends.
+    For the confocal camera that is the length of wall to voxel to wall. The aperture's own paths and the
+    reading times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is
+    nearest to, and one farthest from, both ends.
     """
     times_s = [plane_times_s(capture, grid, camera, z_m) for z_m in grid.z_m]
     shortest_m = C_M_PER_S * min(float(plane.min()) for plane in times_s)
     longest_m = C_M_PER_S * max(float(plane.max()) for plane in times_s)
-    legs = [capture.laser_m]
+    ends = [capture.laser_m]
     if capture.round_trip:
-        legs.append(capture.laser_m if capture.confocal else capture.detector_m)
-    for spots_m in legs:
-        least_m, greatest_m = leg_limits_m(spots_m, grid)
+        ends.append(capture.laser_m if capture.confocal else capture.detector_m)
+    for spots_m in ends:
+        least_m, greatest_m = distance_limits_m(spots_m, grid)
         shortest_m, longest_m = shortest_m + least_m, longest_m + greatest_m
     return shortest_m, longest_m
 
 
-def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
+def distance_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, float]:
     """Least and greatest distance between any spot and the grid's box."""
     low = np.array([axis[0] for axis in (grid.x_m, grid.y_m, grid.z_m)])
     high = np.array([axis[-1] for axis in (grid.x_m, grid.y_m, grid.z_m)])
@@ -73,29 +77,45 @@ def leg_limits_m(spots_m: NDArray[np.float64], grid: VoxelGrid) -> tuple[float, 
     return float(np.linalg.norm(outside, axis=1).min()), float(np.linalg.norm(farthest, axis=1).max())
 
 
-def slabs(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONFOCAL) -> list[Slab]:
-    """Cut the volume into slabs over depth.
+def depth_blocks(
+    capture: Capture, light: Light, grid: VoxelGrid, camera: Camera = CONFOCAL
+) -> list[DepthBlock]:
+    """Cut the volume into depth blocks.
 
-    A single plane is seen in a short part of the record, so it needs few frequencies; every slab costs a
-    pass of the Fourier sum over the record. Slabs as thick as half a pulse are a good balance, since the
-    pulse's own length has to be added to the part of the record in any case; for a video, as thick as light
-    goes between its first and its last frame, for the same reason.
+    A single plane is seen in a short part of the record, so it needs few frequencies; a thick block needs
+    more, for all its planes. But each block costs a Fourier sum over its part of the record. Blocks as thick
+    as half a pulse, or as `THICKNESS` of the path that one plane takes in any case, are a good balance; for a
+    video, as thick as light goes between its first and its last frame. Neighbours whose frequencies would be
+    spaced nearly alike share them (`FAMILY`), and so share the sum over the bins that they have in common.
 
     Returns
     -------
-    list of Slab
+    list of DepthBlock
         In order of depth, covering all planes.
     """
     z_m = grid.z_m
     lasts_s = float(np.ptp(plane_times_s(capture, grid, camera, z_m[0]), axis=0).max())
-    thickness_m = max(light.half_length_s, lasts_s) * C_M_PER_S
+    shortest_m, longest_m = path_limits_m(capture, VoxelGrid(grid.x_m, grid.y_m, z_m[:1]), camera)
+    thickness_m = max(
+        light.half_length_s * C_M_PER_S, lasts_s * C_M_PER_S, THICKNESS * (longest_m - shortest_m)
+    )
     count = max(1, ceil((z_m[-1] - z_m[0]) / thickness_m))
     edges = np.linspace(0, len(z_m), min(count, len(z_m)) + 1).round().astype(int)
-    return [_slab(capture, light, grid, camera, slice(int(a), int(b))) for a, b in pairwise(edges)]
+    parts = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    seen = [
+        _seen(capture, light, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera) for planes in parts
+    ]
+    periods_s = _shared([period_s for _, period_s in seen])
+    bands = {period_s: light.band(period_s) for period_s in periods_s}
+    return [
+        DepthBlock(planes, bins, bands[period_s])
+        for planes, (bins, _), period_s in zip(parts, seen, periods_s, strict=True)
+    ]
 
 
-def _slab(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, planes: slice) -> Slab:
-    shortest_m, longest_m = path_limits_m(capture, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera)
+def _seen(capture: Capture, light: Light, planes: VoxelGrid, camera: Camera) -> tuple[slice, float]:
+    """Return the bins in which planes are seen, and the time after which a pulse may repeat there."""
+    shortest_m, longest_m = path_limits_m(capture, planes, camera)
     earliest_s, latest_s = shortest_m / C_M_PER_S, longest_m / C_M_PER_S
     margin_s, width_s = light.half_length_s, capture.bin_width_s
     begin_s, end_s = float(capture.first_bin_s.min()), float(capture.first_bin_s.max())
@@ -105,4 +125,16 @@ def _slab(capture: Capture, light: Light, grid: VoxelGrid, camera: Camera, plane
     # A count at t adds to voxels at delay tau a pulse at tau - t, and its copies one period away: these must
     # stay a pulse's half-length away from every voxel.
     longest_lag_s = max(end_s + stop * width_s - earliest_s, latest_s - begin_s - first * width_s)
-    return Slab(planes, slice(first, stop), light.band(longest_lag_s + margin_s))
+    return slice(first, stop), longest_lag_s + margin_s
+
+
+def _shared(periods_s: list[float]) -> list[float]:
+    """Lengthen the periods of neighbours that differ by less than `FAMILY` to the longest of them."""
+    families: list[list[float]] = []
+    for period_s in periods_s:
+        family = families[-1] if families else []
+        if family and min(*family, period_s) >= FAMILY * max(*family, period_s):
+            family.append(period_s)
+        else:
+            families.append([period_s])
+    return [max(family) for family in families for _ in family]

@@ -5,32 +5,36 @@ tens of frequencies this is a real matrix product, counts times [cos, -sin], at 
 of the first bin, which may differ between positions, is a phase on its result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
-from recon.sampling import Slab
-from recon.window import Fades
+from recon.sampling import DepthBlock
+from recon.wave import Band
+from recon.window import Window, windowed_blocks
 
 
 def spectra(
     capture: Capture,
-    slabs: Sequence[Slab],
-    fades: Fades,
+    depth_blocks: Sequence[DepthBlock],
+    window: Window,
     progress: Callable[[float], None] | None = None,
     dtype: DTypeLike = np.complex64,
 ) -> list[NDArray[np.complexfloating]]:
-    """Take the spectra of all positions, for every slab, in one pass over the record.
+    """Take the spectra of all positions, for every depth block, in one pass over the record.
 
     Parameters
     ----------
     capture
-        Histograms, read in blocks; only the bins that some slab needs are asked for.
-    slabs
+        Histograms, read in blocks; only the bins that some depth block needs are asked for.
+    depth_blocks
         Bins and frequencies.
-    fades
+    window
         Soft edges.
     progress
         Called with the fraction that is done.
@@ -40,37 +44,74 @@ def spectra(
     Returns
     -------
     list of ndarray
-        (F, P) of `dtype` for each slab; (0, P) for one that the record does not reach.
+        (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
     """
     real = np.empty(0, dtype).real.dtype
-    results = [np.zeros((slab.reached * len(slab.band), capture.positions), dtype) for slab in slabs]
-    wanted = [slab.bins for slab in slabs if slab.reached]
-    if not wanted:
+    results = [np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks]
+    families = _families(depth_blocks)
+    if not families:
         return results
-    bins = slice(min(part.start for part in wanted), max(part.stop for part in wanted))
-    end = fades.end_weights(capture.bins, capture.bin_width_s)
-    matrices = [_fourier_matrix(slab, capture.bin_width_s, end[slab.bins], dtype) for slab in slabs]
-    for block, counts in capture.histograms.blocks(bins):
-        faded = np.array(counts, dtype=real)
-        first_bin_s = capture.first_bin_s if len(capture.first_bin_s) == 1 else capture.first_bin_s[block]
-        start = fades.start_weights(first_bin_s, bins, capture.bin_width_s)
-        faded[:, : start.shape[1]] *= start
-        for slab, matrix, result in zip(slabs, matrices, results, strict=True):
-            part = faded[:, slab.bins.start - bins.start : slab.bins.stop - bins.start]
-            if slab.reached:
-                result[:, block] = (part @ matrix).view(dtype).T
+    bins = slice(min(one.edges[0] for one in families), max(one.edges[-1] for one in families))
+    matrices = [_fourier_matrix(one, capture.bin_width_s, dtype) for one in families]
+    for positions, counts in windowed_blocks(capture, window, bins, real):
+        for family, matrix in zip(families, matrices, strict=True):
+            for number, sums in family.sums(counts, matrix, bins.start):
+                results[number][:, positions] = sums.view(dtype).T
         if progress:
-            progress(block.stop / capture.positions)
-    for slab, result in zip(slabs, results, strict=True):
-        if slab.reached:
-            result *= np.exp(-1j * np.multiply.outer(slab.band.frequencies_rad_per_s, capture.first_bin_s))
+            progress(positions.stop / capture.positions)
+    for family in families:
+        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, capture.first_bin_s))
+        for number in family.members:
+            results[number] *= phases
     return results
 
 
-def _fourier_matrix(
-    slab: Slab, bin_width_s: float, weights: NDArray[np.float64], dtype: DTypeLike
-) -> NDArray[np.floating]:
+@dataclass(frozen=True)
+class _Family:
+    """Depth blocks that have the same frequencies: what bins they share is summed once.
+
+    Attributes
+    ----------
+    band
+        The frequencies.
+    members
+        Numbers of the depth blocks, and the bins of each.
+    edges
+        Ascending bins at which any member begins or ends.
+    """
+
+    band: Band
+    members: dict[int, slice]
+
+    @cached_property
+    def edges(self) -> list[int]:
+        return sorted({edge for bins in self.members.values() for edge in (bins.start, bins.stop)})
+
+    def sums(
+        self, counts: NDArray[np.floating], matrix: NDArray[np.floating], first: int
+    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
+        """Yield each member's number and sum over its bins, (block, 2 F); `counts` begin at bin `first`."""
+        pieces = {
+            edge: counts[:, edge - first : end - first] @ matrix[edge - self.edges[0] : end - self.edges[0]]
+            for edge, end in pairwise(self.edges)
+        }
+        for number, bins in self.members.items():
+            total, *others = (piece for edge, piece in pieces.items() if bins.start <= edge < bins.stop)
+            yield number, sum(others, total)
+
+
+def _families(depth_blocks: Sequence[DepthBlock]) -> list[_Family]:
+    """Put the depth blocks that the record reaches together by their frequencies."""
+    found: dict[tuple[float, float, int], _Family] = {}
+    for number, part in enumerate(depth_blocks):
+        if part.reached:
+            key = part.band.first_rad_per_s, part.band.step_rad_per_s, len(part.band)
+            found.setdefault(key, _Family(part.band, {})).members[number] = part.bins
+    return list(found.values())
+
+
+def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
     """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
-    centres_s = (np.arange(slab.bins.start, slab.bins.stop) + 0.5) * bin_width_s
-    factors = np.exp(-1j * np.multiply.outer(centres_s, slab.band.frequencies_rad_per_s))
-    return (factors * weights[:, None]).astype(dtype).view(np.empty(0, dtype).real.dtype)
+    centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s
+    factors = np.exp(-1j * np.multiply.outer(centres_s, family.band.frequencies_rad_per_s))
+    return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)

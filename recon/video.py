@@ -20,7 +20,7 @@ from recon.imaging import Progress, bounded, plan, planes
 from recon.result import Image
 from recon.sampling import path_limits_m
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 #: How depths are put into one picture: the greatest intensity, or the sum of all, or what is on the surface.
 Over = Literal["max", "sum", "surface"]
@@ -40,7 +40,7 @@ def video(
     over: Over = "max",
     surface_m: NDArray[np.float64] | NDArray[np.float32] | None = None,
     sink: Sink | None = None,
-    fades: Fades | None = None,
+    window: Window | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
 ) -> Image:
@@ -48,7 +48,7 @@ def video(
 
     Parameters
     ----------
-    capture, pulse, grid, solver, fades, progress, memory_bytes
+    capture, pulse, grid, solver, window, progress, memory_bytes
         As of `recon.imaging.image`.
     camera
         Which moments to show.
@@ -71,8 +71,8 @@ def video(
         raise ParameterError(
             "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
         )
-    fades = fades or Fades()
-    problem = bounded(plan(capture, pulse, grid, camera, fades, progress), solver, memory_bytes)
+    window = window or Window()
+    problem = bounded(plan(capture, pulse, grid, camera, window, progress), solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(problem, solver)):
@@ -86,7 +86,7 @@ def video(
         else:
             seen += frames
     times_s = np.asarray(camera.times_s, np.float64)
-    return Image(grid, None, solver, fades, camera, pulse, problem.slabs, times_s, seen)
+    return Image(grid, None, solver, window, camera, pulse, problem.depth_blocks, times_s, seen)
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:
@@ -119,7 +119,7 @@ def frame_times_s(
     width_s = pulse.cycles * pulse.wavelength_m / C_M_PER_S
     if frames_s is None:
         probe = TransientCamera(np.zeros(1))
-        near_m, _ = path_limits_m(capture, grid, probe)  # of the aperture's leg alone
+        near_m, _ = path_limits_m(capture, grid, probe)  # of the aperture's own paths alone
         shortest_m, longest_m = path_limits_m(capture, grid)
         _, far_m = path_limits_m(capture, grid, probe)
         end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s

@@ -18,6 +18,10 @@ from recon.errors import ParameterError
 BAND_SIGMAS = 3.0
 #: Half-length of a pulse, in standard deviations; its envelope has fallen to 3.4e-4 there.
 PULSE_SIGMAS = 4.0
+#: Usual length of a pulse, full width at half maximum in wavelengths; see `recon.defaults`.
+CYCLES = 2.0
+#: Shortest pulse: its band of `BAND_SIGMAS` begins at 0.06 of the carrier's frequency.
+MIN_CYCLES = 1.2
 
 
 @dataclass(frozen=True)
@@ -76,18 +80,21 @@ class VirtualPulse:
     Raises
     ------
     ParameterError
-        If the wavelength is not positive, or the pulse so short (below 2 cycles) that its band would come
+        If the wavelength is not positive, or the pulse so short (below `MIN_CYCLES`) that its band would come
         near zero frequency.
     """
 
     wavelength_m: float
-    cycles: float = 6.0
+    cycles: float = CYCLES
 
     def __post_init__(self) -> None:
         _check_wavelength("virtual pulse", self.wavelength_m)
-        if not self.cycles >= 2:
+        if not MIN_CYCLES <= self.cycles < inf:
             raise ParameterError(
-                "virtual pulse", f"{self.cycles} cycles", "a pulse needs 2 or more", "The usual number is 6."
+                "virtual pulse",
+                f"{self.cycles} cycles",
+                f"a pulse needs {MIN_CYCLES:g} or more",
+                f"The usual number is {CYCLES:g}.",
             )
 
     @property

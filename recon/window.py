@@ -1,16 +1,18 @@
 """Soft edges for a record, so that its ends and the wall's own peak do not image as bright shells."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from recon.capture import Capture
 from recon.errors import ParameterError
 
 
 @dataclass(frozen=True)
-class Fades:
+class Window:
     """Raised-cosine edges of the record.
 
     The start is in **rectified** time (t = 0 with the pulse on the wall), position by position: what is
@@ -40,7 +42,7 @@ class Fades:
         for name in ("rise_s", "fall_s"):
             if getattr(self, name) < 0:
                 raise ParameterError(
-                    "fades", f"{name} = {getattr(self, name)}", "it is negative", "Use 0.5 ns."
+                    "window", f"{name} = {getattr(self, name)}", "it is negative", "Use 0.5 ns."
                 )
 
     def end_weights(self, bins: int, bin_width_s: float) -> NDArray[np.float64]:
@@ -74,6 +76,40 @@ class Fades:
         stop = min(max(bins.start, ceil(risen_s / bin_width_s)), bins.stop)
         centres_s = (np.arange(bins.start, stop) + 0.5) * bin_width_s
         return _raised_cosine(first_bin_s[:, None] - self.start_s + centres_s, self.rise_s)
+
+
+def windowed_blocks(
+    capture: Capture, window: Window, bins: slice, dtype: DTypeLike = np.float32
+) -> Iterator[tuple[slice, NDArray[np.floating]]]:
+    """Read a part of the record block by block, its edges softened.
+
+    Parameters
+    ----------
+    capture
+        Histograms.
+    window
+        Soft edges.
+    bins
+        Bins wanted, with both ends given.
+    dtype
+        Type of the counts that are given.
+
+    Yields
+    ------
+    positions
+        Which.
+    counts
+        (block, bins) of `dtype`, the reader's to change.
+    """
+    end = window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(dtype)
+    falls = np.flatnonzero(end != 1)
+    first = int(falls[0]) if len(falls) else len(end)
+    for block, counts in capture.histograms.blocks(bins):
+        soft = np.array(counts, dtype=dtype)
+        start = window.start_weights(capture.begins_s(block), bins, capture.bin_width_s)
+        soft[:, : start.shape[1]] *= start
+        soft[:, first:] *= end[first:]
+        yield block, soft
 
 
 def _raised_cosine(distance_s: NDArray[np.float64], length_s: float) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ from recon.imaging import image
 from recon.registry import CLASSIC_SOLVERS
 from recon.solvers.classic.solve import baseline_image
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 from rig.files.scan import ScanFile
 from rig.show.volume import draw_front, save
 
@@ -30,7 +30,7 @@ IMAGES = Path(__file__).parents[1] / "images"
 
 
 def compare(
-    capture: Capture, grid: VoxelGrid, pulse: VirtualPulse, fades: Fades
+    capture: Capture, grid: VoxelGrid, pulse: VirtualPulse, window: Window
 ) -> dict[str, tuple[NDArray[np.float32], float]]:
     """Image a capture by all methods.
 
@@ -43,9 +43,9 @@ def compare(
 
     def by(solver: str) -> NDArray[np.float32]:
         if solver == "rsd":
-            field = image(capture, pulse, grid, fades=fades).field
+            field = image(capture, pulse, grid, window=window).field
             return np.abs(compensate_falloff(field, grid.z_m))
-        result = baseline_image(capture, grid, solver=solver, fades=fades)
+        result = baseline_image(capture, grid, solver=solver, window=window)
         return compensate_falloff(result.amplitude, grid.z_m, result.falloff_power / 2)
 
     results = {}
@@ -76,11 +76,11 @@ def main(su: str, four: str) -> None:
         (four, "baselines_four", 0.06, 2, (0.7, 1.2, 0.01)),
     ):
         with ScanFile(scan_path) as scan:
-            capture, fades = scan.capture(), Fades(start_s=scan.fade_from_s)
+            capture, window = scan.capture(), Window(start_s=scan.fade_from_s)
             pulse = VirtualPulse(wavelength_m)
             side_m = float(np.diff(np.unique(capture.laser_m[:, 0])).max()) / finer
             grid = voxels(capture, pulse, voxel_m=side_m, depth_m=depth_m)
-            draw(compare(capture, grid, pulse, fades), grid, IMAGES / f"{name}.png")
+            draw(compare(capture, grid, pulse, window), grid, IMAGES / f"{name}.png")
 
 
 if __name__ == "__main__":

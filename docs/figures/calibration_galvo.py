@@ -8,9 +8,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "calibration"))
-
-from misaligned import misaligned  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests"))
 
 from rig.acquire.acquisition import Watch  # noqa: E402
 from rig.calibrate.galvo.flight import FlightRoutine  # noqa: E402
@@ -19,6 +17,7 @@ from rig.calibrate.run import measured  # noqa: E402
 from rig.commands.operator import ConsoleOperator  # noqa: E402
 from rig.model.state import Calibrations  # noqa: E402
 from rig.show.volume import save  # noqa: E402
+from support.misaligned import misaligned  # noqa: E402
 
 for name, routine in (("flight", FlightRoutine()), ("cameras", CameraRoutine())):
     config = misaligned()

@@ -17,7 +17,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.solvers import fresnel
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 from rig.files import ScanFile, Volume
 from rig.show.sheet import sheet
 from rig.show.volume import save
@@ -40,9 +40,9 @@ def main(scan_path: str, picture_path: str) -> None:
         capture = scan.capture()
         across = defaults.voxels(capture, pulse, depth_m=(1.0, 1.0, 1.0))
         grid = VoxelGrid(across.x_m, across.y_m, FOCUS_M)
-        fades = Fades(start_s=scan.fade_from_s)
+        window = Window(start_s=scan.fade_from_s)
         for solver in ("rsd", "fresnel"):
-            taken = image(capture, pulse, grid, camera=PhotoCamera(), solver=solver, fades=fades)
+            taken = image(capture, pulse, grid, camera=PhotoCamera(), solver=solver, window=window)
             for z_m, plane in zip(FOCUS_M, np.abs(taken.field), strict=True):
                 figure = fresnel.figure(capture, WAVELENGTH_M, z_m)
                 note = f" (d⁴/4L³λ = {figure:.2g})" if solver == "fresnel" else ""

@@ -63,8 +63,8 @@ def _sum(
                     wave *= turn
 
 
-def _focus_slab(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
+def _focus_block(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
     return by_planes(problem, DirectPropagator(problem.capture, emitted, problem.band, problem.grid).focus)
 
 
-focus = spectral(_focus_slab, np.complex128)
+focus = spectral(_focus_block, np.complex128)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan
@@ -65,7 +65,7 @@ class FresnelPropagator(LatticePropagator):
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
         for index in reversed(range(len(self.band))):
-            k = self._legs * self.band.frequencies_rad_per_s[index] / C_M_PER_S
+            k = self._round_trip_factor * self.band.frequencies_rad_per_s[index] / C_M_PER_S
             along_y, along_x = (_chirp(axis, k, z_m) for axis in (self._y, self._x))
             kernels.outer(along_y * np.complex64(np.exp(1j * k * z_m) / z_m), along_x, work.kernel)
             yield index
@@ -78,17 +78,19 @@ def _chirp(axis: AxisPlan, k: float, z_m: float) -> NDArray[np.complex64]:
     return (dct(wave.real, type=1) + 1j * dct(wave.imag, type=1)).astype(np.complex64)
 
 
-def _focus_slab(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
-    legs = 2 if problem.capture.confocal else 1
+def _focus_block(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
+    round_trip_factor = 2 if problem.capture.confocal else 1
     wall = aperture(problem.capture)
-    through = FresnelPropagator(wall, emitted, problem.band, problem.grid, legs, problem.wall_bytes)
+    through = FresnelPropagator(
+        wall, emitted, problem.band, problem.grid, round_trip_factor, problem.wall_bytes
+    )
     return by_planes(problem, through.focus)
 
 
-def needs(problem: ImagingProblem, part: Slab) -> Need:
-    """Return the memory that a slab takes; raises as `aperture`."""
+def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
+    """Return the memory that a depth block takes; raises as `aperture`."""
     wall = aperture(problem.capture)
     return lattice_needs(problem, part, wall.x, wall.y, 2 if problem.capture.confocal else 1)
 
 
-focus = spectral(_focus_slab, check=lambda problem: aperture(problem.capture))
+focus = spectral(_focus_block, check=lambda problem: aperture(problem.capture))

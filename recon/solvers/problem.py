@@ -6,16 +6,17 @@ It asks the camera for light, reading times and aperture weights, and never what
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import Camera
-from recon.capture import Capture
+from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab, plane_times_s
+from recon.sampling import DepthBlock, plane_times_s
 from recon.wave import Band, Light
-from recon.window import Fades
+from recon.window import Window
 
 
 def ignore(fraction: float) -> None:
@@ -29,7 +30,7 @@ def part_of(progress: Callable[[float], None], begin: float, end: float) -> Call
 
 @dataclass(frozen=True)
 class Need:
-    """Bytes that a solver needs for a slab beside its spectra: in any case, and for the least at once.
+    """Bytes that a solver needs for a depth block beside its spectra: in any case, and for the least at once.
 
     `together` frequencies are taken at least: one, or all where each pass costs as much as all.
     """
@@ -49,15 +50,15 @@ class ImagingProblem:
         Histograms with their geometry, and voxels.
     camera, light
         What to see, and its illumination.
-    slabs
+    depth_blocks
         Parts of the volume with the bins and frequencies that image them, covering all planes in order.
-    fades
+    window
         Soft edges of the record.
     progress
         To be called with the fraction that is done.
     passes
-        The work cut for a bound on memory: slabs, or runs of a slab's frequencies, that share one pass over
-        the record. Empty takes all slabs in one.
+        The work cut for a bound on memory: depth blocks, or runs of a depth block's frequencies, that share
+        one pass over the record. Empty takes all depth blocks in one.
     working_bytes
         What a solver may take at once for tables.
     plane_bytes
@@ -66,6 +67,9 @@ class ImagingProblem:
         Where the rsd solver computes: "cpu" or "cuda".
     fft
         Whether the rsd solver goes by FFT; None takes what is quicker.
+    slopes
+        Whether the change with time is asked for beside the field: the solver then yields (2, y, x) for each
+        plane, U and dU/dt - i omega_0 U. For images of one moment.
     wall_bytes
         Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
     """
@@ -74,14 +78,15 @@ class ImagingProblem:
     grid: VoxelGrid
     camera: Camera
     light: Light
-    slabs: tuple[Slab, ...]
-    fades: Fades
+    depth_blocks: tuple[DepthBlock, ...]
+    window: Window
     progress: Callable[[float], None] = ignore
-    passes: tuple[tuple[Slab, ...], ...] = ()
+    passes: tuple[tuple[DepthBlock, ...], ...] = ()
     working_bytes: int = 64 * 2**20
     plane_bytes: int = 2**30
     device: str = "cpu"
     fft: bool | None = None
+    slopes: bool = False
     wall_bytes: int = 256 * 2**20
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
@@ -90,8 +95,13 @@ class ImagingProblem:
 
     @property
     def band(self) -> Band:
-        """The frequencies of a problem of one slab."""
-        return self.slabs[0].band
+        """The frequencies of a problem of one depth block."""
+        return self.depth_blocks[0].band
+
+    @property
+    def reference_rad_per_s(self) -> float | None:
+        """The frequency omega_0 from which changes with time are counted; None if they are not asked for."""
+        return 2 * pi * C_M_PER_S / self.light.wavelength_m if self.slopes else None
 
     @property
     def frames(self) -> int:

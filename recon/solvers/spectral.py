@@ -1,7 +1,7 @@
 """What the solvers in the frequency domain share: spectra in, planes out, and the reading of a plane in time.
 
-Such a solver takes the weighted wall field of each frequency to the planes of one slab, most often by a
-propagator, plane by plane. All else, which bins, which frequencies, which passes over the record, is here.
+Such a solver takes the weighted wall field of each frequency to the planes of one depth block, most often by
+a propagator, plane by plane. All else, which bins, which frequencies, which passes over the record, is here.
 """
 
 from abc import ABC, abstractmethod
@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Solver, part_of
 from recon.spectrum import spectra
 from recon.wave import Band
@@ -42,9 +42,20 @@ class Propagator(ABC):
     def fields(self, z_m: float) -> Field:
         """Return g(omega) F(v, omega) on the plane at depth `z_m`: (F, y, x) complex."""
 
-    def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
-        """Sum the fields over all frequencies at moments t, (T, y or 1, x or 1): (T, y, x) complex."""
-        return read(self.fields(z_m), self.band, times_s)
+    def focus(
+        self, z_m: float, times_s: NDArray[np.float64], reference_rad_per_s: float | None = None
+    ) -> Field:
+        """Sum the fields over all frequencies at moments t, (T, y or 1, x or 1): (T, y, x) complex.
+
+        With a reference omega_0, and one moment, the change dU/dt - i omega_0 U follows: (2, y, x).
+        """
+        fields = self.fields(z_m)
+        values = read(fields, self.band, times_s)
+        if reference_rad_per_s is None:
+            return values
+        turning = 1j * (self.band.frequencies_rad_per_s - reference_rad_per_s)
+        fields *= turning[:, None, None].astype(fields.dtype)
+        return np.concatenate([values, read(fields, self.band, times_s)])
 
 
 class SumPropagator(Propagator):
@@ -53,7 +64,7 @@ class SumPropagator(Propagator):
     Parameters
     ----------
     capture
-        Where the positions are; with a detector spot for each, the phase is that of both legs.
+        Where the positions are; with a detector spot for each, the phase is that of both paths.
     emitted
         (F, P) complex: what each position emits at each frequency.
     band
@@ -103,16 +114,16 @@ def read(fields: Field, band: Band, times_s: NDArray[np.float64]) -> Field:
 
 
 def spectral(
-    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
+    focus_block: Callable[[ImagingProblem, Field], Iterator[Field]],
     dtype: DTypeLike = np.complex64,
     check: Callable[[ImagingProblem], object] | None = None,
 ) -> Solver:
-    """Make a solver of what images one slab.
+    """Make a solver of what images one depth block.
 
     Parameters
     ----------
-    focus_slab
-        Called for each slab with a problem of it alone and the (F, P) weighted spectra g(omega) a_p
+    focus_block
+        Called for each depth block with a problem of it alone and the (F, P) weighted spectra g(omega) a_p
         H^(p, omega); yields its planes.
     dtype
         Type of spectra and fields.
@@ -123,20 +134,20 @@ def spectral(
     def focus(problem: ImagingProblem) -> Iterator[Field]:
         if check:
             check(problem)
-        passes = problem.passes or (problem.slabs,)
-        work = sum(_work(slab) for slab in problem.slabs)
-        missing = deque(len(slab.band) for slab in problem.slabs)
+        passes = problem.passes or (problem.depth_blocks,)
+        work = sum(_work(depth_block) for depth_block in problem.depth_blocks)
+        missing = deque(len(depth_block.band) for depth_block in problem.depth_blocks)
         held: list[Field] = []
         done = 0.0
         for pieces in passes:
             told = part_of(problem.progress, done, done := done + READING / len(passes))
-            found = spectra(problem.capture, pieces, problem.fades, told, dtype)
+            found = spectra(problem.capture, pieces, problem.window, told, dtype)
             for piece in pieces:
                 told = part_of(problem.progress, done, done := done + (1 - READING) * _work(piece) / work)
                 voxels = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[piece.planes])
-                part = replace(problem, grid=voxels, slabs=(piece,), progress=told)
+                part = replace(problem, grid=voxels, depth_blocks=(piece,), progress=told)
                 # Taken out of the list, so that its memory is free when its piece is done.
-                planes = _planes(focus_slab, part, found.pop(0), dtype)
+                planes = _planes(focus_block, part, found.pop(0), dtype)
                 missing[0] -= len(piece.band)
                 if held:
                     for sum_, plane in zip(held, planes, strict=True):
@@ -152,28 +163,28 @@ def spectral(
     return focus
 
 
-def _work(piece: Slab) -> int:
+def _work(piece: DepthBlock) -> int:
     return piece.reached * (piece.planes.stop - piece.planes.start) * len(piece.band)
 
 
 def _planes(
-    focus_slab: Callable[[ImagingProblem, Field], Iterator[Field]],
+    focus_block: Callable[[ImagingProblem, Field], Iterator[Field]],
     part: ImagingProblem,
     emitted: Field,
     dtype: DTypeLike,
 ) -> Iterator[Field]:
-    """Image a problem of one slab: darkness, where the record does not reach it."""
-    if not part.slabs[0].reached:
-        return (np.zeros((part.frames, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
+    """Image a problem of one depth block: darkness, where the record does not reach it."""
+    if not part.depth_blocks[0].reached:
+        return (np.zeros((part.frames + part.slopes, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
     emitted *= part.band.weights[:, None]
     emitted *= part.weights
-    return focus_slab(part, emitted)
+    return focus_block(part, emitted)
 
 
 def by_planes(
-    problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64]], Field]
+    problem: ImagingProblem, focus: Callable[[float, NDArray[np.float64], float | None], Field]
 ) -> Iterator[Field]:
-    """Image a problem of one slab plane by plane.
+    """Image a problem of one depth block plane by plane.
 
     Planes are shared out to threads, and come in order, with no more in work than memory is meant for.
 
@@ -182,11 +193,11 @@ def by_planes(
     problem
         Its planes.
     focus
-        Called with a depth and the moments there, as `Propagator.focus`.
+        Called with a depth, the moments there, and the reference for slopes, as `Propagator.focus`.
     """
 
     def one_plane(plane: int) -> Field:
-        return focus(float(problem.grid.z_m[plane]), problem.times_s(plane))
+        return focus(float(problem.grid.z_m[plane]), problem.times_s(plane), problem.reference_rad_per_s)
 
     planes = range(len(problem.grid.z_m))
     frequencies = len(problem.band) if problem.frames > 1 else 1

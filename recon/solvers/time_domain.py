@@ -12,7 +12,7 @@ four nodes is right to 9/384 (1/8)^4 max|B''''| sigma_t^4 = 2e-5 of the peak, an
 applied exactly.
 
 Work is positions x voxels x frames. This is the slow, independent check of the other solvers, and shares
-nothing with them but the pulse and the fades; it uses the pulse whole, where the others cut its spectrum at
+nothing with them but the pulse and the window; it uses the pulse whole, where the others cut its spectrum at
 three sigmas.
 """
 
@@ -28,6 +28,7 @@ from recon.errors import ParameterError
 from recon.sampling import path_limits_m
 from recon.solvers.problem import ImagingProblem
 from recon.wave import VirtualPulse
+from recon.window import windowed_blocks
 
 #: Nodes of the baseband for each sigma_t.
 NODES_PER_SIGMA = 8
@@ -41,7 +42,7 @@ def focus(problem: ImagingProblem) -> Iterator[NDArray[np.complex64]]:
     Yields
     ------
     ndarray
-        (T, y, x) complex64 field U of each plane.
+        (T, y, x) complex64 field U of each plane, and its slope where the problem asks for it.
 
     Raises
     ------
@@ -64,25 +65,20 @@ def focus(problem: ImagingProblem) -> Iterator[NDArray[np.complex64]]:
     nodes_s = begin_s + spacing_s * np.arange(nodes, dtype=np.float64)
     baseband = np.zeros((capture.positions, nodes), np.complex64)
     first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
-    bins = slice(0, capture.bins)
-    end = problem.fades.end_weights(capture.bins, capture.bin_width_s).astype(np.float32)
-    for block, counts in capture.histograms.blocks():
-        faded = np.array(counts, dtype=np.float32) * end
-        start = problem.fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
-        faded[:, : start.shape[1]] *= start
-        baseband[block] = _baseband(faded, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
+    for block, counts in windowed_blocks(capture, problem.window, slice(0, capture.bins)):
+        baseband[block] = _baseband(counts, first_bin_s[block], capture.bin_width_s, pulse, nodes_s)
     baseband *= problem.weights.astype(np.float32)[:, None]
     laser_m = np.ascontiguousarray(capture.laser_m, np.float64)
     detector_m = np.ascontiguousarray(capture.detector_m if capture.round_trip else np.empty((0, 3)))
     for index, z_m in enumerate(grid.z_m):
         times_s = problem.times_s(index)
-        fields = np.zeros((len(times_s), *grid.shape[1:]), np.complex64)
+        fields = np.zeros((len(times_s), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
         for field, moments_s in zip(fields, times_s, strict=True):
             _project(
                 baseband,
                 laser_m,
                 detector_m,
-                np.ascontiguousarray(np.broadcast_to(moments_s * C_M_PER_S, field.shape)),
+                np.ascontiguousarray(np.broadcast_to(moments_s * C_M_PER_S, grid.shape[1:])),
                 grid.x_m,
                 grid.y_m,
                 float(z_m),
@@ -91,7 +87,8 @@ def focus(problem: ImagingProblem) -> Iterator[NDArray[np.complex64]]:
                 1 / pulse.wavelength_m,
                 field,
             )
-        yield fields
+        fields[:, 1:] *= 1 / spacing_s
+        yield fields.reshape(-1, *grid.shape[1:])
         problem.progress((index + 1) / len(grid.z_m))
 
 
@@ -140,7 +137,7 @@ def _project(
     turns_per_m: float,
     plane: NDArray[np.complex64],
 ) -> None:
-    """Sum the basebands at each voxel's delays into a plane (y, x).
+    """Sum the basebands at each voxel's delays into a plane (1, y, x); with (2, y, x), their change by node.
 
     The path is r_p + `read_m`, (y, x), and r_c of the position's own detector spot where there are any. Along
     a row of voxels delays change little, so that the baseband is read from cache; what needs no lookup is
@@ -156,6 +153,7 @@ def _project(
         sine = np.empty(count, np.float32)
         real = np.zeros(count, np.float64)
         imaginary = np.zeros(count, np.float64)
+        change = np.zeros(count, np.complex128)
         for p in range(len(laser_m)):
             to_laser = (laser_m[p, 1] - y_m[j]) ** 2 + (laser_m[p, 2] - z_m) ** 2
             for i in range(count):
@@ -181,12 +179,41 @@ def _project(
                 sine[i] = 2 * s * c / radius_m[i]
             row = baseband[p]
             for i in range(count):
-                n, f = node[i], part[i]
-                # Cubic through the nodes n - 1, n, n + 1, n + 2 (Lagrange).
-                a, b = -f * (f - 1) * (f - 2) / 6, (f + 1) * (f - 1) * (f - 2) / 2
-                c, d = -(f + 1) * f * (f - 2) / 2, (f + 1) * f * (f - 1) / 6
-                value = a * row[n - 1] + b * row[n] + c * row[n + 1] + d * row[n + 2]
+                value = _cubic(row, node[i], part[i])
                 real[i] += value.real * cosine[i] - value.imag * sine[i]
                 imaginary[i] += value.real * sine[i] + value.imag * cosine[i]
-        for i in range(count):
-            plane[j, i] = complex(real[i], imaginary[i])
+            if len(plane) > 1:
+                _add_change(row, node, part, cosine, sine, change)
+        plane[0, j, :] = real + 1j * imaginary
+        if len(plane) > 1:
+            plane[1, j, :] = change
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def _add_change(
+    row: NDArray[np.complex64],
+    node: NDArray[np.int32],
+    part: NDArray[np.float32],
+    cosine: NDArray[np.float32],
+    sine: NDArray[np.float32],
+    change: NDArray[np.complex128],
+) -> None:
+    """Add the baseband's derivative by node, turned and weighted as its value is."""
+    for i in range(len(node)):
+        change[i] += _cubic_slope(row, node[i], part[i]) * complex(cosine[i], sine[i])
+
+
+@njit(nogil=True, cache=True, inline="always", fastmath=True)
+def _cubic(row: NDArray[np.complex64], n: int, f: float) -> complex:
+    """Interpolate at n + f by the cubic through the nodes n - 1, n, n + 1, n + 2 (Lagrange)."""
+    a, b = -f * (f - 1) * (f - 2) / 6, (f + 1) * (f - 1) * (f - 2) / 2
+    c, d = -(f + 1) * f * (f - 2) / 2, (f + 1) * f * (f - 1) / 6
+    return a * row[n - 1] + b * row[n] + c * row[n + 1] + d * row[n + 2]
+
+
+@njit(nogil=True, cache=True, inline="always", fastmath=True)
+def _cubic_slope(row: NDArray[np.complex64], n: int, f: float) -> complex:
+    """Return the derivative of `_cubic` by f."""
+    a, b = -(3 * f * f - 6 * f + 2) / 6, (3 * f * f - 4 * f - 1) / 2
+    c, d = -(3 * f * f - 2 * f - 2) / 2, (3 * f * f - 1) / 6
+    return a * row[n - 1] + b * row[n] + c * row[n + 1] + d * row[n + 2]

@@ -1,8 +1,8 @@
 """What is known of a scan before anything moves: how much it is, and whether the rig can do it."""
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
-from shutil import disk_usage
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     limits.check_histogram(found.bins, found.bin_width_s)
     for one in plan.passes:
         limits.check_exposure(one.exposure_s)
-    free = disk_usage(folder).free
+    free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(
             f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "

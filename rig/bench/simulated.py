@@ -87,7 +87,7 @@ def _channels(config: RigConfig) -> "tuple[Channel, ...]":
 
 
 def hidden_scene(config: RigConfig) -> "Scene":
-    """Build the hidden scene, as rough as it is wanted.
+    """Build the hidden scene, with the gloss that is wanted.
 
     Raises
     ------
@@ -101,7 +101,9 @@ def hidden_scene(config: RigConfig) -> "Scene":
         hidden = scene(simulation.scene)
     except (ValueError, ModuleNotFoundError) as error:
         raise ConfigError(f"simulation.scene: {error}") from None
-    return hidden if simulation.roughness is None else hidden.with_roughness(simulation.roughness)
+    if simulation.roughness is not None:
+        hidden = hidden.with_roughness(simulation.roughness)
+    return hidden if simulation.gloss is None else hidden.with_gloss(simulation.gloss)
 
 
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -49,9 +49,12 @@ def recon(
     camera: Annotated[Camera, typer.Option(help=registry.cameras_help())] = _CAMERA,
     solver: Annotated[Solver, typer.Option(help=registry.solvers_help())] = _SOLVER,
     wavelength: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[4 x spacing][/dim]")
+        str | None,
+        typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[by spacing and response][/dim]"),
     ] = None,
-    cycles: Annotated[float, typer.Option(min=2, help="Length of the virtual pulse, in wavelengths.")] = 6.0,
+    cycles: Annotated[
+        float | None, typer.Option(help="Length of the virtual pulse, in wavelengths. [dim]\\[2][/dim]")
+    ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
@@ -148,7 +151,7 @@ def recon(
         camera=camera.value,
         solver=solver.value,
         wavelength_m=length(wavelength),
-        cycles=cycles,
+        **({} if cycles is None else {"cycles": cycles}),
         depth_m=_depths(depth) if depth else None,
         frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
         over=over.value,

@@ -1,5 +1,6 @@
 """``rig sim``: the simulated bench by itself."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +9,13 @@ import typer
 from rig.commands.options import AsJson, Grid, Spacing
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
+
+
+class Gloss(StrEnum):
+    """Models of glossy surfaces."""
+
+    ward = "ward"
+    ggx = "ggx"
 
 
 @sim.callback()
@@ -31,6 +39,10 @@ def render(
     roughness: Annotated[
         float | None,
         typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
+    ] = None,
+    gloss: Annotated[
+        Gloss | None,
+        typer.Option(help="Model of all glossy surfaces. [dim]\\[each its own][/dim]"),
     ] = None,
     bin_width: Annotated[
         str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
@@ -60,7 +72,7 @@ def render(
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse, show_duration
 
-    simulation = {"scene": scene, "bounces": bounces, "roughness": roughness}
+    simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
     changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
     if config and not load(config).simulated:
         raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")

@@ -25,11 +25,13 @@ _H_FORMAT = {"T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
 _GRID_FORMAT = {"N_3": 1, "X_Y_3": 2}
 #: Bytes of H in memory at once. The scan file keeps positions together and TAL bins, so each such part is a
 #: pass over the scan.
-_PART_BYTES = 2**29
+PART_BYTES = 2**29
 
 
-def write(path: Path, scan: ScanFile) -> None:
+def write(path: Path, scan: ScanFile, part_bytes: int = PART_BYTES) -> None:
     """Write the file: measured positions only.
+
+    ``part_bytes`` of the signal are held in memory at once.
 
     Raises
     ------
@@ -70,7 +72,8 @@ def write(path: Path, scan: ScanFile) -> None:
         file["t_start"] = (scan.first_bin_s - delay_s) * C_M_PER_S
         file["t_accounts_first_and_last_bounces"] = scan.delays is not None
         file["scene_info"] = json.dumps({"original_format": "rig-scan", "file": scan.path.name})
-        _write_signal(file, capture, place, shape)
+        part = max(1, min(capture.bins, part_bytes // (4 * capture.positions)))
+        _write_signal(file, capture, place, shape, part)
 
 
 def _grid(capture: Capture) -> tuple[NDArray[np.intp], tuple[int, ...]]:
@@ -91,8 +94,10 @@ def _enum(file: h5py.File, name: str, codes: dict[str, int], value: str) -> None
     dataset[0] = codes[value]
 
 
-def _write_signal(file: h5py.File, capture: Capture, place: NDArray[np.intp], shape: tuple[int, ...]) -> None:
-    part = max(1, min(capture.bins, _PART_BYTES // (4 * capture.positions)))
+def _write_signal(
+    file: h5py.File, capture: Capture, place: NDArray[np.intp], shape: tuple[int, ...], part: int
+) -> None:
+    """Write H, ``part`` bins at a time."""
     signal = file.create_dataset(
         "H",
         (capture.bins, *shape),

@@ -252,6 +252,11 @@ VOLUME: Layout = {
     "/volume/depth_m": Entry(
         "float", "depth of the surface seen at each pixel [m]; NaN where nothing", ("y", "x")
     ),
+    "/volume/confidence": Entry(
+        "float",
+        "probability that noise alone stays below what is brightest at each pixel, 0 to 1",
+        ("y", "x"),
+    ),
 }
 
 

@@ -30,6 +30,9 @@ class Volume:
         (nx,), (ny,), (nz,) voxel centres.
     depth_m
         (ny, nx) depth of the surface seen at each pixel, NaN where nothing; None where it was not made.
+    confidence
+        (ny, nx), 0 to 1: the probability that noise alone stays below what is brightest at each pixel; None
+        where it was not made.
     t_s
         (nt,) times of the transient camera's frames.
     parameters
@@ -43,6 +46,7 @@ class Volume:
     y_m: NDArray[np.float64]
     z_m: NDArray[np.float64]
     depth_m: NDArray[np.float32] | None = None
+    confidence: NDArray[np.float32] | None = None
     t_s: NDArray[np.float64] | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     scan: str = ""
@@ -60,6 +64,8 @@ class Volume:
             return f"intensity has shape {shape}, its axes say {' or '.join(map(str, sorted(wanted)))}"
         if self.depth_m is not None and self.depth_m.shape != image:
             return f"depth_m has shape {self.depth_m.shape}, its axes say {image}"
+        if self.confidence is not None and self.confidence.shape != image:
+            return f"confidence has shape {self.confidence.shape}, its axes say {image}"
         return ""
 
 
@@ -142,7 +148,8 @@ def read_volume(path: str | Path) -> Volume:
             x_m=group["x_m"][()].astype(float),
             y_m=group["y_m"][()].astype(float),
             z_m=group["z_m"][()].astype(float),
-            depth_m=group["depth_m"][()].astype(np.float32) if "depth_m" in group else None,
+            depth_m=_maybe(group, "depth_m"),
+            confidence=_maybe(group, "confidence"),
             t_s=group["t_s"][()].astype(float) if "t_s" in group else None,
             parameters=json.loads(plain(file.attrs.get("parameters", "{}"))),
             scan=plain(file.attrs.get("scan", "")),
@@ -151,6 +158,10 @@ def read_volume(path: str | Path) -> Volume:
     if problem := volume.problem():
         raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
     return volume
+
+
+def _maybe(group: h5py.Group, name: str) -> NDArray[np.float32] | None:
+    return group[name][()].astype(np.float32) if name in group else None
 
 
 def is_volume(path: Path) -> bool:
@@ -173,6 +184,7 @@ def _write(file: h5py.File, volume: Volume) -> None:
         group[name] = np.asarray(getattr(volume, name), "<f8")
     if volume.t_s is not None:
         group["t_s"] = np.asarray(volume.t_s, "<f8")
-    if volume.depth_m is not None:
-        group["depth_m"] = np.asarray(volume.depth_m, "<f4")
+    for name in ("depth_m", "confidence"):
+        if (image := getattr(volume, name)) is not None:
+            group[name] = np.asarray(image, "<f4")
     describe(file, VOLUME)

@@ -2,12 +2,12 @@
 
 import json
 import os
+import shutil
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from math import prod
 from pathlib import Path
-from shutil import disk_usage
 from types import TracebackType
 from typing import Literal, Self
 
@@ -23,6 +23,8 @@ from rig.files.start import COMPRESSION, utc_now, write_start
 
 #: What is left free on the disk, so that a file can always be closed in order.
 RESERVE_BYTES = 16 * 2**20
+#: By what a file must be able to grow, beside its chunks: marks, index and closing record.
+GROWTH_BYTES = 2**20
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -293,12 +295,31 @@ class ScanWriter:
 
     def _require_space(self) -> None:
         """Raise while there is still room to close the file in order: HDF5 does not survive a full disk."""
-        free = disk_usage(self.path.parent).free
+        free = shutil.disk_usage(self.path.parent).free
         if free < RESERVE_BYTES + 4 * self._buffer.nbytes:
             raise DataFileError(
                 f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
                 "measured is in the file. Free some space, and go on with rig resume"
             )
+        if hasattr(os, "posix_fallocate"):
+            self._try_to_grow(GROWTH_BYTES + 4 * self._buffer.nbytes)
+
+    def _try_to_grow(self, more_bytes: int) -> None:
+        """Make the file longer for a moment: a quota, or a limit on its size, is not in the free space."""
+        assert self._file is not None
+        handle = self._file.id.get_vfd_handle()
+        size = os.fstat(handle).st_size
+        try:
+            os.posix_fallocate(handle, size, more_bytes)
+            os.ftruncate(handle, size)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(handle, size)
+            raise DataFileError(
+                f"{self.path} may not grow beyond its {size / 1e6:.1f} MB ({error.strerror}): the scan ends "
+                "here, what was measured is in the file. Free some space or raise the quota, and go on with "
+                "rig resume"
+            ) from error
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

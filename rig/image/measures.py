@@ -145,16 +145,16 @@ def measure(
         raise UsageError("a volume with a time axis has no one depth or peak; measure a confocal image")
     if not volume.intensity.max() > 0:
         raise UsageError("the volume is dark throughout: there is nothing to measure; choose other depths")
-    lifted = compensate_falloff(volume.intensity, volume.z_m, power=falloff)
+    compensated = compensate_falloff(volume.intensity, volume.z_m, power=falloff)
     depth_m = volume.depth_m
     if threshold is not None or depth_m is None:
-        depth_m = depth_map(lifted, volume.z_m, 0.05 if threshold is None else threshold, lifted=falloff - 2)
+        depth_m = depth_map(compensated, volume.z_m, 0.05 if threshold is None else threshold)
     seen = np.isfinite(depth_m)
     occupied = seen if truth_m is None else np.isfinite(truth_m)
     pitch_m = float(volume.x_m[1] - volume.x_m[0]) if len(volume.x_m) > 1 else 0.0
     margin_m = max(float(volume.parameters.get("wavelength_m", 0.0)), pitch_m)
     around = surroundings(occupied, volume.x_m, volume.y_m, margin_m)
-    front = front_view(lifted)
+    front = front_view(compensated)
     found: dict[str, Any] = {
         "peak": _peak(volume),
         "widths": _widths(volume, wall),

@@ -15,32 +15,33 @@ from numpy.typing import NDArray
 from recon import defaults
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
-from recon.depth import compensate_falloff, depth_map
+from recon.depth import compensate_falloff
 from recon.grid import VoxelGrid
 from recon.imaging import image
+from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
+from recon.surface import Surface, find
 from recon.video import Over, Sink, frame_times_s, video
-from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.wave import CYCLES, VirtualPulse
+from recon.window import Window
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
+from rig.model.quantities import show_length
 from rig.show.sheet import frames_figure, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import save, volume_figure
 
-#: A pixel has a depth where its intensity, compensated for the fall-off with depth, is at least this part of
-#: the greatest.
-DEPTH_THRESHOLD = 0.05
 #: Power of depth, or of time since the flash, with which pictures undo the fall-off of the intensity.
 FALLOFF = 4.0
-#: Part of that power which the virtual wave does not need, since its 1/r took only z^-2; see `depth_map`.
-LIFTED = 2.0
+#: A surface is imaged well where it is, in the median, this many times brighter than noise. If the wavelength
+#: is the program's to choose, it is made longer by `LONGER` until that is so, `ATTEMPTS` times at most.
+WELL, LONGER, ATTEMPTS = 20.0, 1.25, 6
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Request:
     camera: str = "confocal"
     solver: str = "rsd"
     wavelength_m: float | None = None
-    cycles: float = 6.0
+    cycles: float = CYCLES
     depth_m: tuple[float, float, float] | None = None
     width_m: float | None = None
     height_m: float | None = None
@@ -74,7 +75,7 @@ class _Work:
     seen: Seen
     pulse: VirtualPulse
     grid: VoxelGrid
-    fades: Fades
+    window: Window
     scan: str
     scan_digest: str
 
@@ -82,7 +83,7 @@ class _Work:
     def capture(self) -> Capture:
         return self.seen.capture
 
-    def volume(self, found: Image, depth_m: NDArray[np.float32] | None = None, **more: Any) -> Volume:
+    def volume(self, found: Image, surface: Surface | None = None, **more: Any) -> Volume:
         """Return the volume file's value: an image, how it was made, and where it comes from."""
         grid = self.grid
         parameters: dict[str, Any] = {"solver": found.solver}
@@ -92,10 +93,21 @@ class _Work:
             parameters = {"camera": found.camera.name, **parameters, **wave}
         else:
             parameters["falloff_power"] = found.falloff_power
-        parameters |= {"fade_from_s": found.fades.start_s, **more, **calibrated}
+        if surface:
+            more["signal"] = not surface.empty
+        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated}
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
-        return Volume(found.intensity, *axes, depth_m, times_s, parameters, self.scan, self.scan_digest)
+        return Volume(
+            found.intensity,
+            *axes,
+            depth_m=surface.depth_m if surface else None,
+            confidence=surface.confidence if surface else None,
+            t_s=times_s,
+            parameters=parameters,
+            scan=self.scan,
+            scan_digest=self.scan_digest,
+        )
 
 
 def reconstruct(
@@ -121,15 +133,18 @@ def reconstruct(
     _check(request, video_path)
     with ScanFile(scan_path) as scan:
         work, reason = _chosen(scan, request)
+        camera = _camera(work)
         if not SOLVERS[request.solver].virtual_wave:
             volume, warnings, reason = *_classic(work, progress), ""
+        elif isinstance(camera, TransientCamera):
+            volume, warnings = _film(work, camera, volume_path, progress), _warnings(work, camera)
+        elif isinstance(camera, PhotoCamera):
+            # Depth is told by the pulse alone.
+            volume, warnings = work.volume(_focused(work, camera, progress)), _warnings(work, camera)
         else:
-            camera = _camera(work)
+            work, reason, volume = _still(work, reason, progress)
             warnings = _warnings(work, camera)
-            if isinstance(camera, TransientCamera):
-                volume = _film(work, camera, volume_path, progress)
-            else:
-                volume = _still(work, camera, progress)
+        warnings = (*_signal(volume), *warnings)
         if not (volume.t_s is not None and request.all_depths):  # which is written plane by plane
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
@@ -141,18 +156,24 @@ def reconstruct(
 def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
     """Choose what was not asked for; say why this wavelength."""
     seen = _seen_with(scan, request)
+    # Light takes the same paths both ways: the side with more spots focuses.
+    seen = dataclasses.replace(seen, capture=seen.capture.by_its_finer_aperture())
     choice = _wavelength(request, seen.capture, seen.instrument_response_s)
+    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, request.cycles)
-    grid = defaults.voxels(
-        seen.capture,
+    grid = _voxels(request, seen.capture, pulse)
+    return _Work(request, seen, pulse, grid, window, scan.path.name, scan.digest), choice.reason
+
+
+def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
+    return defaults.voxels(
+        capture,
         pulse,
         width_m=request.width_m,
         height_m=request.height_m,
         voxel_m=request.voxel_m,
         depth_m=request.depth_m,
     )
-    fades = Fades(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
-    return _Work(request, seen, pulse, grid, fades, scan.path.name, scan.digest), choice.reason
 
 
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
@@ -210,11 +231,10 @@ def _classic(work: _Work, progress: Callable[[float], None] | None) -> tuple[Vol
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
     request = work.request
     found = baseline_image(
-        work.capture, work.grid, solver=request.solver, fades=work.fades, snr=request.snr, progress=progress
+        work.capture, work.grid, solver=request.solver, window=work.window, snr=request.snr, progress=progress
     )
-    depth_m = _depths(found.intensity, work.grid.z_m, found.falloff_power, lifted=0.0)
     snr = {} if found.snr is None else {"snr": found.snr}
-    return work.volume(found, depth_m, depth_threshold=DEPTH_THRESHOLD, **snr), found.notes
+    return work.volume(found, find(found, quiet_level(found.intensity)), **snr), found.notes
 
 
 def _wavelength(request: Request, capture: Capture, response_s: float | None) -> defaults.Choice:
@@ -238,18 +258,47 @@ def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | No
         work.grid,
         solver=request.solver,
         camera=camera,
-        fades=work.fades,
+        window=work.window,
         progress=progress,
         memory_bytes=request.memory_bytes,
         device=request.device,
     )
 
 
-def _still(work: _Work, camera: Camera, progress: Callable[[float], None] | None) -> Volume:
-    found = _focused(work, camera, progress)
-    if not isinstance(camera, ConfocalCamera):
-        return work.volume(found)  # depth is told by the pulse alone
-    return work.volume(found, _depths(found.intensity, work.grid.z_m), depth_threshold=DEPTH_THRESHOLD)
+def _imaged(work: _Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
+    """Image, and find the surface; its noise is that of the photons, where they were counted."""
+    capture, tally = tallied(work.capture, work.pulse, work.window)
+    reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
+    found = _focused(reading, ConfocalCamera(), progress)
+    counted = tally.whole and found.pulse is not None
+    return found, find(
+        found, photon_noise(tally, work.pulse, work.grid) if counted else quiet_level(found.intensity)
+    )
+
+
+def _still(work: _Work, reason: str, progress: Callable[[float], None] | None) -> tuple[_Work, str, Volume]:
+    """Image with the wavelength asked for, or else with a longer one where photons are too few."""
+    best, (found, surface) = work, _imaged(work, progress)
+    for attempt in range(1, ATTEMPTS + 1 if work.request.wavelength_m is None else 1):
+        if surface.contrast_seen() >= WELL:
+            break
+        pulse = VirtualPulse(work.pulse.wavelength_m * LONGER**attempt, work.pulse.cycles)
+        longer = dataclasses.replace(work, pulse=pulse, grid=_voxels(work.request, work.capture, pulse))
+        image_longer, surface_longer = _imaged(longer, progress)
+        if surface_longer.contrast_seen() > surface.contrast_seen():
+            best, found, surface = longer, image_longer, surface_longer
+            reason = f"there are too few photons for {show_length(work.pulse.wavelength_m)}"
+    return best, reason, best.volume(found, surface)
+
+
+def _signal(volume: Volume) -> tuple[str, ...]:
+    """Say if nothing was seen."""
+    if volume.parameters.get("signal", True):
+        return ()
+    return (
+        "no signal above noise: what the image shows, photons that know nothing of a hidden object give as "
+        "well; measure longer, or check that the laser reaches the wall and the record holds the scene",
+    )
 
 
 def _film(
@@ -257,14 +306,13 @@ def _film(
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
     request, grid, over = work.request, work.grid, work.request.over
-    depth_m = None
-    if over == "surface":
-        depth_m = _depths(_focused(work, ConfocalCamera(), None).intensity, grid.z_m)
+    surface = _imaged(work, None)[1] if over == "surface" else None
+    depth_m = surface.depth_m if surface else None
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     begun = Image(
-        grid, None, request.solver, work.fades, camera, work.pulse, times_s=camera.times_s, frames=dark
+        grid, None, request.solver, work.window, camera, work.pulse, times_s=camera.times_s, frames=dark
     )
-    with _sink(volume_path, work.volume(begun, depth_m, over_depth=over), request.all_depths) as sink:
+    with _sink(volume_path, work.volume(begun, surface, over_depth=over), request.all_depths) as sink:
         found = video(
             work.capture,
             work.pulse,
@@ -274,11 +322,11 @@ def _film(
             over=over,
             surface_m=depth_m,
             sink=sink,
-            fades=work.fades,
+            window=work.window,
             progress=progress,
             memory_bytes=request.memory_bytes,
         )
-    return work.volume(found, depth_m, over_depth=over)
+    return work.volume(found, surface, over_depth=over)
 
 
 @contextmanager
@@ -293,12 +341,6 @@ def _sink(path: Path, volume: Volume, all_depths: bool) -> Iterator[Sink | None]
             dataset[:, plane] = frames
 
         yield write
-
-
-def _depths(
-    intensity: NDArray[np.float32], z_m: NDArray[np.float64], falloff: float = FALLOFF, lifted: float = LIFTED
-) -> NDArray[np.float32]:
-    return depth_map(compensate_falloff(intensity, z_m, falloff), z_m, DEPTH_THRESHOLD, lifted=lifted)
 
 
 def _seen(volume: Volume) -> Volume:

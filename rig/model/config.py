@@ -254,6 +254,8 @@ class SimulationConfig(_Section):
     """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
     roughness: float | None = Field(None, ge=0.05, le=1)
     """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
+    gloss: Literal["ward", "ggx"] | None = None
+    """Model of the gloss of all hidden surfaces instead of their own."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)

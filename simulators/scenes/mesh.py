@@ -6,7 +6,7 @@ what it is to read is drawn with x = -u, where u is the reader's right.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,11 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 
-#: Smoothest surface [Ward's alpha] that patches of a few centimetres, lit as if from their centres, can show.
+#: Smoothest surface [alpha] that patches of a few centimetres, lit as if from their centres, can show.
 SMOOTHEST = 0.05
+
+#: Models of the lobe of a glossy surface, see `simulators.transport.reflectance`.
+Gloss = Literal["ward", "ggx"]
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,13 @@ class Mesh:
         see `simulators.transport.reflectance`.
     retro
         Whether the lobe of a surface with roughness below 1 points back to where the light comes from.
+    gloss
+        Model of the lobe of a surface with roughness below 1: "ward" or "ggx".
 
     Raises
     ------
     ValueError
-        If the roughness or an albedo is out of range.
+        If the roughness or an albedo is out of range, or there is no such model.
     """
 
     name: str
@@ -52,6 +57,7 @@ class Mesh:
     albedo: float | NDArray[np.float64] = 0.8
     roughness: float = 1.0
     retro: bool = False
+    gloss: Gloss = "ward"
 
     def __post_init__(self) -> None:
         if not SMOOTHEST <= self.roughness <= 1:
@@ -60,6 +66,8 @@ class Mesh:
             )
         if np.any(np.asarray(self.albedo) < 0) or np.any(np.asarray(self.albedo) > 1):
             raise ValueError(f"{self.name}: albedo is not between 0 and 1")
+        if self.gloss not in get_args(Gloss):
+            raise ValueError(f"{self.name}: there is no gloss {self.gloss!r}, choose ward or ggx")
 
     @property
     def triangles_m(self) -> NDArray[np.float64]:
@@ -97,6 +105,10 @@ class Scene:
     def with_roughness(self, roughness: float) -> "Scene":
         """Return the same scene with every surface as rough as this; see `Mesh`."""
         return Scene(self.name, tuple(replace(mesh, roughness=roughness) for mesh in self.meshes))
+
+    def with_gloss(self, gloss: Gloss) -> "Scene":
+        """Return the same scene with this model for the lobes of all surfaces; see `Mesh`."""
+        return Scene(self.name, tuple(replace(mesh, gloss=gloss) for mesh in self.meshes))
 
     def truth(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> "Truth":
         """Return the first surface along +z from the wall, at the points of two axes [m]."""

@@ -35,6 +35,8 @@ class Patches(NamedTuple):
         (K,) 1 for Lambertian surfaces, below for glossy ones.
     retro
         (K,) whether the gloss points back to where light comes from.
+    ggx
+        (K,) whether the gloss is that of GGX, or else of Ward.
     triangle
         (K,) which triangle of the scene each was cut from.
     """
@@ -46,6 +48,7 @@ class Patches(NamedTuple):
     albedo: NDArray[np.float64]
     roughness: NDArray[np.float64]
     retro: NDArray[np.bool_]
+    ggx: NDArray[np.bool_]
     triangle: NDArray[np.int64]
 
 
@@ -111,6 +114,7 @@ def tessellate(scene: "Scene", edge_m: float | None = None) -> Patches:
         albedo=scene.albedo[triangle],
         roughness=np.array([mesh.roughness for mesh in scene.meshes])[of_mesh],
         retro=np.array([mesh.retro for mesh in scene.meshes], dtype=bool)[of_mesh],
+        ggx=np.array([mesh.gloss == "ggx" for mesh in scene.meshes], dtype=bool)[of_mesh],
         triangle=triangle,
     )
 

@@ -69,8 +69,8 @@ class ThreeBounces:
         weight, path_m = _from_spot(spot, centre_m, normal, self._reflecting, self._distance_m)
         shade(self._blockers, spot, centre_m, weight)
         if self._glossy:
-            roughness, retro = self.patches.roughness, self.patches.retro
-            gloss(weight, centre_m, normal, roughness, retro, spot, self.detector_spot_m)
+            looks = self.patches.roughness, self.patches.retro, self.patches.ggx
+            gloss(weight, centre_m, normal, *looks, spot, self.detector_spot_m)
         return weight, path_m
 
     def flux(self, laser_spot_m: Spot) -> float:

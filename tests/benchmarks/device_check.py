@@ -17,11 +17,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from recon.aperture import recognise
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import CONFOCAL, plane_times_s, slabs
+from recon.sampling import CONFOCAL, depth_blocks, plane_times_s
 from recon.solvers.rsd import array as rsd_array
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 POINTS_M = np.array([[0.2, 0.1, 0.8], [-0.3, -0.2, 1.4], [0.1, 0.3, 2.2]])
 DETECTOR_M = np.array([0.1, -0.05, 0.0])
@@ -47,9 +47,9 @@ def main() -> None:
     aperture = recognise(capture.laser_m)
     axes = aperture.x.coordinates_m, aperture.y.coordinates_m
     grid = VoxelGrid(*axes, np.arange(0.5, 3.0, 0.02))
-    parts = slabs(capture, pulse, grid)
+    parts = depth_blocks(capture, pulse, grid)
     begun = perf_counter()
-    emitted = spectra(capture, parts, Fades())
+    emitted = spectra(capture, parts, Window())
     times_s = np.stack([plane_times_s(capture, grid, CONFOCAL, z_m) for z_m in grid.z_m])
     spectra_s = perf_counter() - begun
 
@@ -61,7 +61,7 @@ def main() -> None:
             index = index[index % step == 0]
             if part.reached and len(index):
                 planes = VoxelGrid(*axes, grid.z_m[index])
-                field[index] = rsd_array.focus_slab(
+                field[index] = rsd_array.focus_block(
                     aperture,
                     spectrum * part.band.weights[:, None],
                     part.band,

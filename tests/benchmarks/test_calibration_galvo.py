@@ -5,9 +5,6 @@
 With cameras it takes some ten minutes.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -19,10 +16,7 @@ from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
-
-from misaligned import errors_m, misaligned
+from support.misaligned import errors_m, misaligned
 
 SEEDS = 20
 

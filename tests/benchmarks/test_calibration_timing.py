@@ -5,15 +5,10 @@
 prints a table; nothing is asserted.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
-
-from misaligned_rig import galvo_calibration, misaligned, true_delays_s, true_width_s
 
 from rig.acquire.acquisition import Watch
 from rig.calibrate.irf import ResponseRoutine
@@ -22,6 +17,7 @@ from rig.calibrate.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
 from rig.model.calibrations.chosen import Calibrations
 from rig.model.state import RigState
+from support.misaligned import galvo_calibration, misaligned_at_random, true_delays_s, true_width_s
 
 SEEDS = 20
 #: Error of each measured spot along x and y.
@@ -36,7 +32,7 @@ def rectified_errors_s(found, config, known, mirror_rad) -> np.ndarray:
 
 def one_seed(seed: int, folder: Path) -> dict:
     """Measure both calibrations on one rig, and return how wrong they are."""
-    config = misaligned(seed, folder / "calibrations")
+    config = misaligned_at_random(seed, folder / "calibrations")
     routine, response = TimeZeroRoutine(), ResponseRoutine()
     files = measured(routine, config, None, folder, Watch())
     with ScanFile(files[0]) as scan:

@@ -66,8 +66,8 @@ def test_growth(benchmark):
         capture, _ = scan(side, side, 2 / side, bins, 8e-12)
         pulse = VirtualPulse(0.12)
         grid = voxels(capture, pulse, depth_m=(0.5, 0.5 + (planes - 1) / 64, 1 / 64))
-        slabs = image(capture, pulse, grid).slabs
-        pairs = sum((part.planes.stop - part.planes.start) * len(part.band.weights) for part in slabs)
+        depth_blocks = image(capture, pulse, grid).depth_blocks
+        pairs = sum((part.planes.stop - part.planes.start) * len(part.band.weights) for part in depth_blocks)
         taken_s, floor_s = best_s(capture, pulse, grid), seconds_of_ffts((2 * side, 2 * side), pairs)
         print(f"{side:4} {bins:5} {planes:7} {taken_s:6.2f} {floor_s:10.2f} {taken_s / floor_s:8.2f}")
     benchmark.pedantic(best_s, (capture, pulse, grid), rounds=1)

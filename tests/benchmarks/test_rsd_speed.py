@@ -17,10 +17,10 @@ import pytest
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.defaults import voxels
 from recon.imaging import image
-from recon.sampling import slabs
+from recon.sampling import depth_blocks
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
 
 
 def scan(nx, ny, pitch_m, bins, bin_width_s):
@@ -70,9 +70,11 @@ def test_speed(benchmark, name):
     assert abs(grid.y_m[j] - point_m[1]) <= (grid.y_m[1] - grid.y_m[0]) / 2 + 1e-9
     assert abs(grid.z_m[k] - point_m[2]) <= 2 * (grid.z_m[1] - grid.z_m[0])
     begun = perf_counter()
-    spectra(capture, slabs(capture, pulse, grid), Fades())
+    spectra(capture, depth_blocks(capture, pulse, grid), Window())
     reading = perf_counter() - begun
-    pairs = sum((part.planes.stop - part.planes.start) * len(part.band.weights) for part in result.slabs)
+    pairs = sum(
+        (part.planes.stop - part.planes.start) * len(part.band.weights) for part in result.depth_blocks
+    )
     floor = seconds_of_ffts(padded, pairs)
     total = benchmark.stats.stats.min
     benchmark.extra_info.update(

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
 
 from rig.acquire.acquisition import Watch
 from rig.calibrate.afterpulses import Record, fitted
@@ -13,6 +12,8 @@ from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
 from rig.model.state import RigState
+from support.calibration_files import config_with, write_counts
+from support.drawn import line, panel
 
 PERIOD_S, WIDTH_S = 500e-9, 256e-12
 BINS = 1954
@@ -108,7 +109,20 @@ def test_the_simulated_rig_is_measured(tmp_path):
     assert abs(got.ambient_hz - 500) < 4 * got.ambient_error_hz < 24
     assert abs(got.afterpulse_probability - 0.02) < 4 * got.afterpulse_probability_error
     assert abs(got.afterpulse_decay_s - 40e-9) < 4 * got.afterpulse_decay_error_s < 20e-9
-    assert len(routine.figure(files, got).axes) == 4
+    figure = routine.figure(files, got)
+    rates = panel(figure, "counts a second")
+    for name, hz in (("lens covered", 10), ("uncovered", 510)):
+        # a tenth of a minute at 10 Hz has 60 counts, so the mean of all is known to 5 %; four of these
+        assert line(rates, name)[:, 1].mean() == pytest.approx(hz, rel=0.2)
+    outlasting = panel(figure, "afterpulses a detection (%)")
+    assert outlasting.get_xlabel() == "hold-off h (ns)"
+    (bars,) = outlasting.containers
+    np.testing.assert_allclose(bars.lines[0].get_xydata().T, [[90, 120], 100 * np.array(got.after_hold_off)])
+    hold_ns, curve = line(outlasting, "p exp(-h / tau)").T
+    due = got.afterpulse_probability * np.exp(-1e-9 * hold_ns / got.afterpulse_decay_s)
+    np.testing.assert_allclose(curve, 100 * due)
+    for hold in ("90 ns", "120 ns"):
+        assert line(panel(figure, "counts a bin"), f"hold-off {hold}")[:, 1].max() > 0
     for outlasting, error, hold_s in zip(
         got.after_hold_off, got.after_hold_off_error, got.hold_off_s, strict=True
     ):

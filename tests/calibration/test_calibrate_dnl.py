@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
+from matplotlib.image import imread
 
 from recon.capture import ArrayHistograms
 from rig.acquire.acquisition import Watch
@@ -19,6 +19,8 @@ from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.store import CalibrationStore, read
 from rig.model.config import built_in
 from rig.model.state import RigState
+from support.calibration_files import config_with, write_counts
+from support.drawn import line, panel
 
 BINS = 2000
 
@@ -89,7 +91,17 @@ def test_the_simulated_rig_is_measured_and_the_command_stores_it(tmp_path, rig):
     # the sync period ends 72 ns after the first bin's edge: 281 whole bins, of which three may reach over it
     assert [width is None for width in found.measured] == [False] * 278 + [True] * 12
     assert (found.widths[278:] == 1).all()
-    assert stored.with_suffix(".png").stat().st_size > 10_000
+    assert imread(stored.with_suffix(".png")).shape[:2] == (750, 1200)
+    figure = DnlRoutine().figure([], found)
+    widths = panel(figure, "width, deviation from mean (%)")
+    assert widths.get_xlabel() == "time after the sync pulse (ns)"
+    believed = line(widths, "believed")
+    np.testing.assert_allclose(believed[:, 1], 100 * (found.widths[:278] - 1))
+    np.testing.assert_allclose(np.diff(believed[:, 0]), 1e9 * found.bin_width_s)
+    counted = np.array(found.measured[:278], float)
+    np.testing.assert_allclose(line(widths, "as counted")[:278, 1], 100 * (counted - 1))
+    (bars,) = panel(figure, "bins").containers
+    assert sum(bar.get_height() for bar in bars) == 278
 
 
 def test_steady_light_fills_the_bins_evenly_whatever_the_detector_does(tmp_path):

@@ -1,10 +1,11 @@
 """``rig calibrate galvo`` from the devices to the stored calibration."""
 
 import json
+import re
 
 import numpy as np
 import pytest
-from misaligned import errors_m, misaligned
+from matplotlib.quiver import Quiver
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station, open_station
@@ -12,11 +13,14 @@ from rig.bench.operator import BenchCamera
 from rig.calibrate.galvo.flight import FlightRoutine
 from rig.calibrate.galvo.routine import CameraRoutine
 from rig.errors import CalibrationError, DataFileError, UsageError
+from rig.files import ScanFile
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.optics.cameras import Camera
 from simulators.optics.lens import Intrinsics, Pose
+from support.drawn import coloured, line, panel, rightwards
+from support.misaligned import errors_m, misaligned
 
 #: A quarter of the default cameras' pixels, so that their pictures are quickly drawn.
 SMALL = Intrinsics(550.0, 550.0, 319.5, 239.5, 640, 480)
@@ -41,7 +45,13 @@ def test_with_cameras_the_beam_goes_where_it_is_asked_to(tmp_path):
     assert found.method == "cameras"
     assert found.positions == 16
     assert set(found.measured_from) == {"galvo-images.h5"}
-    assert routine.figure(files, found).axes
+    figure = routine.figure(files, found)
+    wall, residuals = panel(figure, "y (m)"), panel(figure, "residual along y (mm)")
+    spots_m = np.array(found.spots_m)
+    off_m = spots_m - found.pointing().spots_m(np.array(found.mirror_rad))[:, :2]
+    np.testing.assert_allclose(line(wall, "measured spot"), spots_m)
+    np.testing.assert_allclose(residuals.lines[-1].get_xydata(), 1e3 * off_m)
+    assert_arrows(wall, spots_m, off_m)
 
 
 def test_without_cameras_the_command_stores_a_calibration_that_scans_use(rig):
@@ -71,7 +81,28 @@ def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
     found = routine.fit(files, RigState(config))
     spots_m = ScanPlan.grid(config, columns=19, rows=14, spacing_m=0.099).spots_m
     assert np.linalg.norm(errors_m(found, config, spots_m), axis=1).max() < 5e-3
-    assert routine.figure(files, found).axes
+    figure = routine.figure(files, found)
+    wall = panel(figure, "y (m)")
+    marks_m = np.array(found.spots_m)
+    modelled_m = found.pointing().spots_m(np.array(found.mirror_rad))[:, :2]
+    np.testing.assert_allclose(line(wall, "mark"), marks_m)
+    assert_arrows(wall, marks_m, modelled_m - marks_m)
+    with ScanFile(files[0]) as scan:
+        measured_m = found.pointing().spots_m(scan.mirror_rad)[:, :2]
+    places_m, left_ps = coloured(wall)
+    assert {tuple(place) for place in places_m.round(9)} <= {tuple(spot) for spot in measured_m.round(9)}
+    over = panel(figure, "path mirror - wall - detector (m)")
+    np.testing.assert_allclose(over.lines[1].get_ydata(), left_ps)
+
+
+def assert_arrows(wall, from_m, along_m):
+    """Arrows begin at the spots and are the differences, as many times larger as the legend says."""
+    (arrows,) = (one for one in wall.collections if isinstance(one, Quiver))
+    times = float(re.search(r"([\d.e+]+) times", arrows.get_label())[1])
+    np.testing.assert_allclose(arrows.get_offsets(), from_m)
+    np.testing.assert_allclose(np.column_stack([arrows.U, arrows.V]), times * along_m)
+    assert wall.get_xlabel() == "x (m)"
+    assert rightwards(wall)
 
 
 def test_marks_are_asked_for_and_looked_at(tmp_path):

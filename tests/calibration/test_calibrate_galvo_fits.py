@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from misaligned import misaligned, true_spots_m
 from scipy.spatial.transform import Rotation
 
 from rig.bench.simulated import true_geometry
@@ -16,6 +15,7 @@ from rig.model.devices import Board
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.cameras import Checkerboard, default_cameras
 from simulators.optics.lens import Pose
+from support.misaligned import misaligned, true_spots_m
 
 SIZE = (1280, 960)
 

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibration_files import config_with, write_counts
 from scipy.integrate import quad
 from scipy.stats import norm
 
@@ -22,6 +21,8 @@ from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
+from support.calibration_files import config_with, write_counts
+from support.drawn import coloured, line, panel, rightwards
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
@@ -123,7 +124,26 @@ def test_the_opening_is_found_and_failing_positions_are_mapped(sweep):
     assert found.gate_delay_s < min(kept)
     # the gate closes with the histogram, 88 ns after the sync pulse
     assert found.gate_delay_s + found.gate_width_s == pytest.approx(88e-9, abs=20e-12)
-    assert len(ROUTINE.figure(files, found).axes) == 4
+    assert_drawn(ROUTINE.figure(files, found), found)
+
+
+def assert_drawn(figure, found):
+    edge = panel(figure, "part of the first bounce")
+    late_ps, part = line(edge, "fitted edge").T
+    # the edge falls from 80 to 20 % within its duration; the curve has 400 points over three times the ramp
+    shown_ps = np.interp([-0.8, -0.2], -part, late_ps)
+    assert abs(np.ptp(shown_ps) - 1e12 * found.edge_s) < 0.02 * 1e12 * found.edge_s
+    off = line(edge, "first bounce that passes")
+    near = np.abs(off[:, 0] - shown_ps.mean()) < 300
+    assert np.median(np.abs(off[near, 1] - np.interp(off[near, 0], late_ps, part))) < 0.05
+    wall = panel(figure, "y (m)")
+    spots, earliest_ns = coloured(wall)
+    can = np.array([one is not None for one in found.earliest_s])
+    np.testing.assert_allclose(spots, np.array(found.spots_m)[can])
+    np.testing.assert_allclose(earliest_ns, [1e9 * one for one in found.earliest_s if one is not None])
+    np.testing.assert_allclose(line(wall, "gate fails"), np.array(found.spots_m)[found.failed])
+    assert wall.get_xlabel() == "x (m), as one faces the wall"
+    assert rightwards(wall)
 
 
 def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):

@@ -5,17 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from misaligned_rig import (
-    galvo_calibration,
-    misaligned,
-    true_arrivals_s,
-    true_delays_s,
-    true_geometry,
-    true_width_s,
-)
 
 from recon.defaults import shortest_wavelength_m, wavelength
 from rig.acquire.acquisition import Watch, acquire
+from rig.bench.simulated import true_geometry
 from rig.calibrate import irf, peaks
 from rig.calibrate.geometry_fit import Arrivals
 from rig.calibrate.irf import ResponseRoutine
@@ -28,6 +21,13 @@ from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.misaligned import (
+    galvo_calibration,
+    misaligned_at_random,
+    true_arrivals_s,
+    true_delays_s,
+    true_width_s,
+)
 
 
 def errors_s(legs, config, known, mirror_rad):
@@ -44,7 +44,7 @@ def grid_rad(config):
 def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
     pulls = []
     for seed in range(6):
-        config, rng = misaligned(seed), np.random.default_rng(seed)
+        config, rng = misaligned_at_random(seed), np.random.default_rng(seed)
         known, angles = galvo_calibration(config, 0.5e-3, seed), grid_rad(config)
         error_s = np.full(len(angles), 0.3e-12)
         seen_s = true_arrivals_s(config, angles) + error_s * rng.standard_normal(len(angles))
@@ -59,7 +59,7 @@ def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
 
 
 def test_a_measured_calibration_rectifies_and_warns(tmp_path):
-    config = misaligned(3, tmp_path / "calibrations")
+    config = misaligned_at_random(3, tmp_path / "calibrations")
     routine = TimeZeroRoutine(columns=7, rows=5)
     files = measured(routine, config, None, tmp_path, Watch())
     with ScanFile(files[0]) as scan:
@@ -81,7 +81,7 @@ def test_a_measured_calibration_rectifies_and_warns(tmp_path):
 
 def test_a_scan_uses_both_and_is_rectified(tmp_path):
     """The first bounce, rectified, comes |x_p - h| - |x_c - h| after the pulse is on the wall."""
-    config = misaligned(4, tmp_path / "calibrations")
+    config = misaligned_at_random(4, tmp_path / "calibrations")
     store = CalibrationStore(config.calibration.folder)
     known = galvo_calibration(config, 0.5e-3, 4)
     store.add(known.galvo)
@@ -114,7 +114,7 @@ def test_a_scan_uses_both_and_is_rectified(tmp_path):
 
 
 def test_too_few_positions_are_refused_and_nothing_is_stored(tmp_path):
-    config = misaligned(0, tmp_path / "calibrations")
+    config = misaligned_at_random(0, tmp_path / "calibrations")
     routine = TimeZeroRoutine(columns=4, rows=3, exposure_s=0.02)
     files = measured(routine, config, None, tmp_path, Watch())
     with pytest.raises(CalibrationError, match="12 positions with a first bounce are too few"):

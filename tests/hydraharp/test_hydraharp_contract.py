@@ -8,11 +8,11 @@ import ctypes
 from pathlib import Path
 
 import pytest
-from hydraharp_wire import C_TYPES, DECLARED, bench_with, call
 
 from drivers.hydraharp.errors import ErrorCode, code_name
 from drivers.hydraharp.loading import PATH_VARIABLE, candidates, load_library
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_wire import C_TYPES, DECLARED, bench_with, call
 
 #: No instrument is here. `CLOSED` is opened in vain before each test, `UNTOUCHED` never.
 CLOSED, UNTOUCHED = 6, 7

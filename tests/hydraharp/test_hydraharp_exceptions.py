@@ -1,10 +1,10 @@
 """The simulated library: an exception behind a C function is a negative code, and is not lost."""
 
 import pytest
-from hydraharp_opened import Opened
-from hydraharp_wire import DECLARED, bench_with, call
 
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_opened import Opened
+from support.hydraharp_wire import DECLARED, bench_with, call
 
 
 class BrokenError(Exception):

@@ -1,11 +1,11 @@
 """Each method of the library's wrapper makes its one call and returns what was written."""
 
 import pytest
-from hydraharp_wire import DECLARED, Returns, Script
 
 from drivers.hydraharp.constants import Edge, Feature, Flag, MeasControl, Mode, Reference, Warn
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib, histogram_buffers
+from support.hydraharp_wire import DECLARED, Returns, ScriptedLibrary
 
 RISING, FALLING = Edge.RISING, Edge.FALLING
 
@@ -69,7 +69,7 @@ CALLS = [
 
 @pytest.mark.parametrize(("method", "arguments", "c_call", "written", "result"), CALLS)
 def test_one_call(method, arguments, c_call, written, result):
-    script = Script([(c_call, *written)])
+    script = ScriptedLibrary([(c_call, *written)])
     answer = getattr(HHLib(script.functions), method)(*arguments)
     script.finish()
     assert answer == result
@@ -77,7 +77,7 @@ def test_one_call(method, arguments, c_call, written, result):
 
 
 def test_histogram_goes_into_the_callers_buffer():
-    script = Script([("HH_GetHistogram(3, 1, 1)", [4, 0, 2**32 - 1])])
+    script = ScriptedLibrary([("HH_GetHistogram(3, 1, 1)", [4, 0, 2**32 - 1])])
     _, buffer = rows = histogram_buffers(2)
     HHLib(script.functions).get_histogram(3, 1, buffer, clear=True)
     script.finish()
@@ -89,7 +89,7 @@ def test_histogram_goes_into_the_callers_buffer():
 
 @pytest.mark.parametrize("records", [[], [1, 2**32 - 1]])
 def test_fifo(records):
-    script = Script([("HH_ReadFiFo(3, 256)", records, len(records))])
+    script = ScriptedLibrary([("HH_ReadFiFo(3, 256)", records, len(records))])
     got = HHLib(script.functions).read_fifo(3, 256)
     script.finish()
     assert got.tolist() == records
@@ -99,12 +99,12 @@ def test_fifo(records):
 @pytest.mark.parametrize("count", [0, 100, 131_200])
 def test_fifo_takes_whole_chunks(count):
     with pytest.raises(ValueError, match="no multiple of 128"):
-        HHLib(Script([]).functions).read_fifo(3, count)
+        HHLib(ScriptedLibrary([]).functions).read_fifo(3, count)
 
 
 def test_continuous_block_may_hold_zeros():
     block = bytes([1, 0, 2, 0])
-    script = Script([("HH_GetContModeBlock(3)", block, len(block))])
+    script = ScriptedLibrary([("HH_GetContModeBlock(3)", block, len(block))])
     assert HHLib(script.functions).get_cont_mode_block(3) == block
     script.finish()
 
@@ -114,7 +114,7 @@ def test_every_function_is_wrapped_and_refusals_are_raised():
     wrapped |= {"HH_GetHistogram", "HH_ReadFiFo", "HH_GetContModeBlock"}
     assert wrapped == set(DECLARED)
     for method, arguments, c_call, _, _ in CALLS:
-        library = HHLib(Script([(c_call, Returns(-36))]).functions, name="script")
+        library = HHLib(ScriptedLibrary([(c_call, Returns(-36))]).functions, name="script")
         with pytest.raises(HydraHarpError, match="-36") as caught:
             getattr(library, method)(*arguments)
         assert caught.value.function == c_call

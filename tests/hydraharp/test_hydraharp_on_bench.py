@@ -5,7 +5,6 @@ from threading import Event
 
 import numpy as np
 import pytest
-from hydraharp_wire import SteadyLight, bench_with
 
 from drivers.errors import DeviceNotFoundError, LimitError
 from drivers.hydraharp.device import HydraHarp, Rates
@@ -15,6 +14,7 @@ from drivers.hydraharp.settings import HydraHarpSettings
 from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_wire import SteadyLight, bench_with
 
 PAPER_BIN_S = 4e-12
 

@@ -3,11 +3,11 @@
 from ctypes import c_int
 
 import pytest
-from hydraharp_wire import C_TYPES, DECLARED, bench_with
 
 from drivers.hydraharp.errors import ErrorCode, HydraHarpError, code_name
 from drivers.hydraharp.library import PROTOTYPES
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_wire import C_TYPES, DECLARED, bench_with
 
 EXPECTED = {name: tuple(C_TYPES[t] for t in types) for name, types in DECLARED.items()}
 

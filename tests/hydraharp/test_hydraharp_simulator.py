@@ -3,10 +3,10 @@
 from ctypes import c_uint
 
 import pytest
-from hydraharp_opened import HISTOGRAM, Opened
-from hydraharp_wire import bench_with, call
 
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_opened import HISTOGRAM, Opened
+from support.hydraharp_wire import bench_with, call
 
 
 def test_identity():

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hydraharp_wire import SteadyLight
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.hydraharp.device import HydraHarp
@@ -11,6 +10,7 @@ from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
 from simulators.bench import Bench, Detections
 from simulators.wire.hydraharp import HydraHarpSimulator, Nonlinearity, Timing
+from support.hydraharp_wire import SteadyLight
 
 PERIOD_S = 100e-9
 
@@ -40,7 +40,6 @@ class Given:
         return 0.0
 
 
-@settings(deadline=None)  # the first example compiles
 @given(
     gaps_ps=st.lists(st.integers(0, 400_000), min_size=1, max_size=40),
     dead_ps=st.integers(1, 200_000),

@@ -1,13 +1,13 @@
 """The driver's calls, in order, against a scripted library (order, waits: HHLib manual, vendor demos)."""
 
 import pytest
-from hydraharp_wire import Returns, Script
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
+from support.hydraharp_wire import Returns, ScriptedLibrary
 
 VERSION = ("HH_GetLibraryVersion()", "3.0")
 INITIALIZE = [
@@ -41,7 +41,7 @@ ENDED = [("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
 
 def play(lines, work=lambda harp: None, **settings):
     """Run ``work`` on an open driver; whatever it raises, the script must come out exactly."""
-    script = Script(lines)
+    script = ScriptedLibrary(lines)
     asked = HydraHarpSettings(**{"bins": 3, **settings})
     harp = HydraHarp(HHLib(script.functions, name="script"), clock=script, serial="1000001", settings=asked)
     try:
@@ -192,15 +192,9 @@ def test_stopped_after_an_error_which_stays_the_one_raised(code):
 
 
 def test_stopped_when_interrupted():
-    def interrupt(harp):
-        harp._clock.sleep = interrupted
-        harp.measure(10e-3)
-
-    def interrupted(duration_s):
-        raise KeyboardInterrupt
-
+    lines = [*START[:2], ("sleep(0.01)", KeyboardInterrupt), ("HH_StopMeas(1)",)]
     with pytest.raises(KeyboardInterrupt):
-        play([*OPEN, *START[:2], ("HH_StopMeas(1)",), *CLOSE], interrupt)
+        play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
 
 
 @pytest.mark.parametrize(

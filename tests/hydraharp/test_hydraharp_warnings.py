@@ -1,8 +1,9 @@
 """The simulated library: its rates, warnings and flags, and what other modes refuse."""
 
 import pytest
-from hydraharp_opened import CONTINUOUS, HISTOGRAM, T2, T3, Opened
-from hydraharp_wire import bench_with
+
+from support.hydraharp_opened import CONTINUOUS, HISTOGRAM, T2, T3, Opened
+from support.hydraharp_wire import bench_with
 
 
 @pytest.mark.parametrize("renew", [("HH_Initialize", 0, 0), ("HH_SetSyncDiv", 2)])

@@ -4,18 +4,11 @@ import inspect
 import json
 
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
 from rig.model import devices
 
 DEVICES = {"galvo": devices.Galvo, "laser": devices.Laser, "spad": devices.GatedSpad}
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 @pytest.fixture(params=DEVICES)

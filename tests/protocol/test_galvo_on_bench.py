@@ -7,7 +7,6 @@ from math import radians, tan
 
 import numpy as np
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError, RefusedError
@@ -17,12 +16,6 @@ from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.serial_url import protocol_sim
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 def test_the_mirror_stands_where_it_was_pointed(rig):
@@ -182,8 +175,8 @@ def test_a_device_that_never_stops_talking_is_given_up():
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="pseudo-terminals are a Unix thing")
 def test_over_a_real_serial_port_of_the_operating_system():
     """The same board behind a pseudo-terminal: pyserial's own port, locked, opened, read and lost."""
-    clock = BenchClock(real_time=True)
-    board = GalvoBoard(Bench(clock=clock))
+    bench = Bench(clock=BenchClock(real_time=True))
+    board = GalvoBoard(bench)
     ours, theirs = os.openpty()
     pytest.importorskip("tty").setraw(theirs)
 
@@ -205,7 +198,7 @@ def test_over_a_real_serial_port_of_the_operating_system():
             mirror.wait_settled(timeout_s=1.0)
             with pytest.raises(LinkError, match="another program has it"):
                 OptotuneMirror(address, clock=SystemClock()).__enter__()
-        assert board._bench.mirror.target == (0.0, 0.0)
+        assert bench.mirror.target == (0.0, 0.0)
     finally:
         os.close(theirs)
         thread.join(timeout=5.0)

@@ -1,15 +1,9 @@
 """The laser's driver with the simulated head at the other end of the wire: above all, dark."""
 
 import pytest
-from simulated_rig import simulated_rig
 
 from drivers.errors import DeviceError, LinkError, RefusedError
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
+from simulators.wire.serial_url import protocol_sim
 
 
 def test_neither_connecting_nor_arming_emits(rig):
@@ -189,15 +183,23 @@ def test_light_that_cannot_be_ended_is_dimmed_and_never_given_to_the_front_knob(
     assert all(change["power"] <= 0.1 for change in after if "power" in change)
 
 
-def test_a_setting_that_the_laser_does_not_take_is_refused(rig, monkeypatch):
+class DeafToPower:
+    """The laser on a wire on which no command that sets its power arrives."""
+
+    def __init__(self, head):
+        self.head, self.output = head, head.output
+
+    def receive(self, data):
+        if not data.startswith(b"lp="):
+            self.head.receive(data)
+
+
+def test_a_setting_that_the_laser_does_not_take_is_refused(rig):
+    rig.head.receive(b"lp=3\n")
+    protocol_sim.detach(rig.laser_address)
+    protocol_sim.attach("test/laser", DeafToPower(rig.head), rig.bench.clock)
     with rig.laser(power_setpoint=7.5) as laser:
-        monkeypatch.setattr(rig.head, "_power", 3.0)
-        monkeypatch.setattr(rig.head, "_change", _deaf_to("lp", rig.head._change))
         with pytest.raises(RefusedError, match=r"set lp=7\.50, but it kept lp=3"):
             laser.arm()
         with pytest.raises(RefusedError, match="not armed"):
             laser.emit()
-
-
-def _deaf_to(name, change):
-    return lambda setting, value: "" if setting == name else change(setting, value)

@@ -7,7 +7,6 @@ import pytest
 import usb.backend.libusb0
 import usb.backend.libusb1
 import usb.backend.openusb
-from simulated_rig import simulated_rig
 from usb.core import USBError
 
 from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedError
@@ -15,12 +14,6 @@ from drivers.id120 import Id120Spad
 from simulators.clock import BenchClock
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
-
-
-@pytest.fixture
-def rig():
-    with simulated_rig() as rig:
-        yield rig
 
 
 def test_connecting_sets_the_gate_and_leaves_no_bias(rig):
@@ -167,11 +160,18 @@ def test_without_libusb_the_extra_is_named(monkeypatch):
     ("code", "words"),
     [(errno.EACCES, "udev"), (errno.EBUSY, "another program"), (errno.EIO, "connection broke")],
 )
-def test_a_bus_that_refuses_is_explained(rig, monkeypatch, code, words):
-    def refuse(*_):
-        raise USBError("refused", -1, code)
+def test_a_bus_that_refuses_is_explained(rig, code, words):
+    class Refusing(UsbBackend):
+        """A bus that opens nothing where rights are missing, and else lets nobody claim an instrument."""
 
-    where = "open_device" if code == errno.EACCES else "claim_interface"
-    monkeypatch.setattr(rig.usb, where, refuse)
+        def open_device(self, dev):
+            return self._refuse() if code == errno.EACCES else super().open_device(dev)
+
+        def claim_interface(self, dev_handle, intf):
+            self._refuse()
+
+        def _refuse(self):
+            raise USBError("refused", -1, code)
+
     with pytest.raises(LinkError, match=words):
-        rig.spad().__enter__()
+        Id120Spad(backend=Refusing([rig.instrument]), clock=rig.bench.clock).__enter__()

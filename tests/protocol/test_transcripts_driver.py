@@ -5,9 +5,6 @@ from math import atan, radians
 
 import pytest
 import serial
-from scripted import protocol_script
-from scripted_usb import ScriptedUsb, framed
-from wire_script import Script, Step, StepClock, read_transcript
 
 from drivers.errors import (
     LimitError,
@@ -19,14 +16,15 @@ from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import MirrorStatus, OptotuneLimits, OptotuneMirror
-
-USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
+from support import protocol_script
+from support.scripted_usb import USB_WORDS, ScriptedUsb, framed
+from support.wire_script import Script, Step, StepClock, read_transcript
 
 
 @pytest.fixture
 def play(monkeypatch):
     """Play steps at an address and hold the driver to all of them."""
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "scripted"])
+    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
 
     @contextmanager
     def playing(steps):

@@ -1,13 +1,13 @@
 """The simulated firmware against what the manuals say, byte by byte, with no driver in sight."""
 
 import pytest
-from wire_script import read_transcript
 
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.tmc import TmcInterface
+from support.wire_script import read_transcript
 
 USB_WORDS = {"INTERFACE": "0000", "OUT": "0001", "IN": "0082"}
 

@@ -1,15 +1,14 @@
 """The USBTMC driver against transfers written from the standard, with no simulator in sight."""
 
 import pytest
-from scripted_usb import OUT, ScriptedUsb
-from wire_script import Step, StepClock, read_transcript
 
 from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError
 from drivers.id120 import Id120Spad
 from drivers.lines.usb_finder import find_instrument
 from drivers.lines.usbtmc import UsbTmc
+from support.scripted_usb import OUT, USB_WORDS, ScriptedUsb
+from support.wire_script import Step, StepClock, read_transcript
 
-USB_WORDS = {"INTERFACE": "0001", "OUT": "0003", "IN": "0085"}
 OPENING = read_transcript("usbtmc_question.txt", words=USB_WORDS)[:3]
 
 

@@ -4,7 +4,7 @@ import re
 from math import hypot, radians, tan
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.katana.dialects import parse_emission, parse_refusal, parse_value
@@ -21,9 +21,6 @@ from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.tmc import StallError, TmcInterface
-
-#: The same examples in every run, and no failure because the computer is busy.
-fuzz = settings(deadline=None, derandomize=True)
 
 TAGS = st.integers(1, 255)
 
@@ -62,7 +59,6 @@ def bytes_like(words):
     return st.lists(st.one_of(st.sampled_from(words), st.binary(max_size=70)), max_size=25).map(b"".join)
 
 
-@fuzz
 @given(TAGS, st.binary(min_size=1, max_size=300), st.booleans())
 def test_a_message_frame_holds_the_message(tag, payload, ends):
     frame = message_out(tag, payload, end_of_message=ends)
@@ -74,13 +70,11 @@ def test_a_message_frame_holds_the_message(tag, payload, ends):
     assert frame[12 : 12 + len(payload)] == payload
 
 
-@fuzz
 @given(TAGS, st.integers(1, 2**32 - 1))
 def test_a_request_frame_asks_for_so_many_bytes(tag, most):
     assert request_in(tag, most) == bytes([2, tag, 255 - tag, 0]) + most.to_bytes(4, "little") + bytes(4)
 
 
-@fuzz
 @given(TAGS, st.binary(max_size=300), st.booleans(), st.binary(max_size=3))
 def test_an_answer_comes_back_out_of_its_frame(tag, payload, ends, padding):
     head = bytes([2, tag, 255 - tag, 0]) + len(payload).to_bytes(4, "little") + bytes([ends, 0, 0, 0])
@@ -91,7 +85,6 @@ def test_an_answer_comes_back_out_of_its_frame(tag, payload, ends, padding):
             parse_answer((head + payload)[:cut], tag)
 
 
-@fuzz
 @given(st.binary(max_size=64), TAGS)
 def test_anything_else_is_a_frame_error(frame, tag):
     try:
@@ -110,13 +103,11 @@ def test_tags_run_from_1_to_255_and_never_are_0():
     assert seen == [*range(1, 256), *range(1, 256), 1]
 
 
-@fuzz
 @given(st.floats(-1e9, 1e9), st.text("\r\n\x00 >status:", max_size=8), st.text("\r\n\x00 >", max_size=8))
 def test_a_value_is_found_among_stray_bytes(value, before, after):
     assert parse_value("lp", f"{before} lp={value!r}{after}") == value
 
 
-@fuzz
 @given(st.text(max_size=60))
 def test_laser_answers_of_any_kind_are_parsed_or_not(text):
     assert parse_emission(text) in (None, True, False)
@@ -129,7 +120,6 @@ def test_a_name_that_ends_like_another_is_not_mistaken():
     assert parse_value("lp", "lps=1") is None
 
 
-@fuzz
 @given(bytes_like(GALVO_WORDS))
 def test_the_board_answers_every_line_with_one_line_of_its_protocol(data):
     bench = Bench()
@@ -144,7 +134,6 @@ def test_the_board_answers_every_line_with_one_line_of_its_protocol(data):
     assert hypot(*map(tan, bench.mirror.target)) <= tan(radians(50)) * (1 + 1e-12)
 
 
-@fuzz
 @given(bytes_like(GALVO_WORDS))
 def test_the_board_is_back_in_step_after_one_line_end(data):
     board = GalvoBoard(Bench())
@@ -154,7 +143,6 @@ def test_the_board_is_back_in_step_after_one_line_end(data):
     assert bytes(board.output) == b"OK\r\n"
 
 
-@fuzz
 @given(bytes_like(LASER_WORDS))
 def test_the_head_survives_and_its_light_obeys_key_and_interlock(data):
     bench = Bench()
@@ -166,7 +154,6 @@ def test_the_head_survives_and_its_light_obeys_key_and_interlock(data):
     assert bytes(head.output[-1:]) in (b"", b"\n")
 
 
-@fuzz
 @given(bytes_like(SPAD_WORDS))
 def test_the_instrument_survives_and_keeps_its_ranges(data):
     bench = Bench()
@@ -178,7 +165,6 @@ def test_the_instrument_survives_and_keeps_its_ranges(data):
     assert 40e-9 <= light.hold_off_s <= 100e-6
 
 
-@fuzz
 @given(
     st.lists(
         st.one_of(st.binary(max_size=40), st.tuples(TAGS, st.binary(min_size=1, max_size=20))), max_size=8

@@ -3,7 +3,8 @@
 from itertools import count
 
 import pytest
-from simulated_rig import simulated_rig
+
+from support.simulated_rig import simulated_rig
 
 pytest.importorskip("pytest_benchmark")
 

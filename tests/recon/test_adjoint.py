@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hidden_points import wall
 
 from recon.aperture import recognise
 from recon.grid import VoxelGrid
 from recon.solvers.fresnel import FresnelPropagator
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import VirtualPulse
+from support.hidden_points import wall
 
 
 @pytest.mark.parametrize("legs", [1, 2])

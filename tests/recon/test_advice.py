@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hidden_points import wall
 
 from recon import defaults
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
+from support.hidden_points import wall
 
 
 def capture(laser_m, confocal=False, bins=6000, bin_width_s=4e-12, first_bin_s=0.0):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -13,7 +12,8 @@ from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.solvers.rsd import direct_f32, dispatch
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
+from support.hidden_points import C, exact, histograms, wall, worst
 
 PULSE = VirtualPulse(0.08)
 BIN, BINS = 16e-12, 700
@@ -59,29 +59,6 @@ def taken(spots, geometry, first_bin_s=0.0, points_m=POINTS):
     detector_m = DETECTORS[geometry](spots)
     counts = histograms(points_m, spots, detector_m, BINS, BIN, first_bin_s)
     return Capture(ArrayHistograms(counts, 100), BIN, np.atleast_1d(first_bin_s), spots, detector_m)
-
-
-def exact(capture, result):
-    """The defining sum of the records, each with its own two legs, in complex128."""
-    first = np.broadcast_to(capture.first_bin_s, capture.positions)[:, None]
-    times_s = first + (np.arange(BINS) + 0.5) * BIN
-    parts = []
-    for slab in result.slabs:
-        axes = np.meshgrid(result.grid.z_m[slab.planes], result.grid.y_m, result.grid.x_m, indexing="ij")
-        voxels = np.stack([axis.ravel() for axis in axes[::-1]], axis=1)[:, None]
-        r_p = np.linalg.norm(voxels - capture.laser_m, axis=2)
-        r_c = np.linalg.norm(voxels - capture.detector_m, axis=2)
-        total = 0
-        for frequency, weight in zip(slab.band.frequencies_rad_per_s, slab.band.weights, strict=True):
-            turn = np.exp(-1j * frequency * times_s[:, slab.bins])
-            spectrum = (capture.histograms.counts[:, slab.bins] * turn).sum(axis=1)
-            total = total + weight * (np.exp(1j * frequency * (r_p + r_c) / C) / r_p) @ spectrum
-        parts.append(total.reshape(axes[0].shape))
-    return np.concatenate(parts)
-
-
-def worst(found, wanted):
-    return np.abs(found - wanted).max() / np.abs(wanted).max()
 
 
 def by_fft(name, geometry="one"):
@@ -151,7 +128,7 @@ def test_each_frequency_is_the_direct_sum(geometry):
     "camera", [PhotoCamera(), TransientCamera(np.linspace(2e-9, 5e-9, 5))], ids=lambda c: c.name
 )
 def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
-    problem = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Fades())
+    problem = plan(taken(WALLS[name], "one", 1e-9), PULSE, GRIDS["as the wall"], camera, Window())
     problem = replace(problem, fft=fft)
     found, wanted = (np.stack(list(planes(problem, solver))) for solver in ("rsd", "direct"))
     assert found.shape == (2, problem.frames, 11, 12)
@@ -162,7 +139,7 @@ def test_other_cameras_see_what_the_direct_solver_shows(name, camera, fft):
 def test_few_positions_at_a_time_give_the_same(geometry):
     capture, grid = taken(WALLS["curved"], geometry), GRIDS["as the wall"]
     parts = []
-    problem = plan(capture, PULSE, grid, ConfocalCamera(), Fades(), parts.append)
+    problem = plan(capture, PULSE, grid, ConfocalCamera(), Window(), parts.append)
     whole = np.stack(list(planes(problem, "rsd")))
     parts.clear()
     cut = np.stack(list(planes(replace(problem, working_bytes=10**5), "rsd")))
@@ -179,7 +156,7 @@ def test_the_way_that_costs_less_is_taken():
 
     def runs(spots, geometry="one"):
         counts = ArrayHistograms(np.zeros((len(spots), 1)))
-        return dispatch.planar_runs(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
+        return dispatch.planar_groups(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
 
     assert dispatch.quicker_on_lattice(runs(many), many, band, large)
     assert not dispatch.quicker_on_lattice(runs(few), few, band, large)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hidden_points import wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recon.aperture import TOLERANCE_M, recognise
 from recon.errors import GeometryError
+from support.hidden_points import wall
 
 
 @st.composite
@@ -26,7 +26,7 @@ def grids(draw):
     return pitch_m, column[order], row[order], (spots + noise_m)[order]
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(grids())
 def test_numbers_every_position(grid):
     pitch_m, column, row, spots = grid

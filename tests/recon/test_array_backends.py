@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_points import C, wall
 
 from recon.aperture import recognise
 from recon.errors import ParameterError
@@ -14,6 +13,7 @@ from recon.grid import VoxelGrid
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import VirtualPulse
+from support.hidden_points import C, wall
 
 BAND = VirtualPulse(0.08).band(4e-9)
 DETECTOR = np.array([0.03, -0.05, 0.0])
@@ -53,7 +53,7 @@ def test_equals_the_fused_solver(library, confocal, grid):
     parts = []
     on = rsd_array.backend("cpu", library)
     # Few frequencies at a time, so that batches are added up too.
-    found = rsd_array.focus_slab(*arguments, moments_s, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
+    found = rsd_array.focus_block(*arguments, moments_s, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
     # Both are single precision: 1e-7 for each of some 30 frequencies and as many FFT stages.
     assert np.abs(found - wanted).max() < 3e-5 * np.abs(wanted).max()
     assert parts == sorted(parts)
@@ -65,7 +65,7 @@ def test_one_position_is_the_spherical_wave():
     laser_m = wall(16, 14, 0.02)
     spectra = np.zeros((len(BAND), len(laser_m)), np.complex64)
     spectra[:, 37] = BAND.weights
-    found = rsd_array.focus_slab(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False))
+    found = rsd_array.focus_block(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False))
     z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, z], axis=-1)
     r_p, r_c = (np.linalg.norm(voxels - spot, axis=-1)[..., None] for spot in (laser_m[37], DETECTOR))

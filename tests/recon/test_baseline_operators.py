@@ -10,9 +10,9 @@ from recon.solvers.classic import ellipsoids, fk
 from recon.solvers.classic.interpolate import LateralAxis, read_voxels
 from recon.solvers.classic.lct import LightCone
 from recon.solvers.classic.resample import ConfocalLattice, confocal_record
-from recon.window import Fades
+from recon.window import Window
 
-UNFADED = Fades(fall_s=0)
+UNFADED = Window(fall_s=0)
 
 
 def lateral(count, pitch_m, extra=0):

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff
 from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.solvers.classic.solve import baseline_image
-from recon.window import Fades
+from recon.window import Window
+from support.hidden_points import histograms, snake, wall
 
 POINT = np.array([0.083, -0.057, 0.613])
 BIN = 8e-12
@@ -32,12 +32,6 @@ def taken(laser_m, detector_m, first_bin_s=0.0, falloff=True, bins=1000):
     first_bin_s = np.atleast_1d(first_bin_s)
     counts = histograms(POINT, laser_m, detector_m, bins, BIN, first_bin_s, falloff)
     return Capture(ArrayHistograms(counts, 300), BIN, first_bin_s, laser_m, detector_m)
-
-
-def snake(laser_m, columns):
-    rows = laser_m.reshape(-1, columns, 3).copy()
-    rows[1::2] = rows[1::2, ::-1]
-    return rows.reshape(-1, 3)
 
 
 LASER = wall(32, 28, 0.015)
@@ -120,8 +114,8 @@ def test_where_the_record_begins_does_not_matter(detector_m, solver):
     padded = np.pad(counts, ((0, 0), (0, 40)))
     own = np.stack([row[shift : shift + 1000] for row, shift in zip(padded, shifts, strict=True)])
     each = Capture(ArrayHistograms(own), BIN, shifts * BIN, whole.laser_m, whole.detector_m)
-    none = Fades(fall_s=0)
-    images = [baseline_image(one, GRID, solver=solver, fades=none).amplitude for one in (whole, late, each)]
+    none = Window(fall_s=0)
+    images = [baseline_image(one, GRID, solver=solver, window=none).amplitude for one in (whole, late, each)]
     # Single precision, 1e-7 of a path of some hundred bins, and of sums that the filters take differences of.
     for moved in images[1:]:
         assert np.abs(moved - images[0]).max() <= 1e-3 * images[0].max()
@@ -144,7 +138,7 @@ def test_fades_hide_what_comes_early(solver):
     capture = Capture(ArrayHistograms(counts), BIN, np.zeros(1), LASER, LASER)
     grid = VoxelGrid.from_spec(0.3, 0.3, 0.01, (0.3, 0.75, 0.01))
     # The near point's light comes at 2.3 to 2.8 ns, the far one's from 4.1 ns.
-    faded = baseline_image(capture, grid, solver=solver, fades=Fades(start_s=3.2e-9)).amplitude
+    faded = baseline_image(capture, grid, solver=solver, window=Window(start_s=3.2e-9)).amplitude
     k, j, i = np.unravel_index(faded.argmax(), faded.shape)
     assert np.all(np.abs([grid.x_m[i], grid.y_m[j], grid.z_m[k]] - POINT) <= VOXEL)
 

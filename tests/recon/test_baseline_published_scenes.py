@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from test_published_scenes import load
 
 from recon.depth import compensate_falloff, depth_map
 from recon.grid import VoxelGrid
 from recon.solvers.classic.solve import baseline_image
+from support.published import load
 
 
 @pytest.mark.parametrize("solver", ["log-fbp", "lct", "fk"])
 def test_two_letters(solver):
-    capture, fades = load("lct_su")
+    capture, window = load("lct_su")
     axis = np.linspace(-0.35, 0.35, 32 if solver == "log-fbp" else 64)
     grid = VoxelGrid(axis, axis, np.arange(0.45, 1.2, 0.02))
-    result = baseline_image(capture, grid, solver=solver, fades=fades)
+    result = baseline_image(capture, grid, solver=solver, window=window)
     lifted = compensate_falloff(result.intensity, grid.z_m, result.falloff_power)
     depth = depth_map(lifted, grid.z_m, threshold=0.1)
     assert np.median(depth[depth < 0.85]) == pytest.approx(0.65, abs=0.03)
@@ -32,10 +32,10 @@ def test_two_letters(solver):
 
 @pytest.mark.parametrize("solver", ["log-fbp", "lct", "fk"])
 def test_one_detector_digit(solver):
-    capture, fades = load("phasor_figure4_nonconfocal")
+    capture, window = load("phasor_figure4_nonconfocal")
     axis = np.arange(-0.6, 0.61, 0.03)
     grid = VoxelGrid(axis, axis, np.arange(0.7, 1.2, 0.02))
-    result = baseline_image(capture, grid, solver=solver, fades=fades)
+    result = baseline_image(capture, grid, solver=solver, window=window)
     k, j, i = np.unravel_index(result.intensity.argmax(), result.intensity.shape)
     # The published box of the digit, and its depth of 0.90 to 0.97 m with half a voxel around.
     assert 0.05 <= axis[i] <= 0.47

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.defaults import voxels
@@ -10,6 +9,7 @@ from recon.depth import compensate_falloff, depth_map, front_view
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.wave import VirtualPulse
+from support.hidden_points import histograms, snake, wall
 
 POINT = np.array([0.083, -0.057, 0.613])
 PULSE = VirtualPulse(0.06)
@@ -26,12 +26,6 @@ def taken(confocal, laser_m, first_bin_s=0.0, detector_m=(-0.04, 0.03, 0.0)):
     spots = laser_m if confocal else np.array([detector_m])
     counts = histograms(POINT, laser_m, spots, 1000, BIN, first_bin_s, falloff=False)
     return Capture(ArrayHistograms(counts), BIN, np.atleast_1d(first_bin_s), laser_m, spots)
-
-
-def snake(laser_m, columns):
-    rows = laser_m.reshape(-1, columns, 3).copy()
-    rows[1::2] = rows[1::2, ::-1]
-    return rows.reshape(-1, 3)
 
 
 LASER = wall(32, 28, 0.015)

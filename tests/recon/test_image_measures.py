@@ -4,7 +4,7 @@ from math import isnan, log, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.ndimage import binary_dilation
@@ -122,7 +122,6 @@ def test_the_first_voxel_is_the_surface():
     np.testing.assert_array_equal(surface_of_voxels(occupied, np.array([1.0, 1.5, 2])), [[1.5, 2.0, np.nan]])
 
 
-@settings(deadline=None)  # the first example compiles
 @given(st.integers(0, 2**32 - 1))
 def test_a_mesh_is_what_single_rays_hit(seed):
     """Against each ray solved as three equations: origin + t z = a + u (b - a) + v (c - a)."""

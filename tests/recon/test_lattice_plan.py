@@ -1,7 +1,6 @@
 """Any wall and any voxels, one frequency: FFT lengths, wrapping and interpolation against the sum itself."""
 
 import numpy as np
-from hidden_points import C, wall
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from recon.grid import VoxelGrid
 from recon.solvers.rsd.lattice import plan_axis
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.wave import Band
+from support.hidden_points import C, wall
 
 WAVELENGTH = 0.05
 BAND = Band(2 * np.pi * C / WAVELENGTH, 1.0, np.ones(1))
@@ -35,7 +35,7 @@ def scenes(draw):
     return laser_m, grid, draw(st.booleans()), draw(st.integers(0, 2**32))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(scenes())
 def test_one_frequency_is_the_sum(scene):
     laser_m, grid, confocal, seed = scene

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -12,6 +11,7 @@ from recon.imaging import image
 from recon.registry import WAVE_SOLVERS
 from recon.video import video
 from recon.wave import VirtualPulse
+from support.hidden_points import C, histograms, wall
 
 WAVELENGTH = 0.06
 PULSE = VirtualPulse(WAVELENGTH)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.camera import TransientCamera
 from recon.capture import ArrayHistograms, Capture
@@ -18,6 +17,7 @@ from recon.imaging import image
 from recon.sampling import CONFOCAL
 from recon.video import video
 from recon.wave import VirtualPulse
+from support.hidden_points import histograms, wall
 
 PULSE = VirtualPulse(0.06)
 BIN = 16e-12
@@ -42,7 +42,7 @@ def voxels(side, planes, width_m=1.0):
 
 SCRIPT = """
 import json, sys
-sys.path.insert(0, "tests/recon")
+sys.path[:0] = ["tests", "tests/recon"]
 from test_memory_bound import PULSE, capture, image, moments, video, voxels
 def status(name):
     with open("/proc/self/status") as status:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon import registry
 from recon.camera import PhotoCamera
@@ -16,6 +15,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.solvers.classic.solve import baseline_image
 from recon.wave import VirtualPulse
+from support.hidden_points import histograms, wall
 
 ROOT = Path(__file__).parents[2]
 BIN_S = 16e-12

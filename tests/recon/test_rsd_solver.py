@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import direct_sum, histograms, wall
 
 from recon.camera import ConfocalCamera
 from recon.capture import ArrayHistograms, Capture
@@ -12,7 +11,8 @@ from recon.errors import GeometryError, ParameterError, ReachError
 from recon.grid import VoxelGrid
 from recon.imaging import image, plan, planes
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
+from support.hidden_points import exact, histograms, wall, worst
 
 PITCH = 0.02
 PULSE = VirtualPulse(0.08)
@@ -30,32 +30,6 @@ def capture(confocal=False, first_bin_s=0.0, laser_m=None, detector_m=(0.03, -0.
 
 def voxels(pitch=PITCH, x0=-0.23, y0=-0.19, nx=24, ny=20, z_m=(0.5, 0.52, 0.54, 0.74, 0.76)):
     return VoxelGrid(x0 + pitch * np.arange(nx), y0 + pitch * np.arange(ny), np.array(z_m))
-
-
-def exact(taken, result):
-    """The defining sum over the very frequencies and bins that the solver used."""
-    first = np.broadcast_to(taken.first_bin_s, taken.positions)[:, None]
-    times_s = first + (np.arange(BINS) + 0.5) * BIN
-    parts = []
-    for slab in result.slabs:
-        grid = VoxelGrid(result.grid.x_m, result.grid.y_m, result.grid.z_m[slab.planes])
-        parts.append(
-            direct_sum(
-                taken.histograms.counts[:, slab.bins],
-                times_s[:, slab.bins],
-                taken.laser_m,
-                taken.detector_m,
-                grid,
-                slab.band.frequencies_rad_per_s,
-                slab.band.weights,
-                taken.confocal,
-            )
-        )
-    return np.concatenate(parts)
-
-
-def worst(found, wanted):
-    return np.abs(found - wanted).max() / np.abs(wanted).max()
 
 
 def correlation(a, b):
@@ -167,7 +141,7 @@ def test_moving_wall_and_scene_moves_the_image():
 def test_few_frequencies_at_a_time_give_the_same():
     whole = image(capture(), PULSE, voxels()).field
     parts = []
-    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Fades(), parts.append)
+    problem = plan(capture(), PULSE, voxels(), ConfocalCamera(), Window(), parts.append)
     cut = np.concatenate(list(planes(replace(problem, wall_bytes=5 * 8 * 48 * 40), "rsd")))
     assert worst(cut, whole) < 1e-5
     assert parts == sorted(parts)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from hidden_points import C, histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import path_limits_m, slabs
+from recon.sampling import depth_blocks, path_limits_m
 from recon.spectrum import spectra
 from recon.wave import VirtualPulse
-from recon.window import Fades
+from recon.window import Window
+from support.hidden_points import C, histograms, wall
 
 PULSE = VirtualPulse(0.06)
 GRID = VoxelGrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.1, 0.3, 7), np.linspace(0.4, 1.6, 25))
@@ -28,8 +28,8 @@ def random_capture(dtype=np.uint16, first_bin_s=0.0, bins=900, confocal=False):
 def test_is_the_fourier_sum(dtype, each):
     first_bin_s = np.random.default_rng(2).uniform(-1e-9, 1e-9, 48) if each else np.array([3e-10])
     capture = random_capture(dtype, first_bin_s)
-    fades = Fades(start_s=3.1e-9, rise_s=0.7e-9, fall_s=1.1e-9)
-    parts = slabs(capture, PULSE, GRID)
+    window = Window(start_s=3.1e-9, rise_s=0.7e-9, fall_s=1.1e-9)
+    parts = depth_blocks(capture, PULSE, GRID)
     assert len(parts) > 1
     counts = capture.histograms.counts.astype(float)
     since_s = (np.arange(900) + 0.5) * 16e-12
@@ -37,7 +37,7 @@ def test_is_the_fourier_sum(dtype, each):
     rise = np.clip((times_s - 3.1e-9) / 0.7e-9, 0, 1)
     fall = np.clip((900 * 16e-12 - since_s) / 1.1e-9, 0, 1)
     faded = counts * (1 - np.cos(np.pi * rise)) / 2 * (1 - np.cos(np.pi * fall)) / 2
-    for part, found in zip(parts, spectra(capture, parts, fades), strict=True):
+    for part, found in zip(parts, spectra(capture, parts, window), strict=True):
         for index, frequency in enumerate(part.band.frequencies_rad_per_s):
             wanted = (faded * np.exp(-1j * frequency * times_s))[:, part.bins].sum(axis=1)
             # Single precision of a sum of some hundred counts.
@@ -62,7 +62,7 @@ def test_no_copy_of_the_pulse_meets_a_voxel(first_bin_s):
         first_bin_s = np.linspace(-3e-9, 3e-9, 48)
     capture = random_capture(first_bin_s=first_bin_s)
     covered = []
-    for part in slabs(capture, PULSE, GRID):
+    for part in depth_blocks(capture, PULSE, GRID):
         covered += range(*part.planes.indices(len(GRID.z_m)))
         planes = VoxelGrid(GRID.x_m, GRID.y_m, GRID.z_m[part.planes])
         shortest, longest = path_limits_m(capture, planes)
@@ -88,8 +88,8 @@ def test_reads_only_the_bins_that_reach():
     counts = histograms([[0, 0, 0.8]], laser_m, np.zeros(3), 4000, 16e-12)
     capture = Capture(Watched(counts), 16e-12, np.zeros(1), laser_m, np.zeros((1, 3)))
     grid = VoxelGrid(np.zeros(1), np.zeros(1), np.array([0.8]))
-    parts = slabs(capture, PULSE, grid)
-    found = spectra(capture, parts, Fades())
+    parts = depth_blocks(capture, PULSE, grid)
+    found = spectra(capture, parts, Window())
     asked = Watched.asked
     # One voxel: 1.6 m of path and a pulse of 0.6 sigma 8 = 1.2 m, of 19 m.
     assert (asked.stop - asked.start) * 16e-12 * C < 1.5

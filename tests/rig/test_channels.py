@@ -12,8 +12,8 @@ from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.scan_files import C_M_PER_S, dense
 
-C_M_PER_S = 299_792_458.0
 BINS = 30
 CHANNELS = [
     {"name": "left", "input": 3, "spot": ["-20cm", "5cm", "0cm"], "delay": "0.7ns"},
@@ -50,10 +50,6 @@ def write(path, description, counts):
         for row in counts:
             writer.append(row, 0.01)
     return path
-
-
-def dense(capture):
-    return np.concatenate([block for _, block in capture.histograms.blocks()])
 
 
 def test_each_channel_keeps_its_counts_its_name_and_its_delay(tmp_path):

@@ -6,13 +6,13 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import C_M_PER_S, load
 
 from rig.errors import UsageError
-from rig.exporters import export
-from rig.files import ScanDescription, ScanWriter, Volume, write_volume
+from rig.exporters import export, tal
+from rig.files import ScanDescription, ScanFile, ScanWriter, Volume, write_volume
 from rig.importers import import_scan
 from rig.model.delays import PathDelays
+from support.scan_files import C_M_PER_S, load
 
 X_M, Y_M, Z_M = 0.1 * np.arange(5) - 0.3, 0.2 * np.arange(4) - 0.1, 1.0 + 0.05 * np.arange(3)
 
@@ -150,14 +150,12 @@ def test_tal_goes_round(tmp_path, confocal, full, legs):
         np.testing.assert_allclose(after.detector_m, detector_m, atol=1e-15)
 
 
-def test_tal_in_parts_is_tal_in_one(tmp_path, monkeypatch):
-    from rig.exporters import tal
-
+def test_tal_in_parts_is_tal_in_one(tmp_path):
     counts = np.random.default_rng(6).poisson(3.0, (12, 20)).astype("u4")
     scan(tmp_path / "a.h5", counts, grid(), np.zeros((1, 3)))
     export(tmp_path / "a.h5", tmp_path / "one.hdf5")
-    monkeypatch.setattr(tal, "_PART_BYTES", 12 * 4 * 7)
-    export(tmp_path / "a.h5", tmp_path / "parts.hdf5")
+    with ScanFile(tmp_path / "a.h5") as source:
+        tal.write(tmp_path / "parts.hdf5", source, part_bytes=12 * 4 * 7)  # 7, 7 and 6 bins
     with h5py.File(tmp_path / "one.hdf5") as one, h5py.File(tmp_path / "parts.hdf5") as parts:
         np.testing.assert_array_equal(one["H"][()], parts["H"][()])
         assert one["H"][()].sum() == counts.sum()

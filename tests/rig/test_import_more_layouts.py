@@ -6,17 +6,15 @@ import pytest
 import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from imported import C_M_PER_S, load
 from test_import_tal import tal
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.scan_files import C_M_PER_S, load
 
 # the folder is the same for all examples, and each writes its files anew
-EXAMPLES = settings(
-    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+EXAMPLES = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SIZES = st.integers(1, 4)
 
 

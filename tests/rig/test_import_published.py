@@ -4,11 +4,12 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import C_M_PER_S, DATA, load, measured
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.published import published
+from support.scan_files import C_M_PER_S, load
 
 # --- O'Toole 2018
 
@@ -56,11 +57,10 @@ def test_lct_processed_values_are_no_photons(tmp_path):
     np.testing.assert_array_equal(counts, 0.25)
 
 
-@measured
 def test_lct_as_published(tmp_path):
-    import_scan(DATA / "original" / "lct" / "data_s_u.mat", tmp_path / "a.h5", bin_width_s=4e-12)
+    import_scan(published("original/lct/data_s_u.mat"), tmp_path / "a.h5", bin_width_s=4e-12)
     capture, counts = load(tmp_path / "a.h5")
-    with h5py.File(DATA / "lct_su.h5") as other:
+    with h5py.File(published("lct_su.h5")) as other:
         np.testing.assert_allclose(capture.laser_m, other["laser_position_m"][()], atol=1e-6)
         np.testing.assert_array_equal(counts.reshape(4096, 512, 4).sum(axis=2), other["counts"][()])
         first_edge_s = other["time_s"][0] - other.attrs["bin_width_s"] / 2
@@ -130,7 +130,6 @@ def test_a_liu_2019_file_that_does_not_fit_is_refused(tmp_path, changes, said):
 # --- Ahn, Xiao, Wu, CC-SOCR: written here for their shapes, read as published for their places
 
 
-@measured
 @pytest.mark.parametrize(
     ("original", "name", "given"),
     [
@@ -145,9 +144,9 @@ def test_a_liu_2019_file_that_does_not_fit_is_refused(tmp_path, changes, said):
     ],
 )
 def test_as_published_equals_the_neutral_file(tmp_path, original, name, given):
-    import_scan(DATA / "original" / original, tmp_path / "a.h5", **given)
+    import_scan(published(f"original/{original}"), tmp_path / "a.h5", **given)
     capture, counts = load(tmp_path / "a.h5")
-    with h5py.File(DATA / f"{name}.h5") as other:
+    with h5py.File(published(f"{name}.h5")) as other:
         signal = other["counts" if "counts" in other else "transient"][()]
         # single precision of values near one
         np.testing.assert_allclose(counts, signal, atol=1e-6)
@@ -158,17 +157,16 @@ def test_as_published_equals_the_neutral_file(tmp_path, original, name, given):
         assert capture.first_bin_s[0] == pytest.approx(first_edge_s, abs=1e-15)
 
 
-@measured
 @pytest.mark.parametrize(
     ("scene", "pitch_m", "name", "filled"),
     # 200 spots were chosen of each; of the figure 4, three of these are empty in the full scan too
     [("statue", 2 / 63, "fk_statue", 200), ("figure_4", 0.01, "phasor_figure4_nonconfocal", 197)],
 )
 def test_chosen_spots_as_published_are_those_of_the_full_scan(tmp_path, scene, pitch_m, name, filled):
-    original = DATA / "original" / "cc_socr" / scene / "random" / "data.mat"
+    original = published(f"original/cc_socr/{scene}/random/data.mat")
     import_scan(original, tmp_path / "a.h5", bin_width_s=16e-12)
     capture, counts = load(tmp_path / "a.h5")
-    with h5py.File(DATA / f"{name}.h5") as other:
+    with h5py.File(published(f"{name}.h5")) as other:
         # in halves of the pitch, since the middle of an even number of spots lies between two
         index = np.rint(other["laser_position_m"][:, :2] / pitch_m * 2)
         full = {tuple(place): row for place, row in zip(index, other["counts"][()], strict=True)}
@@ -199,9 +197,8 @@ def test_a_cube_takes_its_spots_from_setup(tmp_path):
         import_scan(tmp_path / "data.mat", tmp_path / "b.h5", bin_width_s=16e-12)
 
 
-@measured
 def test_a_slow_record_is_read_with_its_instrument_response(tmp_path):
-    report = import_scan(DATA / "original" / "km143" / "mannequin.mat", tmp_path / "a.h5")
+    report = import_scan(published("original/km143/mannequin.mat"), tmp_path / "a.h5")
     assert any("mirrored" in line for line in report.assumed)
     with ScanFile(tmp_path / "a.h5") as scan:
         assert 0.7e-9 < scan.instrument_response_s < 0.8e-9

@@ -3,10 +3,10 @@
 import h5py
 import numpy as np
 import pytest
-from imported import C_M_PER_S, load
 
 from rig.errors import DataFileError, UsageError
 from rig.importers import import_scan
+from support.scan_files import C_M_PER_S, load
 
 
 def tal(path, *, legs=False, confocal=False, flat=False, turn=None, normals=True, move=(0, 0, 0), **changes):

@@ -8,13 +8,14 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from imported import DATA, load, measured
 from test_import_published import lct
 from test_import_tal import tal
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
+from support.published import published
+from support.scan_files import load
 
 PAGE = (Path(__file__).parents[2] / "docs" / "importing.md").read_text(encoding="utf-8")
 
@@ -78,14 +79,13 @@ def test_a_neutral_file_that_does_not_fit_is_refused(tmp_path, changes, said):
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
-@measured
 @pytest.mark.parametrize(
     "name", ["ahn_2019", "phasor_figure4_nonconfocal", "rendered_letters_g32", "xiao18m_L"]
 )
 def test_neutral_layout_as_published(tmp_path, name):
-    import_scan(DATA / f"{name}.h5", tmp_path / "a.h5")
+    import_scan(published(f"{name}.h5"), tmp_path / "a.h5")
     capture, counts = load(tmp_path / "a.h5")
-    with h5py.File(DATA / f"{name}.h5") as other:
+    with h5py.File(published(f"{name}.h5")) as other:
         np.testing.assert_array_equal(counts, other["counts" if "counts" in other else "transient"][()])
         np.testing.assert_array_equal(capture.laser_m, other["laser_position_m"][()])
         np.testing.assert_array_equal(capture.detector_m, other["detector_position_m"][()])

@@ -5,13 +5,13 @@ import json
 import h5py
 import numpy as np
 import pytest
-from imported import DATA, measured
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter, Volume, read_volume, write_volume
 from rig.image.measures import measure, wall_of
 from rig.image.truth import true_depth
 from rig.importers import import_scan
+from support.published import published
 
 X_M, Y_M, Z_M = np.arange(-20, 21) * 0.02, np.arange(-15, 16) * 0.02, np.arange(40, 80) * 0.02
 #: A rectangle at 1.2 m, x from -0.1 to 0.3, y from -0.2 to 0.1: 20 x 15 pixels of 2 cm, none on its edge.
@@ -182,10 +182,9 @@ def test_a_person_reads_a_table(rig, tmp_path):
 # --- letters rendered by others
 
 
-@measured
 def test_the_rendered_meshes_are_the_rendered_depth_map():
     """Two truths of one file, of which this program made neither: our first surface against their map."""
-    with h5py.File(DATA / "rendered_letters.h5") as file:
+    with h5py.File(published("rendered_letters.h5")) as file:
         depth_m, x_m, y_m = (file["truth"][name][()].astype(float) for name in ("depth_m", "x_m", "y_m"))
         triangles_m = [mesh["vertices_m"][()][mesh["faces"][()]] for mesh in file["truth/geometry"].values()]
     from recon.measures import surface_of_mesh
@@ -197,10 +196,9 @@ def test_the_rendered_meshes_are_the_rendered_depth_map():
     np.testing.assert_allclose(ours[same], depth_m[same], atol=1e-5)
 
 
-@measured
 def test_rendered_letters_are_where_they_are(rig, tmp_path):
     """The definition is that of docs/measures.md: seen at 0.05 of z^4 I, voxels of 2 cm, lambda = 5.6 cm."""
-    source = DATA / "rendered_letters.h5"
+    source = published("rendered_letters.h5")
     import_scan(source, tmp_path / "letters.h5")
     grid = ["--voxel", "2cm", "--width", "1.8m", "--height", "1.8m", "--depth", "1m:1.95m:1cm"]
     assert rig("recon", "letters.h5", "--wavelength", "5.6cm", *grid).code == 0

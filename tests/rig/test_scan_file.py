@@ -13,8 +13,8 @@ from rig.model.config import built_in
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.scan_files import C_M_PER_S, dense
 
-C_M_PER_S = 299_792_458.0
 PLAN = ScanPlan.grid(built_in(), columns=37, rows=1, skip_m=0.0)
 
 
@@ -47,13 +47,6 @@ def write(path, description, counts, measured=None):
             if number % 10 == 9:
                 writer.checkpoint()
     return path
-
-
-def dense(capture):
-    out = np.zeros(capture.histograms.shape, "u8")
-    for where, block in capture.histograms.blocks():
-        out[where] = block
-    return out
 
 
 def test_what_is_written_is_read_back(tmp_path):

@@ -39,6 +39,27 @@ def test_the_file_holds_the_expected_transients(rig, bounces):
     assert result["expected"] == pytest.approx(written.sum(dtype=float), rel=1e-6)
 
 
+def test_gloss_is_chosen_for_all_surfaces(rig):
+    """Without the option each surface has its own model, which in the built-in scenes is Ward's."""
+    written = {}
+    for model in (None, "ward", "ggx"):
+        chosen = ("--gloss", model) if model else ()
+        out = f"{model}.h5"
+        assert rig("sim", "render", "point", out, *TINY, "--roughness", "0.3", *chosen).code == 0
+        with h5py.File(out) as file:
+            written[model] = file["transients/counts"][:, 0]
+            laser_m = file["geometry/laser_m"][()]
+    assert np.array_equal(written[None], written["ward"])
+    assert not np.allclose(written["ggx"], written["ward"], rtol=0.05)
+    glossy = scene("point").with_roughness(0.3).with_gloss("ggx")
+    expected = Transport.of_scene(glossy).transients(laser_m, np.zeros((1, 3)), 32e-12 * np.arange(1801))
+    unit = written["ggx"].sum() / expected.sum()
+    np.testing.assert_allclose(written["ggx"], unit * expected, rtol=1e-6, atol=1e-30)
+    refused = rig("sim", "render", "point", "out.h5", *TINY, "--gloss", "phong")
+    assert refused.code == 2
+    assert "'phong' is not one of 'ward', 'ggx'" in refused.err
+
+
 def test_other_verbs_take_a_rendered_scene(rig):
     assert rig("sim", "render", "point", "out.h5", *TINY).code == 0
     with ScanFile("out.h5") as scan:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from simulators.bench import Bench
@@ -23,7 +23,6 @@ def centroid(image, near, half=8):
     return np.array([(part * x).sum(), (part * y).sum()]) / part.sum() + (column, row), part.sum()
 
 
-@settings(deadline=None)
 @given(x=st.floats(-1.2, 1.2), y=st.floats(-0.9, 0.9))
 def test_a_pixel_s_ray_meets_the_point_that_it_shows(x, y):
     for camera in (LEFT, RIGHT):
@@ -33,7 +32,6 @@ def test_a_pixel_s_ray_meets_the_point_that_it_shows(x, y):
         )
 
 
-@settings(deadline=None)
 @given(k1=st.floats(-0.2, 0.2), k2=st.floats(-0.1, 0.1), p1=st.floats(-1e-3, 1e-3), x=ANGLES, y=ANGLES)
 def test_undistorting_is_the_inverse_of_distorting(k1, k2, p1, x, y):
     distortion = Distortion(k1, k2, p1, -p1, 0.01)

@@ -15,8 +15,8 @@ from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.exact_light import EXACT
 
-EXACT = Detector(dark_hz=0, ambient_hz=0, jitter_fwhm_s=0, electronics_fwhm_s=0, tail_fraction=0)
 OPTICS = Optics(stray_per_pulse=0, pulse_fwhm_s=0, power_w=5.0)
 PIXELS = 16
 #: Pixel k looks at a spot of a row 60 cm wide, and its cable is 0.1 ns longer than that of the pixel before.

@@ -10,7 +10,7 @@ from simulators.transport.clusters import form_factors, gather, with_wall
 from simulators.transport.extra_bounces import BIN_M, WALL_M, WALL_PITCH_M, Interreflections
 from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
-from simulators.transport.three_bounces import ThreeBounces
+from simulators.transport.three_bounces import ThreeBounces, form_factors_from
 from simulators.transport.visibility import occluders
 
 P, C = (0.4, -0.2, 0.0), (-0.3, 0.1, 0.0)
@@ -153,7 +153,8 @@ def test_all_times_together_are_the_steady_state():
     for spot in (P, C):
         outward = patches.normal * np.where(clusters.flipped, -1, 1)[:, None]
         of_cluster = ((patches.centre_m - np.array(spot)) * outward).sum(axis=1) > 0
-        light = np.abs(ThreeBounces(patches, exchange.blockers, spot)._reflecting)
+        seen_m2 = np.abs(form_factors_from(patches, exchange.blockers, np.array(spot))[0])
+        light = patches.area_m2 * patches.albedo * seen_m2
         ends.append(np.zeros((len(facing), 2)))
         np.add.at(ends[-1], (clusters.member, of_cluster.astype(int)), light)
     first, last = ends

@@ -6,17 +6,14 @@ from scipy.stats import chi2
 
 from simulators.bench import BenchGeometry, LightState
 from simulators.constants import C_M_PER_S
-from simulators.detector import Detector
-from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
+from support.exact_light import EXACT, NO_STRAY
 
 SPOT = (0.3, 0.2, 0.0)
 FREE = LightState(emitting=True, biased=True)
 GEOMETRY = BenchGeometry(galvo_m=(0.0, 0.0, 1.0), detector_head_m=(0.0, 0.0, 1.0), electronics_delay_s=0.0)
-EXACT = Detector(dark_hz=0, ambient_hz=0, jitter_fwhm_s=0, electronics_fwhm_s=0, tail_fraction=0)
-NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,10 @@ from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
+from support.exact_light import EXACT, NO_STRAY
 
 SPOT = (0.3, 0.2, 0.0)
 GATED = LightState(emitting=True, biased=True, gated=True, gate_delay_s=31.5e-9, gate_width_s=40e-9)
-EXACT = Detector(dark_hz=0, ambient_hz=0, jitter_fwhm_s=0, electronics_fwhm_s=0, tail_fraction=0)
-NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 
 def room(first_bounce, detector=EXACT, optics=NO_STRAY):

@@ -18,7 +18,7 @@ def areas(triangles_m):
     return 0.5 * np.linalg.norm(np.cross(edge[:, 0], edge[:, 1]), axis=1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(triangle, min_size=1, max_size=3), st.sampled_from([0.1, 0.3, 1.0, 5.0]))
 def test_subdivision_keeps_area_and_centroid_of_every_triangle(triangles, edge_m):
     triangles_m = np.array(triangles, dtype=float)
@@ -77,7 +77,7 @@ def test_shade_agrees_with_a_linear_solver():
     assert checked > 100  # a fair part was really hidden
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.lists(triangle, min_size=1, max_size=40),
     st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=80),

@@ -14,13 +14,12 @@ from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
+from support.exact_light import EXACT, NO_STRAY
 
 SPOT = (0.3, 0.2, 0.0)
 FREE = LightState(emitting=True, biased=True)
 #: Opens after the direct light of every spot in the aperture has passed, before the scene's first.
 GATED = replace(FREE, gated=True, gate_delay_s=34e-9, gate_width_s=40e-9)
-EXACT = Detector(dark_hz=0, ambient_hz=0, jitter_fwhm_s=0, electronics_fwhm_s=0, tail_fraction=0)
-NO_STRAY = Optics(stray_per_pulse=0, pulse_fwhm_s=0)
 
 
 def rng(seed=0):

@@ -1,7 +1,5 @@
 """Transport against an independent renderer: path-traced third-bounce light of two letters."""
 
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
@@ -12,15 +10,12 @@ from simulators.transport.patches import tessellate
 from simulators.transport.renderer import Transport
 from simulators.transport.three_bounces import ThreeBounces
 from simulators.transport.visibility import occluders
-
-RENDERED = Path(__file__).resolve().parents[3] / "shared" / "data" / "rendered_letters_g32.h5"
+from support.published import published
 
 
 @pytest.fixture(scope="module")
 def rendered():
-    if not RENDERED.exists():
-        pytest.skip(f"no rendered transients at ../shared/data/{RENDERED.name}")
-    with h5py.File(RENDERED) as file:
+    with h5py.File(published("rendered_letters_g32.h5")) as file:
         meshes = []
         for name in ("letter_R", "letter_D"):
             group = file["truth/geometry"][name]

@@ -36,7 +36,7 @@ def test_a_mesh_is_placed_as_it_is(tmp_path, ending):
     assert depth_m[0, 0] == pytest.approx(1.125, abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(triangles)
 def test_every_triangle_of_an_obj_file_is_read(tmp_path, drawn):
     """Written here line by line, with quotes of the format: v x y z, f from 1."""

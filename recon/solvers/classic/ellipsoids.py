@@ -19,8 +19,7 @@ from scipy.ndimage import gaussian_filter
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import path_limits_m
-from recon.solvers.classic.resample import faded_blocks
-from recon.window import Fades
+from recon.window import Window, windowed_blocks
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -32,7 +31,7 @@ BLOCK = 256
 LOG_SIGMA = 1.0
 
 
-def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progress | None = None) -> F32:
+def backproject(capture: Capture, grid: VoxelGrid, window: Window, progress: Progress | None = None) -> F32:
     """Sum histograms at the voxels' delays.
 
     Bins are first summed in groups whose path is no longer than the smallest voxel side (half a voxel in
@@ -44,7 +43,7 @@ def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progr
         Any positions, with one detector spot or one for each.
     grid
         Voxels.
-    fades
+    window
         Soft edges of the record.
     progress
         Called with the fraction that is done.
@@ -58,7 +57,9 @@ def backproject(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progr
     bin_m = group * capture.bin_width_s * C_M_PER_S
     volume = np.zeros(grid.shape, np.float32)
     x_m, y_m, z_m = (axis.astype(np.float32) for axis in (grid.x_m, grid.y_m, grid.z_m))
-    for block, counts, begin_m in faded_blocks(capture, fades, _bins(capture, grid, 2 * group)):
+    bins = _bins(capture, grid, 2 * group)
+    for block, counts in windowed_blocks(capture, window, bins):
+        begin_m = capture.begin_m(block, bins.start)
         grouped = _grouped(counts, group)
         detector_m = capture.detector_m if len(capture.detector_m) == 1 else capture.detector_m[block]
         for first in range(0, len(grouped), BLOCK):
@@ -88,7 +89,7 @@ def project(
     bin_width_s: float,
     first_bin_s: F64,
 ) -> F32:
-    """Spread voxels over histograms: the adjoint of `backproject` without fades and grouping.
+    """Spread voxels over histograms: the adjoint of `backproject` without window and grouping.
 
     Parameters
     ----------
@@ -122,20 +123,20 @@ def project(
 
 
 def laplacian_filtered(
-    capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progress | None = None
+    capture: Capture, grid: VoxelGrid, window: Window, progress: Progress | None = None
 ) -> F32:
     """Back-project and keep the positive part of -d^2/dz^2, the second derivative along depth.
 
     Velten et al. (Nature Communications 3, 745, 2012) sharpen so along the direction away from the wall.
     """
     deep = _with_margin(grid, 1)
-    volume = backproject(capture, deep, fades, progress)
+    volume = backproject(capture, deep, window, progress)
     padded = np.pad(volume, ((1, 1), (0, 0), (0, 0)), mode="edge")
     sharp = 2 * padded[1:-1] - padded[2:] - padded[:-2]
     return _positive(sharp, grid, deep)
 
 
-def log_filtered(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Progress | None = None) -> F32:
+def log_filtered(capture: Capture, grid: VoxelGrid, window: Window, progress: Progress | None = None) -> F32:
     """Back-project and keep the positive part of minus the Laplacian of a Gaussian, in three dimensions.
 
     Laurenzis and Velten (Journal of Electronic Imaging 23, 063003, 2014). The Gaussian is a ball in metres,
@@ -145,7 +146,7 @@ def log_filtered(capture: Capture, grid: VoxelGrid, fades: Fades, progress: Prog
     steps_m = [_step_m(axis, _smallest_side_m(grid)) for axis in (grid.z_m, grid.y_m, grid.x_m)]
     sigma_m = LOG_SIGMA * max(steps_m)
     deep = _with_margin(grid, ceil(3 * sigma_m / steps_m[0]))
-    volume = backproject(capture, deep, fades, progress)
+    volume = backproject(capture, deep, window, progress)
     sharp = np.zeros_like(volume)
     for axis, step_m in enumerate(steps_m):
         order = [2 if other == axis else 0 for other in range(3)]
@@ -214,7 +215,7 @@ def _sum_at_delays(
 
     Single precision tells paths of metres to better than a micrometre. Delays along x are a loop of their own
     without branches, which vectorises; unsigned indices spare the look-up a test for negative ones. One
-    detector's leg is common to all positions.
+    detector's path is common to all positions.
     """
     last = np.float32(counts.shape[1] - 2)
     zero = np.float32(0)

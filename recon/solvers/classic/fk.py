@@ -33,7 +33,7 @@ from recon.grid import VoxelGrid
 from recon.solvers.classic.interpolate import LateralAxis, read_voxels
 from recon.solvers.classic.lct import farthest_m, radial_step_m
 from recon.solvers.classic.resample import ConfocalLattice, confocal_record
-from recon.window import Fades
+from recon.window import Window
 
 #: Samples that the window spans, and its shape for a spectrum of twice the length (Beatty et al., eq. 5).
 TAPS = 6
@@ -102,7 +102,7 @@ def reconstruct(
     capture: Capture,
     lattice: ConfocalLattice,
     grid: VoxelGrid,
-    fades: Fades,
+    window: Window,
     *,
     falloff_power: float = 4.0,
     progress: Callable[[float], None] | None = None,
@@ -113,7 +113,7 @@ def reconstruct(
     step_m = radial_step_m(capture, grid)
     radii = good_size(int(np.ceil(farthest_m(capture, lattice, grid) / step_m / 2)), True) * 2
     edges_m = step_m * np.arange(radii + 1, dtype=np.float64)
-    wave = confocal_record(capture, lattice, fades, edges_m)
+    wave = confocal_record(capture, lattice, window, edges_m)
     wave *= (edges_m[1:] - step_m / 2) ** (falloff_power - 2)
     wave = np.sqrt(np.maximum(wave, 0, out=wave), out=wave)
     half_m = max(float(grid.z_m[1] - grid.z_m[0]) / 2 if len(grid.z_m) > 1 else 0.0, step_m)

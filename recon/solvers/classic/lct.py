@@ -30,7 +30,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.solvers.classic.interpolate import LateralAxis, read_voxels
 from recon.solvers.classic.resample import ConfocalLattice, confocal_record
-from recon.window import Fades
+from recon.window import Window
 
 #: Default ratio of signal to noise power, where |h^|^2 has its mean.
 SNR = 0.8
@@ -131,7 +131,7 @@ def reconstruct(
     capture: Capture,
     lattice: ConfocalLattice,
     grid: VoxelGrid,
-    fades: Fades,
+    window: Window,
     *,
     snr: float = SNR,
     falloff_power: float = 4.0,
@@ -150,7 +150,7 @@ def reconstruct(
         Histograms, and their lattice.
     grid
         Voxels.
-    fades
+    window
         Soft edges of the record.
     snr
         Ratio of signal to noise power for the Wiener filter.
@@ -171,7 +171,7 @@ def reconstruct(
     step_m2 = 2 * max(float(grid.z_m[0]), far_m / 4) * depth_m
     steps = int(np.ceil(far_m**2 / step_m2))
     edges_m2 = step_m2 * np.arange(steps + 1, dtype=np.float64)
-    record = confocal_record(capture, lattice, fades, np.sqrt(edges_m2))
+    record = confocal_record(capture, lattice, window, np.sqrt(edges_m2))
     record *= ((edges_m2[1:] + edges_m2[:-1]) / 2) ** (falloff_power / 2)
     cone = LightCone(y, x, steps, step_m2)
     albedo = cone.inverse(np.moveaxis(record, 2, 0), snr, progress)

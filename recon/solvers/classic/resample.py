@@ -1,6 +1,5 @@
-"""The record as the baselines read it: faded, and on a lattice of confocal radii where one is needed."""
+"""The record on a lattice of confocal radii, as the methods that need one read it."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,39 +10,7 @@ from recon.aperture import TOLERANCE_M, Aperture, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
-from recon.window import Fades
-
-
-def faded_blocks(
-    capture: Capture, fades: Fades, bins: slice
-) -> Iterator[tuple[slice, NDArray[np.float32], NDArray[np.float64]]]:
-    """Read a part of the record block by block, its edges softened.
-
-    Parameters
-    ----------
-    capture
-        Histograms.
-    fades
-        Soft edges.
-    bins
-        Bins wanted, with both ends given.
-
-    Yields
-    ------
-    positions
-        Which.
-    counts
-        (block, bins) float32.
-    begin_m
-        (block,) path in rectified time, c t, at the left edge of the first wanted bin.
-    """
-    first_bin_s = np.broadcast_to(capture.first_bin_s, capture.positions)
-    end = fades.end_weights(capture.bins, capture.bin_width_s)[bins].astype(np.float32)
-    for block, counts in capture.histograms.blocks(bins):
-        faded = np.asarray(counts, dtype=np.float32) * end
-        start = fades.start_weights(first_bin_s[block], bins, capture.bin_width_s)
-        faded[:, : start.shape[1]] *= start
-        yield block, faded, C_M_PER_S * (first_bin_s[block] + bins.start * capture.bin_width_s)
+from recon.window import Window, windowed_blocks
 
 
 @dataclass(frozen=True)
@@ -133,7 +100,7 @@ class ConfocalLattice:
 
 
 def confocal_record(
-    capture: Capture, lattice: ConfocalLattice, fades: Fades, edges_m: NDArray[np.float64]
+    capture: Capture, lattice: ConfocalLattice, window: Window, edges_m: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """Sort counts into shells of confocal radius r = c t'/2.
 
@@ -146,7 +113,7 @@ def confocal_record(
         Histograms.
     lattice
         Its spots.
-    fades
+    window
         Soft edges.
     edges_m
         (R + 1,) edges of the shells, ascending.
@@ -161,7 +128,8 @@ def confocal_record(
     times_measured = np.zeros(rows * columns, np.float32)
     points = lattice.aperture.row * columns + lattice.aperture.column
     bin_m = C_M_PER_S * capture.bin_width_s
-    for block, counts, begin_m in faded_blocks(capture, fades, slice(0, capture.bins)):
+    for block, counts in windowed_blocks(capture, window, slice(0, capture.bins)):
+        begin_m = capture.begin_m(block)
         shells = np.empty((len(counts), record.shape[1]), np.float32)
         _into_shells(counts, begin_m, bin_m, lattice.offset_m[block], edges_m, shells)
         np.add.at(record, points[block], shells)

@@ -10,7 +10,7 @@ from recon.result import Image
 from recon.sampling import path_limits_m
 from recon.solvers.classic import lct
 from recon.solvers.classic.resample import ConfocalLattice
-from recon.window import Fades
+from recon.window import Window
 
 
 def baseline_image(
@@ -18,7 +18,7 @@ def baseline_image(
     grid: VoxelGrid,
     *,
     solver: str,
-    fades: Fades | None = None,
+    window: Window | None = None,
     snr: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Image:
@@ -33,7 +33,7 @@ def baseline_image(
         Voxels, any pitch, offset and extent in front of the wall.
     solver
         Which.
-    fades
+    window
         Soft edges of the record; by default only its end is softened.
     snr
         Ratio of signal to noise power for "lct", by default `lct.SNR`. Others have no such filter.
@@ -50,7 +50,7 @@ def baseline_image(
         If the volume is not in front of the wall, the solver unknown, or a ratio not positive or given to
         another solver.
     """
-    fades = fades or Fades()
+    window = window or Window()
     _check(capture, grid, solver, snr)
     entry, notes = SOLVERS[solver], []
     if "snr" in entry.options:
@@ -59,11 +59,11 @@ def baseline_image(
     if entry.confocal_grid:
         lattice = ConfocalLattice.of(capture, solver)
         notes = lattice.notes()
-        amplitude = load(entry.place)(capture, lattice, grid, fades, progress=progress, **options)
+        amplitude = load(entry.place)(capture, lattice, grid, window, progress=progress, **options)
     else:
-        amplitude = load(entry.place)(capture, grid, fades, progress=progress, **options)
+        amplitude = load(entry.place)(capture, grid, window, progress=progress, **options)
     return Image(
-        grid, amplitude, solver, fades, falloff_power=entry.falloff_power, snr=snr, notes=tuple(notes)
+        grid, amplitude, solver, window, falloff_power=entry.falloff_power, snr=snr, notes=tuple(notes)
     )
 
 

@@ -107,15 +107,16 @@ def _has_cuda(xp: Any) -> bool:
         return False
 
 
-def focus_slab(
+def focus_block(
     aperture: Aperture,
     emitted: NDArray[np.complex64],
     band: Band,
     grid: VoxelGrid,
-    legs: int,
+    round_trip_factor: int,
     times_s: Sequence[NDArray[np.float64]],
     progress: Callable[[float], None] | None = None,
     *,
+    reference_rad_per_s: float | None = None,
     on: Backend | None = None,
     batch_bytes: int = BATCH_BYTES,
 ) -> NDArray[np.complex64]:
@@ -123,12 +124,14 @@ def focus_slab(
 
     Parameters
     ----------
-    aperture, emitted, band, grid, legs
+    aperture, emitted, band, grid, round_trip_factor
         As of `recon.solvers.rsd.regular.LatticePropagator`.
     times_s
         For each plane, the (1, y or 1, x or 1) moments at which voxels are read.
     progress
         Called with the fraction that is done.
+    reference_rad_per_s
+        Frequency omega_0 from which the change with time is counted; None leaves it out.
     on
         Where to compute; numpy by default.
     batch_bytes
@@ -137,17 +140,20 @@ def focus_slab(
     Returns
     -------
     ndarray
-        (z, y, x) complex64 field U, in numpy's memory.
+        (z, 1 or 2, y, x) complex64 field U, and dU/dt - i omega_0 U where it is asked for; in numpy's memory.
     """
     on = on or backend("cpu")
     xp = on.xp
-    wavenumber = legs * band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
     y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
     at_once = max(1, batch_bytes // (POINT_BYTES * y.length * x.length))
     turns_per_s = band.frequencies_rad_per_s / (2 * np.pi)
     lateral2 = on.array(_offsets(y)[:, None] ** 2 + _offsets(x) ** 2)
     readings = [(on.array(axis.first), on.array(axis.weights)) for axis in (y, x)]
-    field = np.zeros(grid.shape, np.complex64)
+    turning = [np.ones(len(band), np.complex64)]
+    if reference_rad_per_s is not None:
+        turning.append((1j * (band.frequencies_rad_per_s - reference_rad_per_s)).astype(np.complex64))
+    field = np.zeros((len(grid.z_m), len(turning), *grid.shape[1:]), np.complex64)
     batches = range(0, len(turns_per_s), at_once)
     for number, start in enumerate(batches):
         part = slice(start, start + at_once)
@@ -155,14 +161,20 @@ def focus_slab(
         turns = on.array(turns_per_s[part])[:, None, None]
         for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
             r = xp.sqrt(lateral2 + float(z_m) ** 2)
-            spectrum = xp.fft.fft2(_unit(xp, legs / C_M_PER_S * turns * r) / _single(xp, r)) * wall
+            spectrum = (
+                xp.fft.fft2(_unit(xp, round_trip_factor / C_M_PER_S * turns * r) / _single(xp, r)) * wall
+            )
             spectrum = _fold(spectrum, y, x)
             turned = _unit(xp, turns * on.array(moments_s))
-            if moments_s.size == 1:
-                total = _read(xp.fft.ifft2((spectrum * turned).sum(0))[None], *readings)[0]
-            else:
-                total = (_read(xp.fft.ifft2(spectrum), *readings) * turned).sum(0)
-            field[plane] += on.numpy(total)
+            if moments_s.size > 1:
+                fields = _read(xp.fft.ifft2(spectrum), *readings) * turned
+            for sums, factors in zip(field[plane], turning, strict=True):
+                weights = on.array(factors[part])[:, None, None]
+                if moments_s.size > 1:
+                    total = (fields * weights).sum(0)
+                else:
+                    total = _read(xp.fft.ifft2((spectrum * turned * weights).sum(0))[None], *readings)[0]
+                sums += on.numpy(total)
             if progress:
                 progress((number + (plane + 1) / len(grid.z_m)) / len(batches))
     return field

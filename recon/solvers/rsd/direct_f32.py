@@ -53,7 +53,7 @@ def _sum(
     z_m: float,
     field: NDArray[np.complex64],
 ) -> None:
-    """Add all positions, spectra (P, F), into field (F, y, x); no detectors: the first leg is all."""
+    """Add all positions, spectra (P, F), into field (F, y, x); no detectors: the laser path is all."""
     many, count = field.shape[0], len(x_m)
     for j in prange(len(y_m)):
         real, imaginary = np.zeros((many, count), np.float32), np.zeros((many, count), np.float32)

@@ -2,7 +2,7 @@
 
 For one frequency and one plane of voxels, sum_p H^(p, omega) exp(i k r_p)/r_p is a convolution over the
 wall's plane with the spherical wave exp(i k r)/r, k = omega/c (2 omega/c for confocal data, whose light goes
-both legs). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
+both paths). The wave is evaluated at the very offsets that the lattice has, and the FFT is long enough that
 nothing wraps around: the result is the discrete sum itself, to single precision, with no approximation of
 the wave.
 
@@ -36,7 +36,7 @@ from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
-from recon.sampling import Slab
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
 from recon.solvers.rsd import kernels
 from recon.solvers.rsd.lattice import AxisPlan, plan_axis
@@ -69,7 +69,7 @@ class LatticePropagator(Propagator):
         The frequencies.
     grid
         Voxels; all depths that will be asked for.
-    legs
+    round_trip_factor
         Legs of the path that the kernel stands for: 1, or 2 for confocal data.
     wall_bytes
         As of `ImagingProblem`.
@@ -81,13 +81,13 @@ class LatticePropagator(Propagator):
         emitted: NDArray[np.complex64],
         band: Band,
         grid: VoxelGrid,
-        legs: int,
+        round_trip_factor: int,
         wall_bytes: int = ImagingProblem.wall_bytes,
     ) -> None:
         self.band = band
         self._emitted = emitted
         self._shape = grid.shape[1:]
-        self._legs = legs
+        self._round_trip_factor = round_trip_factor
         self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
         self._aperture = aperture
@@ -128,22 +128,46 @@ class LatticePropagator(Propagator):
             emitted[index] = _take(self._aperture, product.conj(), self._y, self._x) / product.size
         return emitted
 
-    def focus(self, z_m: float, times_s: NDArray[np.float64]) -> Field:
-        """Sum the fields over all frequencies at moments t: (T, y, x) complex64."""
+    def focus(
+        self, z_m: float, times_s: NDArray[np.float64], reference_rad_per_s: float | None = None
+    ) -> Field:
+        """Sum the fields over all frequencies at moments t, and their slope: (T, y, x) complex64."""
         if len(times_s) > 1:
             return super().focus(z_m, times_s)
+        slopes = reference_rad_per_s is not None
+        fields = (
+            self._at_once(z_m, times_s, slopes) if times_s.size == 1 else self._read(z_m, times_s, slopes)
+        )
+        if reference_rad_per_s is not None:
+            # What was summed is n times the field of frequency number n.
+            fields[1] *= 1j * self.band.step_rad_per_s
+            fields[1] += 1j * (self.band.first_rad_per_s - reference_rad_per_s) * fields[0]
+        return fields
+
+    def _at_once(self, z_m: float, times_s: NDArray[np.float64], slopes: bool) -> Field:
+        """Sum at one moment for all voxels; with slopes, the sum of n times the n-th field, too."""
         work = self._workspace()
-        total = np.zeros((1, *self._shape), np.complex64)
-        if times_s.size == 1:
-            turns = np.exp(1j * self.band.frequencies_rad_per_s * times_s.item()).astype(np.complex64)
-            work.spectrum[:] = 0
-            for index in self._walk(z_m, work):
-                wall = self._wall(index)
-                wall = wall * turns[index] if turns[index] != 1 else wall
-                kernels.multiply(wall, work.kernel, work.spectrum, True)
-            kernels.add_field(total[0], total[0], self._rows(work), self._x.first, self._x.weights)
-            return total
-        base, step = np.empty_like(total[0]), np.empty_like(total[0])
+        fields = np.zeros((1 + slopes, *self._shape), np.complex64)
+        turns = np.exp(1j * self.band.frequencies_rad_per_s * times_s.item()).astype(np.complex64)
+        work.spectrum[:] = 0
+        sums = np.zeros_like(work.spectrum) if slopes else None
+        for index in self._walk(z_m, work):
+            if sums is not None:
+                sums += work.spectrum  # so that the n-th frequency is added n times by the end
+            wall = self._wall(index)
+            wall = wall * turns[index] if turns[index] != 1 else wall
+            kernels.multiply(wall, work.kernel, work.spectrum, True)
+        for field in fields:
+            kernels.add_field(field, field, self._rows(work), self._x.first, self._x.weights)
+            if sums is not None:
+                work.spectrum[:] = sums
+        return fields
+
+    def _read(self, z_m: float, times_s: NDArray[np.float64], slopes: bool) -> Field:
+        """Sum at a moment for each voxel, by Horner's rule; with slopes, of n times the n-th field, too."""
+        work = self._workspace()
+        fields = np.zeros((1 + slopes, *self._shape), np.complex64)
+        base, step = np.empty_like(fields[0]), np.empty_like(fields[0])
         kernels.phase(
             np.ascontiguousarray(np.broadcast_to(times_s[0], self._shape)),
             self.band.first_rad_per_s / (2 * np.pi),
@@ -152,16 +176,19 @@ class LatticePropagator(Propagator):
             step,
         )
         for index in self._walk(z_m, work):
+            if slopes:
+                fields[1] += fields[0]
+                fields[1] *= step
             kernels.multiply(self._wall(index), work.kernel, work.spectrum, False)
-            kernels.add_field(total[0], step, self._rows(work), self._x.first, self._x.weights)
-        total *= base
-        return total
+            kernels.add_field(fields[0], step, self._rows(work), self._x.first, self._x.weights)
+        fields *= base
+        return fields
 
     def _wavenumber(
         self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
     ) -> float:
         """Return the highest spatial frequency of the field along an axis [rad/m]."""
-        return self._legs * self.band.last_rad_per_s / C_M_PER_S
+        return self._round_trip_factor * self.band.last_rad_per_s / C_M_PER_S
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
@@ -169,8 +196,8 @@ class LatticePropagator(Propagator):
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
             np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
             z_m,
-            self._legs * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
-            self._legs * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._round_trip_factor * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._round_trip_factor * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
             work.wave,
             work.step,
         )
@@ -205,15 +232,17 @@ class LatticePropagator(Propagator):
         return self._threads.work
 
 
-def needs(problem: ImagingProblem, part: Slab, x: LatticeAxis, y: LatticeAxis, legs: int) -> Need:
-    """Return the memory that imaging a slab from a lattice takes."""
+def needs(
+    problem: ImagingProblem, part: DepthBlock, x: LatticeAxis, y: LatticeAxis, round_trip_factor: int
+) -> Need:
+    """Return the memory that imaging a depth block from a lattice takes."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
-    wavenumber = legs * part.band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * part.band.last_rad_per_s / C_M_PER_S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)
     thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
-    thread += 48 * len(grid.y_m) * len(grid.x_m)
+    thread += 8 * along_y.folded * along_x.folded + 64 * len(grid.y_m) * len(grid.x_m)
     # One wall field is put on its lattice at a time, in two steps where it is spread.
     fixed, wall = (cpu_count() or 1) * thread + 16 * points, 8 * points
     if problem.frames == 1:

@@ -2,15 +2,15 @@
 
 What one position adds to a voxel depends on the path alone: g H^ summed over the frequencies is a signal in
 time, and the voxel reads it at r_p/c + t(v), t being the camera's moment, and r_c/c later where each record
-has a detector spot of its own. So each position's signal is tabulated once for a slab, and every pair of
-position and voxel is a square root or two and a look-up:
+has a detector spot of its own. So each position's signal is tabulated once for a depth block, and every pair
+of position and voxel is a square root or two and a look-up:
 
     U(v) = sum_p 1/r_p exp(i omega_m tau) B_p(tau),   tau = r_p/c + t(v),
     B_p(tau) = sum_omega g H^(p, omega) exp(i (omega - omega_m) tau)
 
 The carrier, in the band's middle omega_m, is kept apart and applied exactly; B is as smooth as the pulse's
 envelope, and straight lines between `NODES` nodes for each sigma_t are right to (1/NODES)^2/8 = 1.2e-4 of its
-peak. The frequencies are those of the RSD solver's slab, so that both give the same numbers.
+peak. The frequencies are those of the RSD solver's depth block, so that both give the same numbers.
 
 Paths are single precision: 6e-8 of some 200 turns of phase is 1e-4 rad.
 """
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import Slab, path_limits_m
+from recon.sampling import DepthBlock, path_limits_m
 from recon.solvers.problem import ImagingProblem, Need
 from recon.wave import BAND_SIGMAS, Band
 
@@ -40,8 +40,8 @@ MIN_POSITIONS = 256
 F32 = NDArray[np.float32]
 
 
-def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
-    """Image a problem of one slab and one frame.
+def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iterator[NDArray[np.complex64]]:
+    """Image a problem of one depth block and one frame.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Itera
     Yields
     ------
     ndarray
-        (1, y, x) complex64 field U of each plane.
+        (1 or 2, y, x) complex64 field U of each plane, and its slope where the problem asks for it.
     """
     capture, band, grid = problem.capture, problem.band, problem.grid
     begin_m, nodes_per_m, nodes = node_range(capture, band, grid, problem.camera)
@@ -62,13 +62,13 @@ def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Itera
     nodes_s = (begin_m + np.arange(nodes) / nodes_per_m) / C_M_PER_S
     phases = np.exp(1j * np.multiply.outer(band.frequencies_rad_per_s - middle_rad_per_s, nodes_s))
     phases = phases.astype(np.complex64)
-    # Neighbours that share a detector spot share its leg.
+    # Neighbours that share a detector spot share its path.
     order = np.lexsort(capture.detector_m.T) if capture.round_trip else np.arange(capture.positions)
     lit = capture.laser_m[order].astype(np.float32)
     seen = (capture.detector_m[order] if capture.round_trip else np.empty((0, 3))).astype(np.float32)
     axes = [axis.astype(np.float32) for axis in (grid.z_m, grid.y_m, grid.x_m)]
     at_once = max(1, min(problem.working_bytes, TABLE_BYTES) // (2 * NODE_BYTES * nodes))
-    field = np.zeros(grid.shape, np.complex64)
+    field = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
     for start in range(0, len(order), at_once):
         part = slice(start, min(start + at_once, len(order)))
         table = np.zeros((part.stop - start, nodes, 2), np.complex64)
@@ -91,15 +91,19 @@ def focus_slab(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Itera
             )
             done = start + (plane + 1) / len(grid.z_m) * (part.stop - start)
             problem.progress(done / len(order))
-    yield from field[:, None]
+    if problem.reference_rad_per_s is not None:
+        # The slope of a straight line between nodes, and that of the carrier in the band's middle.
+        field[:, 1] *= nodes_per_m * C_M_PER_S
+        field[:, 1] += 1j * (middle_rad_per_s - problem.reference_rad_per_s) * field[:, 0]
+    yield from field
 
 
-def needs(problem: ImagingProblem, part: Slab) -> Need:
-    """Return the memory that a slab's tables take."""
+def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
+    """Return the memory that a depth block's tables take."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
     nodes = node_range(problem.capture, part.band, grid, problem.camera)[2]
     # The table's phases, with their double-precision halves, belong to the pass's frequencies.
-    fixed = 24 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
+    fixed = 32 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
     return Need(fixed, 2 * NODE_BYTES * nodes * MIN_POSITIONS, many)
 
 
@@ -127,7 +131,7 @@ def _look_up(
     turns_per_m: np.float32,
     plane: NDArray[np.complex64],
 ) -> None:
-    """Add what each voxel of a plane (y, x) reads in the tables (P, nodes, 4).
+    """Add what each voxel of a plane (1, y, x) reads in the tables (P, nodes, 4); with (2, y, x), its change.
 
     The path is r_p + `read_m`, (y, x), and r_c of the record's own detector spot where there are any. What
     needs no look-up is in loops of its own, which vectorise.
@@ -143,10 +147,11 @@ def _look_up(
         same_leg = False
         real, imaginary = np.zeros(count, np.float32), np.zeros(count, np.float32)
         value_re, value_im = np.empty(count, np.float32), np.empty(count, np.float32)
+        change_re, change_im = np.zeros(count, np.float32), np.zeros(count, np.float32)
         for p in range(len(laser_m)):
             across, depth = laser_m[p, 1] - y_m[j], laser_m[p, 2] - z_m
             beside = across * across + depth * depth
-            legs = one
+            factor = one
             if len(detector_m) == 0:
                 pass
             elif (
@@ -154,7 +159,7 @@ def _look_up(
                 and detector_m[p, 1] == laser_m[p, 1]
                 and detector_m[p, 2] == laser_m[p, 2]
             ):
-                legs = two
+                factor = two
                 second[:] = read_m[j]
                 same_leg = False
             elif (
@@ -172,7 +177,7 @@ def _look_up(
             for i in range(count):
                 away = laser_m[p, 0] - x_m[i]
                 r_p = np.sqrt(beside + away * away)
-                path_m = legs * r_p + second[i]
+                path_m = factor * r_p + second[i]
                 at = (path_m - begin_m) * nodes_per_m
                 node[i] = np.int32(at)
                 part[i] = at - np.float32(node[i])
@@ -198,5 +203,14 @@ def _look_up(
             for i in range(count):
                 real[i] += value_re[i] * cosine[i] - value_im[i] * sine[i]
                 imaginary[i] += value_re[i] * sine[i] + value_im[i] * cosine[i]
+            if len(plane) > 1:
+                for i in range(count):
+                    value_re[i], value_im[i] = row[node[i], 2], row[node[i], 3]
+                for i in range(count):
+                    change_re[i] += value_re[i] * cosine[i] - value_im[i] * sine[i]
+                    change_im[i] += value_re[i] * sine[i] + value_im[i] * cosine[i]
         for i in range(count):
-            plane[j, i] += complex(real[i], imaginary[i])
+            plane[0, j, i] += complex(real[i], imaginary[i])
+        if len(plane) > 1:
+            for i in range(count):
+                plane[1, j, i] += complex(change_re[i], change_im[i])

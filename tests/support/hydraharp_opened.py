@@ -1,9 +1,9 @@
 """The simulated library, opened, by its C functions."""
 
 import numpy as np
-from hydraharp_wire import call
 
 from simulators.wire.hydraharp import HydraHarpSimulator
+from support.hydraharp_wire import call
 
 HISTOGRAM, T2, T3, CONTINUOUS = 0, 2, 3, 8
 

@@ -11,9 +11,12 @@ from types import SimpleNamespace
 
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
-from wire_script import Step
+
+from support.wire_script import Step
 
 INTERFACE, OUT, IN = 1, 0x03, 0x85
+#: The same, as a transcript of bulk transfers names them.
+USB_WORDS = {"INTERFACE": f"{INTERFACE:04X}", "OUT": f"{OUT:04X}", "IN": f"{IN:04X}"}
 
 _DEVICE = {
     "bLength": 18,

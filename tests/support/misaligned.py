@@ -1,10 +1,8 @@
-"""A rig with all faults and a misalignment, its truth, and a galvo calibration as good as one can expect."""
+"""The simulated rig with all its faults and misalignments, its truth, and a galvo calibration of it."""
 
 from math import dist
 
 import numpy as np
-from misaligned import FAULTS
-from misaligned import true_spots_m as across_m
 from scipy.optimize import brentq, least_squares
 
 from recon.capture import C_M_PER_S
@@ -18,8 +16,33 @@ from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.light import Optics
 
+FAULTS = {
+    "memory": 1e-5,
+    "reflections_per_pulse": 1e-4,
+    "failed_gates": 0.01,
+    "nonlinearity": 0.002,
+    "drift_per_minute": "1ps",
+}
 
-def misaligned(seed: int, folder=None, **changes) -> RigConfig:
+
+def misaligned(seed: int = 0, signs=None, mirrors: int = 1) -> RigConfig:
+    """Everything is wrong at once; ``signs`` (16,) turns the directions round."""
+    s = np.ones(16) if signs is None else signs
+    misalignment = {
+        "wall_tilt": [f"{5 * s[0]}deg", f"{2 * s[1]}deg"],
+        "galvo_shift": [f"{2 * s[2]}cm", f"{-s[3]}cm", f"{3 * s[4]}cm"],
+        "spad_shift": [f"{-2 * s[5]}cm", f"{1.5 * s[6]}cm", f"{s[7]}cm"],
+        "mirror_turn": [f"{s[8]}deg", f"{s[9]}deg", f"{s[10]}deg"],
+        "mirror_offset": [f"{0.5 * s[11]}deg", f"{-0.3 * s[12]}deg"],
+        "mirror_gain": [1 + 0.005 * s[13], 1 - 0.004 * s[14]],
+        "cable_delay": f"{3 * s[15]}ns",
+    }
+    simulation = {"seed": seed, "faults": FAULTS, "misalignment": misalignment}
+    galvo = {"mirrors": mirrors, "separation": "15mm"} if mirrors == 2 else {}
+    return built_in_with({"simulation": simulation, "galvo": galvo})
+
+
+def misaligned_at_random(seed: int, folder=None, **changes) -> RigConfig:
     """Return a rig that stands 1 to 3 cm from where it says, before a tilted wall, with 3 ns of cable."""
     rng = np.random.default_rng(seed)
     shifts_m = rng.uniform(0.01, 0.03, 6) * rng.choice([-1, 1], 6)
@@ -38,22 +61,30 @@ def misaligned(seed: int, folder=None, **changes) -> RigConfig:
     return built_in_with({"simulation": simulation, **calibration, **changes})
 
 
-def true_spots_m(config: RigConfig, mirror_rad) -> np.ndarray:
-    """(N, 3) where the beam really meets the wall."""
-    return np.pad(across_m(config, mirror_rad), ((0, 0), (0, 1)))
+def true_spots_m(config: RigConfig, angles_rad) -> np.ndarray:
+    """(K, 2) places where the beam really meets the wall for (K, 2) commanded angles."""
+    geometry = true_geometry(config)
+    return np.array([geometry.laser_spot_m((float(x), float(y)))[:2] for x, y in angles_rad])
+
+
+def errors_m(calibration, config: RigConfig, spots_m) -> np.ndarray:
+    """(K, 2) how far the beam is from (K, 3) spots that the calibrated mirror was asked for."""
+    angles = calibration.pointing().angles_rad(spots_m)
+    return true_spots_m(config, angles) - np.asarray(spots_m)[:, :2]
 
 
 def true_arrivals_s(config: RigConfig, mirror_rad) -> np.ndarray:
     """(N,) when first bounces really arrive."""
     bench = true_geometry(config)
-    return np.array([direct_s(tuple(spot), bench) for spot in true_spots_m(config, mirror_rad)])
+    return np.array([direct_s((x, y, 0.0), bench) for x, y in true_spots_m(config, mirror_rad)])
 
 
 def true_delays_s(config: RigConfig, mirror_rad) -> np.ndarray:
     """(N,) what is really to be subtracted for rectified time."""
     bench = true_geometry(config)
     back_m = dist(bench.detector_head_m, bench.channels[0].spot_m)
-    there_m = np.linalg.norm(true_spots_m(config, mirror_rad) - bench.galvo_m, axis=1)
+    spots_m = np.pad(true_spots_m(config, mirror_rad), ((0, 0), (0, 1)))
+    there_m = np.linalg.norm(spots_m - bench.galvo_m, axis=1)
     return bench.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 
 
@@ -85,7 +116,7 @@ def galvo_calibration(config: RigConfig, spot_error_m: float, seed: int) -> Cali
     x_m, y_m = np.meshgrid(np.linspace(-0.85, 0.85, 11), np.linspace(-0.62, 0.62, 9))
     nominal = RigState(config).pointing
     angles = nominal.angles_rad(np.stack([x_m.ravel(), y_m.ravel(), 0 * x_m.ravel()], axis=1))
-    seen_m = true_spots_m(config, angles)[:, :2] + spot_error_m * rng.standard_normal((len(angles), 2))
+    seen_m = true_spots_m(config, angles) + spot_error_m * rng.standard_normal((len(angles), 2))
     start = np.concatenate([nominal.mirror_m, nominal.rotation_rad, nominal.offset_rad, nominal.gain])
     scale = np.repeat([0.3, 0.1, 0.02, 0.02], [3, 3, 2, 2])
 

@@ -1,7 +1,8 @@
 """pyserial's handler for ``script://NAME``: a port whose far end is a transcript."""
 
 from serial.serialutil import SerialBase
-from wire_script import Script
+
+from support.wire_script import Script
 
 scripts: dict[str, Script] = {}
 

@@ -1,7 +1,8 @@
 """Render a room with mitransient: run as ``python path_traced_room.py ROOM.npz OUT.npz`` in its own process.
 
-ROOM.npz holds triangles_m (T, 3, 3), albedo, wall_m, wall_albedo, laser_m (3,), edges_m (B + 1,) and samples;
-OUT.npz gets transient (bounces 3 to 5, spots, B) in one arbitrary unit, and spots_m (spots, 3).
+ROOM.npz holds triangles_m (T, 3, 3), albedo, roughness (1: Lambertian, below: partly a lobe of GGX), wall_m,
+wall_albedo, laser_m (3,), edges_m (B + 1,), samples and bounces (N,); OUT.npz gets transient (N, spots, B) in
+one arbitrary unit, and spots_m (spots, 3).
 """
 
 import sys
@@ -57,7 +58,6 @@ def render(room, folder, bounces):
             ),
         },
     }
-    surface = {"type": "diffuse", "reflectance": float(room["albedo"])}
     path = f"{folder}/room.obj"
     with open(path, "w") as file:
         file.writelines(f"v {x} {y} {z}\n" for x, y, z in room["triangles_m"].reshape(-1, 3))
@@ -66,17 +66,27 @@ def render(room, folder, bounces):
         "type": "obj",
         "filename": path,
         "face_normals": True,
-        "bsdf": {"type": "twosided", "bsdf": surface},
+        "bsdf": {"type": "twosided", "bsdf": surface(float(room["albedo"]), float(room["roughness"]))},
     }
     _, transient = mi.render(mi.load_dict(scene), seed=bounces)
     return np.array(transient)[..., 0].reshape(COLUMNS * ROWS, -1)
+
+
+def surface(albedo, roughness):
+    """What the hidden surfaces reflect."""
+    matt = {"type": "diffuse", "reflectance": albedo}
+    if roughness == 1:
+        return matt
+    mirror = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": roughness}
+    mirror["specular_reflectance"] = albedo
+    return {"type": "blendbsdf", "weight": roughness, "mirror": mirror, "matt": matt}
 
 
 def main(room_path, out_path):
     with np.load(room_path) as file:
         room = dict(file)
     with tempfile.TemporaryDirectory() as folder:
-        transient = np.stack([render(room, folder, bounces) for bounces in (3, 4, 5)])
+        transient = np.stack([render(room, folder, bounces) for bounces in room["bounces"].tolist()])
     u, v = np.meshgrid((np.arange(COLUMNS) + 0.5) / COLUMNS, (np.arange(ROWS) + 0.5) / ROWS)
     spots_m = np.stack([(u - 0.5) * room["wall_m"][0], (v - 0.5) * room["wall_m"][1], 0 * u], axis=-1)
     np.savez(out_path, transient=transient, spots_m=spots_m.reshape(-1, 3))

@@ -11,7 +11,7 @@ In USB transcripts all is hexadecimal: ``> 01 01 FE ...`` and ``< ...`` are bulk
 from dataclasses import dataclass, field
 from pathlib import Path
 
-TRANSCRIPTS = Path(__file__).parent / "transcripts"
+TRANSCRIPTS = Path(__file__).parents[1] / "protocol" / "transcripts"
 
 
 @dataclass(frozen=True)

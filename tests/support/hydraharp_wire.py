@@ -139,11 +139,12 @@ class Returns(int):
     """The code that a scripted call returns instead of 0."""
 
 
-class Script:
+class ScriptedLibrary:
     """A library and a clock that expect exact calls in exact order and answer as written.
 
     Each line is the call with its int arguments, then what it writes into its pointers; ``Returns(code)``
-    makes it fail. The clock's waits are lines too: ``("sleep(0.4)",)``.
+    makes it fail. The clock's waits are lines too: ``("sleep(0.4)",)``, or with Ctrl-C in the middle
+    ``("sleep(0.4)", KeyboardInterrupt)``.
     """
 
     def __init__(self, lines):
@@ -162,7 +163,8 @@ class Script:
 
     def sleep(self, duration_s):
         self.time_s = round(self.time_s + duration_s, 9)  # a sum of milliseconds stays one
-        self._expect(f"sleep({duration_s:g})")
+        for interrupted in self._expect(f"sleep({duration_s:g})"):
+            raise interrupted
 
     def finish(self):
         assert not self.wrong, "\n".join(self.wrong)

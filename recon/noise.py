@@ -1,0 +1,187 @@
+"""What photon noise alone puts into an image.
+
+Counts that know nothing of a hidden scene add up with random phases. With Poisson counts H, of variance H,
+the intensity that they give at a voxel is on average
+
+    E|U(v)|^2 = sum_p w_p(v)^2 sum_n H[p, n] |pulse(tau_p(v) - t_n)|^2,    w_p = 1/r_p,
+
+the sum that makes the image, without its phases. It is smooth over the volume: it is evaluated at a few
+places of each plane, from neighbouring positions together, and interpolated. Around that average such an
+intensity is distributed exponentially (the field is a sum of many small terms, hence Gaussian), so that
+
+    P(|U|^2 > rho E|U|^2) = exp(-rho).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from recon.capture import C_M_PER_S, Capture
+from recon.grid import VoxelGrid
+from recon.wave import VirtualPulse
+from recon.window import Window
+
+#: Places on the wall that stand for all positions.
+TILES = 1024
+#: Cells of the tallied histograms in a pulse's sigma_t.
+CELLS_PER_SIGMA = 2
+#: Photons more than there are: so few add up as they like, which is not exponentially distributed.
+HANDFUL = 10.0
+#: Places along x and y at which the noise is evaluated.
+PLACES = 5
+
+
+@dataclass
+class Tally:
+    """Histograms that are summed up coarsely while they are read.
+
+    Attributes
+    ----------
+    capture
+        Whose histograms they are.
+    window
+        Soft edges, applied to the sums.
+    group
+        Bins of a cell of the sums.
+    tile
+        (P,) tile of each position: neighbours are summed together.
+    cells
+        (tiles, cells) counts.
+    whole
+        Whether all that was read were whole numbers: photon counts, of which the noise is known.
+    """
+
+    capture: Capture
+    window: Window
+    group: int
+    tile: NDArray[np.intp] = field(init=False)
+    cells: NDArray[np.float32] = field(init=False)
+    whole: bool = True
+
+    def __post_init__(self) -> None:
+        capture = self.capture
+        ends_m = np.hstack([capture.laser_m, np.broadcast_to(capture.detector_m, capture.laser_m.shape)])
+        self.tile = _tiles(ends_m)
+        self.cells = np.zeros((self.tile.max() + 1, -(-capture.bins // self.group)), np.float32)
+        self._taken = np.zeros(capture.bins, bool)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of positions and number of bins."""
+        return self.capture.histograms.shape
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Yield (positions, counts) in order."""
+        first, stop, _ = bins.indices(self.capture.bins)
+        fresh = (~self._taken[first:stop]).astype(np.float32)
+        for positions, counts in self.capture.histograms.blocks(bins):
+            self.whole &= bool(np.issubdtype(counts.dtype, np.integer))
+            if fresh.any():
+                self._add(positions, slice(first, stop), fresh, counts)
+            yield positions, counts
+        self._taken[first:stop] = True
+
+    def _add(self, positions: slice, bins: slice, fresh: NDArray[np.float32], counts: NDArray) -> None:
+        capture = self.capture
+        end = self.window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(np.float32)
+        soft = counts * (fresh * end)
+        start = self.window.start_weights(capture.begins_s(positions), bins, capture.bin_width_s)
+        soft[:, : start.shape[1]] *= start
+        cells = np.arange(bins.start, bins.stop) // self.group
+        starts = np.flatnonzero(np.diff(cells, prepend=-1))
+        summed = np.zeros((len(soft), self.cells.shape[1]), np.float32)
+        summed[:, cells[starts]] = np.add.reduceat(soft, starts, axis=1)
+        np.add.at(self.cells, self.tile[positions], summed)
+
+
+def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Give positions (P, coordinates) the numbers of tiles, halved along the longest until they are many."""
+    tiles = [np.arange(len(ends_m))]
+    while 2 * len(tiles) <= TILES and len(tiles) < len(ends_m):
+        halves = []
+        for members in tiles:
+            longest = np.ptp(ends_m[members], axis=0).argmax()
+            order = members[np.argsort(ends_m[members, longest], kind="stable")]
+            halves += [half for half in np.array_split(order, 2) if len(half)]
+        tiles = halves
+    number = np.empty(len(ends_m), np.intp)
+    for tile, members in enumerate(tiles):
+        number[members] = tile
+    return number
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The mean intensity that noise gives.
+
+    Attributes
+    ----------
+    levels
+        (z, a few, a few) at places evenly spread over each plane, from corner to corner.
+    photons
+        Whether it follows from counted photons; otherwise it is what the quietest part of each plane shows.
+    """
+
+    levels: NDArray[np.float64]
+    photons: bool
+
+    def plane(self, number: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return the level at all pixels (y, x) of a plane."""
+        _, rows, columns = self.levels.shape
+        levels = _between(rows, shape[0]) @ self.levels[number] @ _between(columns, shape[1]).T
+        return levels.astype(np.float32)
+
+
+def _between(places: int, pixels: int) -> NDArray[np.float64]:
+    """(pixels, places) weights that interpolate from evenly spread places along an axis."""
+    at = np.linspace(0, places - 1, pixels)
+    return np.maximum(0, 1 - np.abs(at[:, None] - np.arange(places)))
+
+
+def quiet_level(intensity: NDArray[np.float32]) -> Noise:
+    """Take the noise from an image itself, where photons were not counted.
+
+    The lower quarter of an exponential distribution ends at -ln(3/4) of its mean; an image whose planes are
+    filled has its objects there, and seems noisier than it is.
+    """
+    quarter = np.percentile(intensity.reshape(len(intensity), -1), 25, axis=1)
+    return Noise(quarter[:, None, None] / -np.log(0.75), photons=False)
+
+
+def tallied(capture: Capture, pulse: VirtualPulse, window: Window) -> tuple[Capture, Tally]:
+    """Return a capture that is read as the given one, and what sums it up meanwhile."""
+    group = max(1, int(pulse.sigma_s / CELLS_PER_SIGMA / capture.bin_width_s))
+    tally = Tally(capture, window, group)
+    return replace(capture, histograms=tally), tally
+
+
+def photon_noise(tally: Tally, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
+    """Evaluate the noise over a volume, from what was summed up while it was imaged."""
+    capture, tiles = tally.capture, len(tally.cells)
+    cell_s = tally.group * capture.bin_width_s
+    # |pulse|^2 is a Gaussian of sigma_t / sqrt(2), with a peak of one.
+    sigma = pulse.sigma_s / np.sqrt(2) / cell_s
+    seen = gaussian_filter1d(tally.cells, sigma, mode="constant", truncate=5) * np.sqrt(2 * np.pi) * sigma
+    members = np.bincount(tally.tile, minlength=tiles)
+
+    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        full = np.broadcast_to(values, (capture.positions, *values.shape[1:]))
+        sums = np.zeros((tiles, *values.shape[1:]))
+        np.add.at(sums, tally.tile, full)
+        return (sums.T / members).T
+
+    begin_s, laser_m, detector_m = mean(capture.first_bin_s), mean(capture.laser_m), mean(capture.detector_m)
+    x_m, y_m = (np.linspace(axis[0], axis[-1], min(PLACES, len(axis))) for axis in (grid.x_m, grid.y_m))
+    levels = np.empty((len(grid.z_m), len(y_m), len(x_m)))
+    for k, z_m in enumerate(grid.z_m):
+        places_m = np.stack(np.broadcast_arrays(x_m[None, :], y_m[:, None], z_m), axis=-1)[..., None, :]
+        r_p = np.linalg.norm(places_m - laser_m, axis=-1)
+        delay_s = (r_p + np.linalg.norm(places_m - detector_m, axis=-1)) / C_M_PER_S
+        cell = np.clip(((delay_s - begin_s) / cell_s).astype(int), 0, seen.shape[1] - 1)
+        weights = 1 / r_p**2
+        levels[k] = (seen[np.arange(tiles), cell] * weights).sum(axis=-1)
+        levels[k] += HANDFUL * weights.mean(axis=-1)
+    return Noise(levels, photons=True)

@@ -1,1 +1,0 @@
-"""Where pyserial looks for the handler of ``script://`` addresses."""

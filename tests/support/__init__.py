@@ -1,0 +1,1 @@
+"""What tests in several folders share: `from support.NAME import ...`; pytest puts `tests/` on the path."""
