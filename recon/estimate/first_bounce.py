@@ -1,7 +1,10 @@
 """Time zero from the first bounce, the wall's own light, in confocal records that hold it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from recon.capture import Capture
 from recon.estimate.value import Estimate
@@ -35,21 +38,61 @@ def from_first_bounce(capture: Capture) -> Estimate | None:
         Time zero in the file's time, to a bin or half of the light's width, whichever is more; None where the
         record is not confocal or does not hold such light.
     """
+    width_s = capture.bin_width_s
+    seen = _seen(capture, LONGEST_S / 2, TAIL_S)
+    if seen is None:
+        return None
+    lasts_s = _full_width(seen.total - np.median(seen.total), seen.peak) * width_s
+    if lasts_s > max(LONGEST_S, width_s):
+        return None
+    error_s = max(width_s, lasts_s / 2)
+    return Estimate("time-origin", seen.at_s, seen.at_s - error_s, seen.at_s + error_s, "the first bounce")
+
+
+def first_bounce_until_s(capture: Capture) -> float | None:
+    """Return when the first bounce has died away, whatever the bins' width; None where there is none.
+
+    That is where the sum of all records is least before it rises most: the first bounce falls all the time,
+    until light of hidden things comes.
+
+    Parameters
+    ----------
+    capture
+        Its bins may have any width.
+    """
+    short_s = capture.bins * capture.bin_width_s / 100
+    seen = _seen(capture, short_s, 5 * short_s)
+    if seen is None:
+        return None
+    falling = gaussian_filter1d(seen.total, max(1.0, len(seen.total) / 500))[seen.peak :]
+    falling = np.maximum(falling, 1e-9 * falling.max())  # a record without any background falls to nothing
+    rise = int((falling / np.minimum.accumulate(falling)).argmax())
+    least = int(falling[: rise + 1].argmin())
+    return float(capture.first_bin_s.min()) + (seen.peak + least) * capture.bin_width_s
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """The sum of all records, its largest bin, and when the records have theirs, in the median [s]."""
+
+    total: NDArray[np.float64]
+    peak: int
+    at_s: float
+
+
+def _seen(capture: Capture, together_s: float, tail_s: float) -> _Seen | None:
+    """Return a peak that almost all records have at one time, far above all that comes after its tail."""
     if not capture.confocal:
         return None
     width_s = capture.bin_width_s
     peaks_s, total = _peaks_and_total(capture)
-    total = total - np.median(total)
-    peak = int(total.argmax())
-    lasts_s = _full_width(total, peak) * width_s
+    above = total - np.median(total)
+    peak = int(above.argmax())
     typical_s = float(np.median(peaks_s))
-    together = np.abs(peaks_s - typical_s) <= max(width_s, LONGEST_S / 2)
-    later = total[peak + max(1, round(TAIL_S / width_s)) :]
-    seen = len(later) > 0 and total[peak] > BRIGHTER * max(0.0, float(later.max()))
-    if not seen or together.mean() < MOST_POSITIONS or lasts_s > max(LONGEST_S, width_s):
-        return None
-    error_s = max(width_s, lasts_s / 2)
-    return Estimate("time-origin", typical_s, typical_s - error_s, typical_s + error_s, "the first bounce")
+    together = np.abs(peaks_s - typical_s) <= max(width_s, together_s)
+    later = above[peak + max(1, round(tail_s / width_s)) :]
+    bright = len(later) > 0 and above[peak] > BRIGHTER * max(0.0, float(later.max()))
+    return _Seen(total, peak, typical_s) if bright and together.mean() >= MOST_POSITIONS else None
 
 
 def _peaks_and_total(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -28,8 +28,6 @@ VOXELS, MOST_PLANES, WIDE = 3, 48, 1.2
 #: How far the sharpness, a logarithm, may fall within what the data cannot tell apart. Measured, see
 #: docs/estimates.md.
 LEVEL = 0.06
-#: How far below the greatest a second maximum makes a curve ambiguous.
-SECOND = 0.2
 #: How much sharper than with its positions shuffled an image must be.
 ABOVE_SHUFFLED = 0.1
 
@@ -105,23 +103,7 @@ def sharpest(capture: Capture, moved: Moved) -> Focus:
     if curve[best] < _sharpness(shuffled, _voxels(trial, depth_m, wavelength), pulse) + ABOVE_SHUFFLED:
         raise cannot("with the positions shuffled it is as sharp: nothing in the record focuses")
     alike = np.flatnonzero(curve >= curve[best] - LEVEL)
-    _check_one_maximum(curve, alike, 1 / fine)
     return Focus(depth_m, 1 / float(fine[alike[-1]]), 1 / float(fine[alike[0]]))
-
-
-def _check_one_maximum(
-    curve: NDArray[np.float64], alike: NDArray[np.intp], depths_m: NDArray[np.float64]
-) -> None:
-    """Refuse a curve with a second maximum, far from the first and almost as high."""
-    rising = np.diff(curve) > 0
-    maxima = np.flatnonzero(rising[:-1] & ~rising[1:]) + 1
-    high = maxima[curve[maxima] > curve.max() - SECOND]
-    others = high[(high < alike[0]) | (high > alike[-1])]
-    if len(others):
-        raise cannot(
-            f"it is sharp with the first hidden light at {depths_m[curve.argmax()]:.2g} m, and almost as "
-            f"sharp at {depths_m[others[0]]:.2g} m: a plane that acts as a mirror is sharp at both"
-        )
 
 
 def _voxels(trial: Trial, depth_m: float, wavelength: float) -> VoxelGrid:

@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from recon.capture import C_M_PER_S, Capture
-from recon.estimate.first_bounce import from_first_bounce
+from recon.estimate.first_bounce import first_bounce_until_s, from_first_bounce
 from recon.estimate.focus import Focus, Trial, cannot, sharpest, side_m, wavelength_m
 from recon.estimate.record import profile, thinned
 from recon.estimate.value import Estimate, EstimateError
@@ -105,6 +107,9 @@ def wall_size(capture: Capture, fade_from_s: float | None = None) -> Estimate:
 
 def _stretched(capture: Capture, fade_from_s: float | None) -> tuple[Focus, float, float]:
     """Return where the record with stretched times is sharpest, its first light, and the allowance."""
+    until_s = first_bounce_until_s(capture)
+    if until_s is not None:
+        fade_from_s = max(until_s, -np.inf if fade_from_s is None else fade_from_s)
     first_bins = side_m(capture) / wavelength_m(capture) * 12
 
     def merge(first_s: float) -> int:

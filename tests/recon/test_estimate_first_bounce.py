@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.estimate import from_first_bounce
+from support.hidden_points import histograms, wall
 
 BIN_S, BINS, ZERO_S = 16e-12, 600, 1.234e-9
 POINTS_M = np.array([[0.1, 0.0, 0.5], [-0.1, 0.1, 0.6]])

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden_points import histograms, wall
 
 from recon.capture import ArrayHistograms, Capture
 from recon.estimate import EstimateError, bin_width, time_origin, wall_size
+from support.hidden_points import histograms, wall
 
 BIN_S, BINS = 16e-12, 700
 SIDE_M = 23 * 0.035
@@ -103,3 +103,12 @@ def test_what_is_before_the_fade_is_not_looked_at():
     counts[:, 10:40] += np.random.default_rng(0).poisson(100, (576, 30)).astype(np.uint32)
     found = time_origin(_capture(counts, ONE_SPOT_M), fade_from_s=1e-9)
     assert found.value == pytest.approx(time_origin(clean).value, abs=0.05e-9)
+
+
+def test_a_first_bounce_does_not_disturb_the_bin_width():
+    """It is far brighter than all else, and its tail of 0.1 ns is dark before the points come."""
+    clean = _points(0, True)
+    delay_s = (np.arange(BINS) + 0.5) * BIN_S
+    bounce = np.random.default_rng(1).poisson(np.broadcast_to(500 * np.exp(-delay_s / 0.1e-9), (576, BINS)))
+    lit = _capture((clean.histograms.counts + bounce).astype(np.uint32))
+    assert bin_width(lit).value == pytest.approx(bin_width(clean).value, rel=0.01)
