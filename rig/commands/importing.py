@@ -37,6 +37,10 @@ def import_(
         str | None,
         typer.Option(metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[all][/dim]"),
     ] = None,
+    depth_pitch: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Length of one depth index, where the wall is not flat."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Turn a file from another lab into a scan file; the layout is detected by content.
@@ -62,6 +66,7 @@ def import_(
         fade_from_s=parse(fade_from, "time") if fade_from else None,
         delays=tof,
         bounces=_numbers(bounces) if bounces else None,
+        depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
     )
     if as_json:
         console.print_json({"file": str(target), **vars(report)})
@@ -75,7 +80,7 @@ def import_(
             "time zero": {"wall": "the pulse on the wall", "laser": "the pulse leaves the laser"}[
                 report.time_origin
             ],
-            "assumed": "; ".join(report.assumed) or "nothing",
+            "assumed": "\n".join(f"- {line}" for line in report.assumed) or "nothing",
         },
     )
     console.say(f"Next: rig recon {target}")
