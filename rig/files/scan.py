@@ -333,6 +333,11 @@ class ScanFile:
         return dict(self._json("start", "imported", "{}"))
 
     @property
+    def estimated(self) -> list[str]:
+        """Values that the imported file lacked and that were estimated from its data, in words."""
+        return [str(value["words"]) for value in self.imported.get("estimated", ())]
+
+    @property
     def devices(self) -> dict[str, Settings]:
         """Settings of each device, ``identity`` among them."""
         groups = self._file.get("devices", {})
@@ -592,6 +597,8 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
     origin = ["simulated"] if scan.simulated else []
     if scan.imported:
         origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
+    if scan.estimated:
+        origin.append(f"estimated from its data: {'; '.join(scan.estimated)}")
     elif scan.command:
         origin.append(scan.command)
     if origin:
