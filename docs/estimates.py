@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from recon.capture import ArrayHistograms, Capture
-from recon.estimate import Estimate, EstimateError, bin_width, from_first_bounce, time_origin, wall_size
+from recon.estimate import Estimate, EstimateError, bin_width, from_first_bounce, time_origin
 from rig.files import ScanFile
 from simulators.scenes import Mesh, Scene, letter, quads_mesh
 from simulators.scenes.solids import box, cylinder, rotated
@@ -25,8 +25,9 @@ from simulators.transport.renderer import Transport
 COLUMNS, WALL_M, BIN_S, BINS, RESPONSE_S = 48, 1.2, 16e-12, 1000, 70e-12
 PHOTONS, BACKGROUND = 2e6, 0.02
 SEEDS = range(20)
-#: How wrong each value is made before it is estimated: all times late, bins too wide, the wall too small.
-LATE_S, WIDER, SMALLER = 3e-9, 1.7, 0.6
+#: How wrong each value is made before it is estimated: all times late, bins too wide. A wall too small is the
+#: same as bins too wide, so that it has no column of its own.
+LATE_S, WIDER = 3e-9, 1.7
 
 #: Truth, estimate, and why there is none.
 Answer = tuple[float, Estimate | None, str]
@@ -90,16 +91,13 @@ def simulated(seed: int, confocal: bool) -> tuple[Capture, float | None]:
 
 def answers(capture: Capture, fade_from_s: float | None = None) -> list[Answer]:
     """Take each value away and estimate it: truth, estimate, and why there is none."""
-    side_m = float(np.ptp(capture.laser_m, axis=0).max())
     late = replace(capture, first_bin_s=capture.first_bin_s + LATE_S)
     wide_s, wide_first_s = capture.bin_width_s * WIDER, capture.first_bin_s * WIDER
     wide = replace(capture, bin_width_s=wide_s, first_bin_s=wide_first_s)
-    small = replace(capture, laser_m=capture.laser_m * SMALLER, detector_m=capture.detector_m * SMALLER)
     fade_s = fade_from_s or 0.0
     return [
         _answer(time_origin, late, fade_s + LATE_S, LATE_S),
         _answer(bin_width, wide, fade_s * WIDER, capture.bin_width_s),
-        _answer(wall_size, small, fade_s, side_m),
     ]
 
 
@@ -113,7 +111,7 @@ def _answer(
 
 
 def row(name: str, found: list[Answer]) -> str:
-    """Return a row: time zero's error [ns], then bin width and wall size over the truth, with intervals."""
+    """Return a row: time zero's error [ns], and the bin width over the truth, with intervals."""
     cells = []
     for truth, estimate, _ in found:
         if estimate is None:
@@ -139,13 +137,13 @@ def rate(found: list[list[Answer]], place: int) -> str:
 def table(captures: list[tuple[str, Load]]) -> None:
     """Print the rows of one table as they are made, and how often they are right."""
     print(
-        "| scene | time zero, error (ns) | bin width / truth | wall size / truth |\n| --- | --- | --- | --- |"
+        "| scene | time zero, error (ns) | bin width / truth |\n| --- | --- | --- |"
     )
     found = []
     for name, load in captures:
         found.append(answers(*load()))
         print(row(name, found[-1]), flush=True)
-    for place, quantity in enumerate(("time zero", "bin width", "wall size")):
+    for place, quantity in enumerate(("time zero", "bin width")):
         print(f"\n{quantity}: {rate(found, place)}")
 
 

@@ -147,7 +147,7 @@ def cannot(found: str) -> EstimateError:
     """Return the refusal of an estimate, with what was found."""
     return EstimateError(
         "estimate",
-        "what makes the image sharp",
+        "the value that makes the image sharpest",
         found,
         "The data cannot tell: give the value, or record for longer or over a larger wall.",
     )

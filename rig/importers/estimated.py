@@ -117,7 +117,8 @@ def _check(wanted: Sequence[str], given: Given) -> None:
     if {"bin-width", "wall-size"} <= set(wanted):
         raise UsageError(
             "bin width and wall size cannot be estimated together: with all times and the wall twice as "
-            "large the record is the same, of a scene twice as large. Give one with --bin-width or --wall-size"
+            "large the record is the same, of a scene twice as large. Give one, with --bin-width or "
+            "--wall-size"
         )
     if {"time-origin", "bin-width"} <= set(wanted):
         raise UsageError(

@@ -1,4 +1,4 @@
-"""``rig import --estimate``: file, words and picture say what is an estimate; what cannot be told is refused."""
+"""``rig import --estimate``: file, words and picture tell estimates; what cannot be told is refused."""
 
 import json
 
