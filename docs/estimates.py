@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from recon.capture import ArrayHistograms, Capture
-from recon.estimate import Estimate, EstimateError, bin_width, from_first_bounce, time_origin
+from recon.estimate import Estimate, EstimateError, bin_width, from_first_bounce, profile, time_origin
 from rig.files import ScanFile
 from simulators.scenes import Mesh, Scene, letter, quads_mesh
 from simulators.scenes.solids import box, cylinder, rotated
@@ -136,9 +136,7 @@ def rate(found: list[list[Answer]], place: int) -> str:
 
 def table(captures: list[tuple[str, Load]]) -> None:
     """Print the rows of one table as they are made, and how often they are right."""
-    print(
-        "| scene | time zero, error (ns) | bin width / truth |\n| --- | --- | --- |"
-    )
+    print("| scene | time zero, error (ns) | bin width / truth |\n| --- | --- | --- |")
     found = []
     for name, load in captures:
         found.append(answers(*load()))
@@ -163,7 +161,7 @@ def of_folder(folder: Path) -> list[tuple[str, Load]]:
     for path in sorted(folder.glob("*.h5")):
         capture, fade_s = measured(path, True)
         captures.append((path.stem, partial(measured, path, True)))
-        if fade_s is not None and from_first_bounce(capture):
+        if fade_s is not None and from_first_bounce(profile(capture)):
             captures.append((f"{path.stem}, no first bounce", partial(measured, path, False)))
     return captures
 

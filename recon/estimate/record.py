@@ -1,6 +1,7 @@
 """The part of a record that estimates are read off: few positions, coarse bins, hidden light alone."""
 
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,41 +30,51 @@ class Profile:
         (bins,) counts.
     first_bin_s, bin_width_s
         Left edge of bin 0, and the width of a bin.
+    peaks_s
+        (P,) centre of each record's largest bin.
+    confocal
+        Whether each position is lit and seen at the same spot.
     """
 
     total: NDArray[np.float64]
     first_bin_s: float
     bin_width_s: float
+    peaks_s: NDArray[np.float64]
+    confocal: bool
 
-    def hidden_s(self) -> tuple[float, float]:
-        """Return when light of hidden things begins and ends.
+    def hidden_s(self, fade_from_s: float | None = None) -> tuple[float, float]:
+        """Return when light of hidden things begins and ends; before `fade_from_s` there is none.
 
         Raises
         ------
         EstimateError
             If nothing stands above the record's dark part.
         """
-        above = gaussian_filter1d(self.total, max(1.0, len(self.total) * SMOOTHED))
+        total = self.total.copy()
+        if fade_from_s is not None:
+            total[: max(0, ceil((fade_from_s - self.first_bin_s) / self.bin_width_s))] = 0
+        above = gaussian_filter1d(total, max(1.0, len(total) * SMOOTHED))
         above = above - np.quantile(above, DARK)
         lit = np.flatnonzero(above > ABOVE * above.max())
         if len(lit) == 0:
             raise EstimateError(
                 "estimate", "light of hidden things", "the record is dark", "Record for longer."
             )
-        edges = lit[0], lit[-1] + 1
-        begin, end = (self.first_bin_s + float(edge) * self.bin_width_s for edge in edges)
+        begin, end = (self.first_bin_s + float(edge) * self.bin_width_s for edge in (lit[0], lit[-1] + 1))
         return begin, end
 
 
 def profile(capture: Capture) -> Profile:
-    """Add all records up, each moved by whole bins onto one time axis."""
+    """Add all records up, each moved by whole bins onto one time axis, in one pass."""
     first_s = np.broadcast_to(capture.first_bin_s, capture.positions)
     moves = np.rint((first_s - first_s.min()) / capture.bin_width_s).astype(int)
     total = np.zeros(capture.bins + moves.max())
+    peaks_s = np.empty(capture.positions)
     for block, counts in capture.histograms.blocks():
+        peaks_s[block] = first_s[block] + (counts.argmax(axis=1) + 0.5) * capture.bin_width_s
         for move in np.unique(moves[block]):
             total[move : move + capture.bins] += counts[moves[block] == move].sum(axis=0, dtype=float)
-    return Profile(total, float(first_s.min()), capture.bin_width_s)
+    return Profile(total, float(first_s.min()), capture.bin_width_s, peaks_s, capture.confocal)
 
 
 def thinned(capture: Capture, merge: int, fade_from_s: float | None) -> Capture:

@@ -8,7 +8,7 @@ import numpy as np
 from recon.capture import C_M_PER_S, Capture
 from recon.estimate.first_bounce import first_bounce_until_s, from_first_bounce
 from recon.estimate.focus import Focus, Trial, cannot, sharpest, side_m, wavelength_m
-from recon.estimate.record import profile, thinned
+from recon.estimate.record import Profile, profile, thinned
 from recon.estimate.value import Estimate, EstimateError
 
 #: Radius of round bodies that must not deceive an estimate [m]: of a head. A ball of radius r is sharpest
@@ -39,11 +39,12 @@ def time_origin(capture: Capture, fade_from_s: float | None = None) -> Estimate:
     EstimateError
         If the data cannot tell.
     """
-    bounce = from_first_bounce(capture)
+    whole = profile(capture)
+    bounce = from_first_bounce(whole)
     if bounce is not None:
         return bounce
     merge = max(1, int(wavelength_m(capture) / (8 * C_M_PER_S * capture.bin_width_s)))
-    record, first_s, last_s = _hidden(capture, lambda first_s: merge, fade_from_s)
+    record, first_s, last_s = _hidden(capture, whole, lambda first_s: merge, fade_from_s)
 
     def moved(depth_m: float) -> Trial:
         later_s = 2 * depth_m / C_M_PER_S - first_s
@@ -107,7 +108,8 @@ def wall_size(capture: Capture, fade_from_s: float | None = None) -> Estimate:
 
 def _stretched(capture: Capture, fade_from_s: float | None) -> tuple[Focus, float, float]:
     """Return where the record with stretched times is sharpest, its first light, and the allowance."""
-    until_s = first_bounce_until_s(capture)
+    whole = profile(capture)
+    until_s = first_bounce_until_s(whole)
     if until_s is not None:
         fade_from_s = max(until_s, -np.inf if fade_from_s is None else fade_from_s)
     first_bins = side_m(capture) / wavelength_m(capture) * 12
@@ -115,7 +117,9 @@ def _stretched(capture: Capture, fade_from_s: float | None) -> tuple[Focus, floa
     def merge(first_s: float) -> int:
         return max(1, int(first_s / capture.bin_width_s / first_bins))
 
-    record, first_s, last_s = _hidden(capture, merge, fade_from_s)
+    record, first_s, last_s = _hidden(capture, whole, merge, fade_from_s)
+    if first_s <= 0:
+        raise cannot("hidden light arrives before time zero")
 
     def moved(depth_m: float) -> Trial:
         times = 2 * depth_m / (C_M_PER_S * first_s)
@@ -128,7 +132,7 @@ def _stretched(capture: Capture, fade_from_s: float | None) -> tuple[Focus, floa
 
 
 def _hidden(
-    capture: Capture, merge: Callable[[float], int], fade_from_s: float | None
+    capture: Capture, whole: Profile, merge: Callable[[float], int], fade_from_s: float | None
 ) -> tuple[Capture, float, float]:
     """Return the record thinned, and when its hidden light begins and ends."""
     if len(capture.detector_m) > 1 and not capture.confocal:
@@ -138,11 +142,9 @@ def _hidden(
             "only records with one detector spot, and confocal ones, are tried",
             "Give the value.",
         )
-    first_s, _ = profile(thinned(capture, 1, fade_from_s)).hidden_s()
+    first_s, _ = whole.hidden_s(fade_from_s)
     record = thinned(capture, merge(first_s), fade_from_s)
     first_s, last_s = profile(record).hidden_s()
-    if first_s <= 0:
-        raise cannot("hidden light arrives before time zero")
     return record, first_s, last_s
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture
 from recon.errors import ReconError
-from recon.estimate import Estimate, bin_width, from_first_bounce, time_origin, wall_size
+from recon.estimate import Estimate, bin_width, from_first_bounce, profile, time_origin, wall_size
 from rig.errors import UsageError
 from rig.importers.content import Content
 from rig.importers.options import SPELLING, Given, Options
@@ -131,7 +131,7 @@ def _zero(capture: Capture, fade_s: float | None, alone: bool) -> Estimate:
     """Return time zero; beside an unknown wall size from the first bounce alone."""
     if alone:
         return time_origin(capture, fade_s)
-    bounce = from_first_bounce(capture)
+    bounce = from_first_bounce(profile(capture))
     if bounce is None:
         raise UsageError(
             "time zero and wall size can be estimated together only where a confocal record holds the first "

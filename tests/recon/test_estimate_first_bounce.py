@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon.capture import ArrayHistograms, Capture
-from recon.estimate import from_first_bounce
+from recon.estimate import from_first_bounce, profile
 from support.hidden_points import histograms, wall
 
 BIN_S, BINS, ZERO_S = 16e-12, 600, 1.234e-9
@@ -25,7 +25,7 @@ def _record(seed, *, bounce, detector_m=None):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_first_bounce_is_time_zero_to_a_bin(seed):
     """12 x 12 records with about 5000 photons each: their median peak errs by less than a bin."""
-    found = from_first_bounce(_record(seed, bounce=1000))
+    found = from_first_bounce(profile(_record(seed, bounce=1000)))
     assert found.low <= ZERO_S <= found.high
     assert abs(found.value - ZERO_S) <= BIN_S
     assert found.high - found.low < 150e-12
@@ -38,15 +38,17 @@ def test_records_with_delays_of_their_own_are_brought_together():
     counts = np.stack([row[k : k + BINS - 7] for row, k in zip(whole.histograms.counts, cut, strict=True)])
     moved = Capture(ArrayHistograms(counts), BIN_S, cut * BIN_S, whole.laser_m, whole.detector_m)
     # the last seven bins are missing, which moves the median of the sum, and nothing else
-    assert from_first_bounce(moved).value == pytest.approx(from_first_bounce(whole).value, abs=1e-15)
+    assert from_first_bounce(profile(moved)).value == pytest.approx(
+        from_first_bounce(profile(whole)).value, abs=1e-15
+    )
 
 
 def test_hidden_points_are_no_first_bounce():
-    assert from_first_bounce(_record(0, bounce=0)) is None
+    assert from_first_bounce(profile(_record(0, bounce=0))) is None
 
 
 def test_one_detector_spot_has_none_at_time_zero():
-    assert from_first_bounce(_record(0, bounce=1000, detector_m=np.zeros((1, 3)))) is None
+    assert from_first_bounce(profile(_record(0, bounce=1000, detector_m=np.zeros((1, 3))))) is None
 
 
 def test_a_plane_parallel_to_the_wall_lasts_too_long():
@@ -56,4 +58,4 @@ def test_a_plane_parallel_to_the_wall_lasts_too_long():
     mean = np.where(depth_m > 0.3, (0.3 / np.maximum(depth_m, 0.3)) ** 5, 0) * 1000 + 0.1
     counts = np.random.default_rng(0).poisson(np.broadcast_to(mean, (whole.positions, BINS)))
     plane = Capture(ArrayHistograms(counts), BIN_S, np.zeros(1), whole.laser_m, whole.detector_m)
-    assert from_first_bounce(plane) is None
+    assert from_first_bounce(profile(plane)) is None

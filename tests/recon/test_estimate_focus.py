@@ -112,3 +112,10 @@ def test_a_first_bounce_does_not_disturb_the_bin_width():
     bounce = np.random.default_rng(1).poisson(np.broadcast_to(500 * np.exp(-delay_s / 0.1e-9), (576, BINS)))
     lit = _capture((clean.histograms.counts + bounce).astype(np.uint32))
     assert bin_width(lit).value == pytest.approx(bin_width(clean).value, rel=0.01)
+
+
+def test_time_zero_may_lie_after_the_records_light():
+    """Counted from any moment: here hidden light arrives 3 to 5 ns before the axis begins."""
+    early = replace(_points(0, False), first_bin_s=np.array([-9e-9]))
+    found = time_origin(early)
+    assert found.low <= -9e-9 <= found.high
