@@ -57,6 +57,8 @@ def import_(
 
       rig import capture.hdf5 scan.h5                                    a TAL file
 
+      rig import sub_Sig.mat nt.h5 --bin-width 32ps --wall-size 1m --depth-pitch 1cm    Liu 2023
+
       rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps --wall-size 2m    Lindell 2019
     """
     from rig.commands import console
