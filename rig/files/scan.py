@@ -291,6 +291,11 @@ class ScanFile(RecordedFile):
         """File, sha256, layout and assumptions of an import; empty for a scan."""
         return dict(self._json("start", "imported", "{}"))
 
+    @property
+    def estimated(self) -> list[str]:
+        """Values that the imported file lacked and that were estimated from its data, in words."""
+        return [str(value["words"]) for value in self.imported.get("estimated", ())]
+
     @cached_property
     def calibrations(self) -> Calibrations:
         """The calibrations that the scan used.
@@ -516,6 +521,8 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
     elif scan.command:
         origin.append(scan.command)
+    if scan.estimated:
+        origin.append(f"estimated from its data: {'; '.join(scan.estimated)}")
     if origin:
         lines["source"] = ", ".join(origin)
     if scan.created:

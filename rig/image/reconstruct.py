@@ -78,6 +78,7 @@ class _Work:
     window: Window
     scan: str
     scan_digest: str
+    estimated: tuple[str, ...] = ()
 
     @property
     def capture(self) -> Capture:
@@ -95,7 +96,8 @@ class _Work:
             parameters["falloff_power"] = found.falloff_power
         if surface:
             more["signal"] = not surface.empty
-        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated}
+        estimated = {"estimated": list(self.estimated)} if self.estimated else {}
+        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
         return Volume(
@@ -162,7 +164,10 @@ def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, request.cycles)
     grid = _voxels(request, seen.capture, pulse)
-    return _Work(request, seen, pulse, grid, window, scan.path.name, scan.digest), choice.reason
+    work = _Work(
+        request, seen, pulse, grid, window, scan.path.name, scan.digest, estimated=tuple(scan.estimated)
+    )
+    return work, choice.reason
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
