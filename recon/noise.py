@@ -76,25 +76,26 @@ class Tally:
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (positions, counts) in order."""
         first, stop, _ = bins.indices(self.capture.bins)
-        fresh = (~self._taken[first:stop]).astype(np.float32)
+        fresh = ~self._taken[first:stop]
         for positions, counts in self.capture.histograms.blocks(bins):
             self.whole &= bool(np.issubdtype(counts.dtype, np.integer))
             if fresh.any():
-                self._add(positions, slice(first, stop), fresh, counts)
+                self._add(positions, slice(first, stop), counts if fresh.all() else counts * fresh)
             yield positions, counts
         self._taken[first:stop] = True
 
-    def _add(self, positions: slice, bins: slice, fresh: NDArray[np.float32], counts: NDArray) -> None:
-        capture = self.capture
-        end = self.window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(np.float32)
-        soft = counts * (fresh * end)
-        start = self.window.start_weights(capture.begins_s(positions), bins, capture.bin_width_s)
-        soft[:, : start.shape[1]] *= start
-        cells = np.arange(bins.start, bins.stop) // self.group
-        starts = np.flatnonzero(np.diff(cells, prepend=-1))
-        summed = np.zeros((len(soft), self.cells.shape[1]), np.float32)
-        summed[:, cells[starts]] = np.add.reduceat(soft, starts, axis=1)
-        np.add.at(self.cells, self.tile[positions], summed)
+    def _add(self, positions: slice, bins: slice, counts: NDArray) -> None:
+        """Add counts to their cells; the window, which is wide, is taken at the cells' centres."""
+        capture, cell_s = self.capture, self.group * self.capture.bin_width_s
+        number = np.arange(bins.start, bins.stop) // self.group
+        starts = np.flatnonzero(np.diff(number, prepend=-1))
+        cells = slice(int(number[0]), int(number[-1]) + 1)
+        summed = np.add.reduceat(counts, starts, axis=1).astype(np.float32)
+        end = self.window.end_weights(capture.bins, capture.bin_width_s)
+        summed *= end[np.minimum(number[starts] * self.group + self.group // 2, capture.bins - 1)]
+        start = self.window.start_weights(capture.begins_s(positions), cells, cell_s)
+        summed[:, : start.shape[1]] *= start
+        np.add.at(self.cells[:, cells], self.tile[positions], summed)
 
 
 def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ from recon.wave import Band, Light
 
 CONFOCAL = ConfocalCamera()
 #: Least thickness of a depth block, as a part of the path between the first and the last light of a plane.
-THICKNESS = 0.12
+THICKNESS = 0.06
 #: Neighbouring blocks take the same frequencies where their periods are this alike.
 FAMILY = 0.85
 

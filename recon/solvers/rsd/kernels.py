@@ -133,6 +133,15 @@ def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> Non
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
+    """Take the derivative's step, slope <- (slope + total) * step, and then that of `add_field`."""
+    for j in range(total.shape[0]):
+        for i in range(total.shape[1]):
+            slope[j, i] = (slope[j, i] + total[j, i]) * step[j, i]
+    add_field(total, step, rows, first, weights)
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def spread_rows(rows: C64, first: INT, weights: F32, lattice: C64) -> None:
     """Add (rows, width) onto (lattice rows, width): the adjoint of `read_rows`."""
     for j in range(len(first)):

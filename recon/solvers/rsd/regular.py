@@ -176,11 +176,12 @@ class LatticePropagator(Propagator):
             step,
         )
         for index in self._walk(z_m, work):
-            if slopes:
-                fields[1] += fields[0]
-                fields[1] *= step
             kernels.multiply(self._wall(index), work.kernel, work.spectrum, False)
-            kernels.add_field(fields[0], step, self._rows(work), self._x.first, self._x.weights)
+            rows = self._rows(work)
+            if slopes:
+                kernels.add_field_and_slope(fields[0], fields[1], step, rows, self._x.first, self._x.weights)
+            else:
+                kernels.add_field(fields[0], step, rows, self._x.first, self._x.weights)
         fields *= base
         return fields
 
