@@ -99,6 +99,8 @@ def _places(files: list[Path], out: Path | None) -> tuple[list[Path], Path | Non
     if out.suffix.lower() in _PICTURES and not out.is_dir():
         if len(files) > 1:
             raise UsageError(f"{out} is one sheet, and each of {len(files)} files has its own; name a folder")
+        if not out.parent.is_dir():
+            raise UsageError(f"cannot write {out}: the folder {out.parent} does not exist; create it first")
         return [out], None
     names = [file.stem for file in files]
     if twice := {name for name in names if names.count(name) > 1}:

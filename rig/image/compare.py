@@ -318,13 +318,15 @@ def _run(job: _Job) -> tuple[dict[str, float | None], tuple[str, ...]] | str:
         capture = work.capture
         if not SOLVERS[job.request.solver].virtual_wave:
             capture = low_passed(capture, job.sigma_s)
+        before = peak_memory_bytes()
         try:
             _imaged(work, capture, _few_planes(work.grid))
-            before = peak_memory_bytes()
             began_s, busy_s = time.perf_counter(), time.process_time()
             found = _imaged(work, capture, work.grid)
         except ReconError as error:
             return str(error)
+        except MemoryError:
+            return "there is too little memory for so many voxels"
         costs = {
             "took_s": time.perf_counter() - began_s,
             "processor_s": time.process_time() - busy_s,

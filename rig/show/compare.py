@@ -89,7 +89,8 @@ def comparison_figure(
             if below == 0:
                 axes.set_xlabel("")
                 axes.set_xticklabels([])
-        figure.text((x + wide / 2) / width, (y + tall + 0.1) / height, one.title, size=12, ha="center")
+        top = y + tall if one.front is not None else y - GAP / 2
+        figure.text((x + wide / 2) / width, (top + 0.1) / height, one.title, size=12, ha="center")
         under = y - tall - GAP / 2 - LABEL
         figure.text(x / width, under / height, "\n".join(one.lines), size=9, va="top")
     for below, colours in drawn.items():

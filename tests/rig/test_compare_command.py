@@ -199,11 +199,14 @@ def test_what_is_no_capture_is_refused(rig, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["n.h5", "v.h5"]
 
 
-def test_several_files_have_no_one_sheet(rig, tmp_path):
+def test_sheets_have_a_place_before_anything_is_imaged(rig, tmp_path):
     write_point(tmp_path / "a.h5", "confocal")
     one = rig("compare", "a.h5", "a.h5", "--out", "one.png")
     assert one.code == 2
     assert "name a folder" in one.err
+    nowhere = rig("compare", "a.h5", "--out", "gone/one.png")
+    assert nowhere.code == 2
+    assert "does not exist" in nowhere.err
     twice = rig("compare", "a.h5", "a.h5", "--out", "found")
     assert twice.code == 2
     assert "two files are called a" in twice.err
