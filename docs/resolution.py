@@ -14,7 +14,7 @@ from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.measures import predicted, pulse_depth_m, widths
 from recon.result import Image
-from recon.wave import VirtualPulse
+from recon.wave import CYCLES, VirtualPulse
 
 #: The paper's wall: 180 x 130 positions, 1 cm apart; and its wavelength.
 COLUMNS, ROWS, PITCH_M = 180, 130, 0.01
@@ -130,5 +130,5 @@ def draw(path: Path) -> None:
 if __name__ == "__main__":
     for both in (False, True):
         print(table(both), end="\n\n")
-    print(f"the pulse alone over depth: {100 * pulse_depth_m(WAVELENGTH_M, 6):.2f} cm")
+    print(f"the pulse alone over depth: {100 * pulse_depth_m(WAVELENGTH_M, CYCLES):.2f} cm")
     draw(Path(__file__).parent / "images" / "psf.png")

@@ -1,7 +1,7 @@
 """Sensible choices for a capture, with their reasons, and warnings about choices that are not."""
 
 from dataclasses import dataclass
-from math import pi
+from math import ceil, floor, log10, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,9 +119,10 @@ def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice
 
 
 def _rounded(choice: Choice) -> Choice:
-    """Round to two digits, and add what else to try."""
-    value = float(f"{choice.value:.2g}")
-    return Choice(value, f"{choice.reason}; {value * 70:.2g} cm may show more, with more noise")
+    """Round up to a quarter of the first digit, and add what else to try."""
+    quarter_m = 0.25 * 10.0 ** floor(log10(choice.value))
+    value_m = float(f"{quarter_m * ceil(choice.value / quarter_m * (1 - 1e-3)):.3g}")
+    return Choice(value_m, f"{choice.reason}; {value_m * 70:.2g} cm may show more, with more noise")
 
 
 def voxels(

@@ -53,7 +53,10 @@ def front_view(intensity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def peak_depth(
-    intensity: NDArray[np.float32], z_m: NDArray[np.float64], late_s: NDArray[np.float32] | None = None
+    intensity: NDArray[np.float32],
+    z_m: NDArray[np.float64],
+    late_s: NDArray[np.float32] | None = None,
+    lifted: float = 0.0,
 ) -> NDArray[np.float32]:
     """Find the depth of what is brightest at each pixel, finer than the planes are spaced.
 
@@ -69,6 +72,10 @@ def peak_depth(
         (z,) depths, ascending, evenly spaced.
     late_s
         (z, y, x) by how much later than read each voxel's pulse is at its peak, of a `recon.result.Image`.
+    lifted
+        Without `late_s`: power of depth by which the intensity was multiplied too much to be peaked at a
+        surface. Which surface is seen is told by the intensity as given, its place by the nearest peak
+        without that power.
 
     Returns
     -------
@@ -80,6 +87,9 @@ def peak_depth(
         return z_m[brightest].astype(np.float32)
     if late_s is not None:
         return _on_time(late_s, z_m, brightest)
+    if lifted:
+        intensity = intensity * (z_m**-lifted).astype(np.float32)[:, None, None]
+        brightest = _uphill(intensity, brightest)
     inner = np.clip(brightest, 1, len(z_m) - 2)
     tiny = np.finfo(np.float32).tiny
     before, here, after = (
@@ -96,6 +106,7 @@ def depth_map(
     z_m: NDArray[np.float64],
     threshold: float = 0.1,
     late_s: NDArray[np.float32] | None = None,
+    lifted: float = 0.0,
 ) -> NDArray[np.float32]:
     """Return `peak_depth`, NaN where the front view is below a part of its maximum.
 
@@ -103,7 +114,7 @@ def depth_map(
     """
     front = front_view(intensity)
     seen = (front > 0) & (front >= threshold * front.max())
-    return np.where(seen, peak_depth(intensity, z_m, late_s), np.nan).astype(np.float32)
+    return np.where(seen, peak_depth(intensity, z_m, late_s, lifted), np.nan).astype(np.float32)
 
 
 def _on_time(
@@ -126,6 +137,18 @@ def _on_time(
     falls = (next_late * late < 0) & (beyond != plane)
     part = np.divide(late, late - next_late, out=np.zeros_like(late), where=falls)
     return (z_m[plane] + part * (z_m[beyond] - z_m[plane])).astype(np.float32)
+
+
+def _uphill(intensity: NDArray[np.float32], plane: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Climb from each pixel's plane (y, x) to the nearest plane that is brighter than its neighbours."""
+    last = len(intensity) - 1
+    while True:
+        here, before, after = (_at(intensity, np.clip(plane + shift, 0, last)) for shift in (0, -1, 1))
+        # each step ends brighter than it began, so the climb ends
+        step = np.where((after > here) & (after >= before), 1, np.where(before > here, -1, 0))
+        if not step.any():
+            return plane
+        plane = plane + step
 
 
 def _at(volume: NDArray[np.float32], plane: NDArray[np.intp]) -> NDArray[np.float32]:

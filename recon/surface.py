@@ -78,8 +78,9 @@ def find(image: Image, noise: Noise) -> Surface:
     compensated = compensate_falloff(intensity, z_m, image.falloff_power)
     front, brightest = front_view(compensated), compensated.argmax(axis=0)
     contrast, greatest = np.zeros(front.shape, np.float32), 0.0
+    least = max(float(intensity.max()) * 1e-20, float(np.finfo(np.float32).tiny))  # of noise-free images
     for number, plane in enumerate(intensity):
-        rho = plane / np.maximum(noise.plane(number, front.shape), np.finfo(np.float32).tiny)
+        rho = plane / np.maximum(noise.plane(number, front.shape), least)
         contrast = np.where(brightest == number, rho, contrast)
         greatest = max(greatest, float(rho.max()))
     width_m = _pulse_depth_m(image)

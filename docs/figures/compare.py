@@ -82,9 +82,8 @@ def name_of(method: dict[str, Any]) -> str:
 
 def with_truth(found: dict[str, dict[str, Any]]) -> None:
     """Print a row for each method of each set whose truth is known."""
-    print(
-        "| set | method | across | deep | contrast | S/N | overlap | depth error | within 5 cm | time | memory |"
-    )
+    heads = ("set", "method", "across", "deep", "contrast", "S/N", "overlap", "depth error", "within 5 cm")
+    print("|", " | ".join((*heads, "time", "memory")), "|")
     print("| --- " * 2 + "| ---: " * 9 + "|")
     for name, one in found.items():
         title = f"{name}, λ {one['wavelength_m'] * 100:.2g} cm"

@@ -15,6 +15,10 @@ def export(
     target: Annotated[
         Path, typer.Argument(metavar="FILE", help="The file to write; its ending names the layout.")
     ],
+    rectified: Annotated[
+        bool,
+        typer.Option("--rectified", help="Time begins when the pulse is on the wall, for all positions."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a scan or a volume for other programs; the layout follows the ending.
@@ -27,13 +31,18 @@ def export(
       rig export scan-volume.h5 letters.vti      for ParaView, in metres
 
       rig export scan.h5 letters.hdf5            for y-tal
+
+      rig export scan.h5 letters.hdf5 --rectified    for programs that cannot take path delays
     """
     from rig.commands import console
     from rig.exporters import export
 
-    layout = export(source, target)
+    layout = export(source, target, rectified)
     size_bytes = target.stat().st_size
     if as_json:
         console.print_json({"file": str(target), "layout": layout, "bytes": size_bytes})
     else:
-        console.print_facts(str(target), {"layout": layout, "size": f"{size_bytes / 1e6:.3g} MB"})
+        facts = {"layout": layout, "size": f"{size_bytes / 1e6:.3g} MB"}
+        if rectified:
+            facts["time"] = "begins when the pulse is on the wall; what came before is left out"
+        console.print_facts(str(target), facts)

@@ -37,6 +37,10 @@ def import_(
         str | None,
         typer.Option(metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[all][/dim]"),
     ] = None,
+    depth_pitch: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Length of one depth index, where the wall is not flat."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Turn a file from another lab into a scan file; the layout is detected by content.
@@ -46,6 +50,8 @@ def import_(
       rig import data_s_u.mat su.h5 --bin-width 4ps --fade-from 2.4ns    O'Toole 2018
 
       rig import capture.hdf5 scan.h5                                    a TAL file
+
+      rig import sub_Sig.mat nt.h5 --bin-width 32ps --wall-size 1m --depth-pitch 1cm    Liu 2023
 
       rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps --wall-size 2m    Lindell 2019
     """
@@ -62,6 +68,7 @@ def import_(
         fade_from_s=parse(fade_from, "time") if fade_from else None,
         delays=tof,
         bounces=_numbers(bounces) if bounces else None,
+        depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
     )
     if as_json:
         console.print_json({"file": str(target), **vars(report)})
@@ -75,7 +82,7 @@ def import_(
             "time zero": {"wall": "the pulse on the wall", "laser": "the pulse leaves the laser"}[
                 report.time_origin
             ],
-            "assumed": "; ".join(report.assumed) or "nothing",
+            "assumed": "\n".join(f"- {line}" for line in report.assumed) or "nothing",
         },
     )
     console.say(f"Next: rig recon {target}")

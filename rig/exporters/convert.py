@@ -1,5 +1,6 @@
 """From a scan or volume file to a file of another layout, which its ending names."""
 
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -11,11 +12,11 @@ from rig.files.volume import is_volume
 
 #: Layouts of a volume: modules with NAME, ENDINGS and write(path, volume).
 VOLUME_LAYOUTS: tuple[ModuleType, ...] = (npz, mat, vti, tiff)
-#: Layouts of transients: modules with NAME, ENDINGS and write(path, scan).
+#: Layouts of transients: modules with NAME, ENDINGS and write(path, scan, rectify).
 SCAN_LAYOUTS: tuple[ModuleType, ...] = (tal, transients_mat)
 
 
-def export(source: str | Path, target: str | Path) -> str:
+def export(source: str | Path, target: str | Path, rectify: bool = False) -> str:
     """Write a scan or volume file in another layout, whole or not at all.
 
     Parameters
@@ -24,6 +25,8 @@ def export(source: str | Path, target: str | Path) -> str:
         A scan or volume file of this program.
     target
         The file to make; its ending names the layout.
+    rectify
+        Whether a scan's time is to begin when the pulse is on the wall, for all positions.
 
     Returns
     -------
@@ -33,8 +36,8 @@ def export(source: str | Path, target: str | Path) -> str:
     Raises
     ------
     UsageError
-        If the ending is not known for this kind of file, ``target`` exists, or the layout cannot hold what
-        the file holds.
+        If the ending is not known for this kind of file, ``target`` exists, the layout cannot hold what the
+        file holds, or a volume is to be rectified.
     DataFileError
         If ``source`` cannot be read, or ``target`` not be written.
     """
@@ -42,12 +45,14 @@ def export(source: str | Path, target: str | Path) -> str:
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     if is_volume(source):
+        if rectify:
+            raise UsageError(f"{source} is a volume; --rectified is for scans. Leave it out")
         layout = _by_ending(target, VOLUME_LAYOUTS, "a volume")
-        _write(target, layout, read_volume(source))
+        _write(target, lambda partial: layout.write(partial, read_volume(source)))
     else:
         with ScanFile(source) as scan:
             layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
-            _write(target, layout, scan)
+            _write(target, lambda partial: layout.write(partial, scan, rectify))
     return str(layout.NAME)
 
 
@@ -60,9 +65,9 @@ def _by_ending(target: Path, layouts: tuple[ModuleType, ...], what: str) -> Modu
     raise UsageError(f"{target}: {what} cannot be written as '{ending}'; its endings are {known}")
 
 
-def _write(target: Path, layout: ModuleType, held: object) -> None:
+def _write(target: Path, write: Callable[[Path], None]) -> None:
     try:
         with appearing(target) as partial:
-            layout.write(partial, held)
+            write(partial)
     except OSError as error:
         raise DataFileError(f"cannot write {target}: {error}; check free space and permissions") from error

@@ -17,6 +17,7 @@ from recon.aperture import recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from rig.errors import UsageError
+from rig.exporters.rectified import rectified
 from rig.files import ScanFile
 
 NAME = "TAL"
@@ -28,9 +29,10 @@ _GRID_FORMAT = {"N_3": 1, "X_Y_3": 2}
 PART_BYTES = 2**29
 
 
-def write(path: Path, scan: ScanFile, part_bytes: int = PART_BYTES) -> None:
+def write(path: Path, scan: ScanFile, rectify: bool = False, part_bytes: int = PART_BYTES) -> None:
     """Write the file: measured positions only.
 
+    With ``rectify``, time begins when the pulse is on the wall, for all positions, and no legs are in it.
     ``part_bytes`` of the signal are held in memory at once.
 
     Raises
@@ -39,14 +41,17 @@ def write(path: Path, scan: ScanFile, part_bytes: int = PART_BYTES) -> None:
         If each position has its own detector spot apart from the laser's, or its own delay: TAL has no form
         for either.
     """
-    capture = scan.capture()
+    capture, delays = scan.capture(), scan.delays
     if len(capture.detector_m) > 1 and not capture.confocal:
         raise UsageError(
             f"{scan.path} has pairs of laser and detector spots, for which TAL has no form; export it to .mat"
         )
-    if len(capture.first_bin_s) > 1 and scan.delays is None:
+    if rectify:
+        capture, delays = rectified(capture), None
+    if len(capture.first_bin_s) > 1 and delays is None:
         raise UsageError(
-            f"{scan.path} has a delay for each position, for which TAL has no form; export it to .mat"
+            f"{scan.path} has a delay for each position, for which TAL has no form; export it with "
+            "--rectified, or to .mat"
         )
     place, shape = _grid(capture)
     ordered_m = np.empty_like(capture.laser_m)
@@ -62,15 +67,17 @@ def write(path: Path, scan: ScanFile, part_bytes: int = PART_BYTES) -> None:
             _enum(file, f"{side}_grid_format", _GRID_FORMAT, "X_Y_3" if on_grid else "N_3")
         # y-tal's solvers want places for the heads even where they do not use them: the wall's centre then
         nowhere = (np.zeros(3), np.zeros(3))
-        heads_m = nowhere if scan.delays is None else (scan.delays.laser_head_m, scan.delays.detector_head_m)
+        heads_m = nowhere if delays is None else (delays.laser_head_m, delays.detector_head_m)
         for side, head_m in zip(("sensor", "laser"), heads_m, strict=True):
             file[f"{side}_xyz"] = head_m.astype("<f8")
         file["volume_format"] = h5py.Empty(float)
         file["delta_t"] = capture.bin_width_s * C_M_PER_S
-        (channel,) = scan.channels
-        delay_s = 0.0 if scan.delays is None else scan.delays.electronics_delay_s + channel.delay_s
-        file["t_start"] = (scan.first_bin_s - delay_s) * C_M_PER_S
-        file["t_accounts_first_and_last_bounces"] = scan.delays is not None
+        first_bin_s = capture.first_bin_s[0]
+        if delays is not None:
+            (channel,) = scan.channels
+            first_bin_s = scan.first_bin_s - delays.electronics_delay_s - channel.delay_s
+        file["t_start"] = first_bin_s * C_M_PER_S
+        file["t_accounts_first_and_last_bounces"] = delays is not None
         file["scene_info"] = json.dumps({"original_format": "rig-scan", "file": scan.path.name})
         part = max(1, min(capture.bins, part_bytes // (4 * capture.positions)))
         _write_signal(file, capture, place, shape, part)

@@ -77,7 +77,10 @@ SCAN: Layout = {
         "json", "list of the times (UTC) at which an interrupted scan was taken up again"
     ),
     "/start@imported": Entry(
-        "json", "file, sha256, layout of the file of another layout that was imported, and what was assumed"
+        "json",
+        "file, sha256, layout of the file of another layout that was imported, what was assumed, and where "
+        "its places were moved: moved.origin_m and moved.axes, this frame's origin and axes (rows) "
+        "in that one",
     ),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),

@@ -333,11 +333,8 @@ def _run(job: _Job) -> tuple[dict[str, float | None], tuple[str, ...]] | str:
             "memory_bytes": peak_memory_bytes(),
             "memory_before_bytes": before,
         }
-    # one rule for all images: a surface is what stands out from the image's own quiet part, which is zero
-    # where a method keeps positive values only
-    with np.errstate(over="ignore"):
-        surface = find(found, quiet_level(found.intensity))
-    write_volume(job.volume, work.volume(found, surface))
+    # one rule for all images: a surface is what stands out from the image's own quiet part
+    write_volume(job.volume, work.volume(found, find(found, quiet_level(found.intensity))))
     return costs, found.notes
 
 

@@ -152,7 +152,9 @@ def measure(
     compensated = compensate_falloff(volume.intensity, volume.z_m, power=falloff)
     depth_m = volume.depth_m
     if threshold is not None or depth_m is None:
-        depth_m = depth_map(compensated, volume.z_m, 0.05 if threshold is None else threshold)
+        depth_m = depth_map(
+            compensated, volume.z_m, 0.05 if threshold is None else threshold, lifted=falloff - 2
+        )
     seen = np.isfinite(depth_m)
     occupied = seen if truth_m is None else np.isfinite(truth_m)
     if margin_m is None:

@@ -12,16 +12,19 @@ import numpy as np
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
-from rig.importers.content import Content, Options, as_counts
+from rig.importers.content import Content, as_counts
+from rig.importers.options import Options
+from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
 
 NAME = "Ahn 2019"
 SIGN = "MATLAB v5 with the struct NLOSDATA"
+PARTS = ("NLOSDATA",)
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("NLOSDATA")
+    return source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -37,7 +40,9 @@ def read(source: Source, options: Options) -> Content:
     missing = [name for name in needed if name not in (struct.dtype.names or ())]
     if missing or struct.size != 1:
         raise DataFileError(f"{source.path}: NLOSDATA lacks {', '.join(missing) or 'its one element'}")
-    transient, laser, sensor, times_m, delta_m = (_numbers(source, struct, name) for name in needed)
+    transient, laser, sensor, times_m, delta_m = (
+        _numbers(source, struct, name, finite=name not in {"l", "s"}) for name in needed
+    )
     bins, spots = times_m.size, len(laser)
     fits = transient.ndim == 3 and transient.shape[0] * transient.shape[1] == spots and delta_m.size == 1
     if not fits or transient.shape[2] != bins or laser.shape != (spots, 3) or sensor.shape != laser.shape:
@@ -49,6 +54,7 @@ def read(source: Source, options: Options) -> Content:
     if not step_m > 0:
         raise DataFileError(f"{source.path}: delta is {step_m} m; it must be positive")
     counts = as_counts(transient.transpose(1, 0, 2).reshape(spots, bins))
+    (laser, sensor), unmeasured = zeros_as_missing(laser, sensor)
     return Content(
         laser_m=_in_our_frame(laser),
         detector_m=_in_our_frame(sensor),
@@ -57,13 +63,16 @@ def read(source: Source, options: Options) -> Content:
         first_bin_s=(float(times_m.ravel()[0]) - step_m / 2) / C_M_PER_S,
         dtype=counts.dtype,
         blocks=[counts],
-        assumed=("the first coordinate points up and the second to the left, for one who faces the wall",),
+        assumed=(
+            "the first coordinate points up and the second to the left, for one who faces the wall",
+            *unmeasured,
+        ),
     )
 
 
-def _numbers(source: Source, struct: Any, name: str) -> np.ndarray:
+def _numbers(source: Source, struct: Any, name: str, finite: bool) -> np.ndarray:
     value = np.asarray(struct[name].ravel()[0])
-    if value.dtype.kind not in "uif" or value.size == 0 or not np.isfinite(value).all():
+    if value.dtype.kind not in "uif" or value.size == 0 or (finite and not np.isfinite(value).all()):
         raise DataFileError(f"{source.path}: NLOSDATA.{name} does not hold finite numbers")
     return value
 

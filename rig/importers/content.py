@@ -1,43 +1,15 @@
-"""What an importer finds in a file, and what it may be told."""
+"""What an importer finds in a file."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError
+from rig.importers.wall import WallFrame
 from rig.model.delays import PathDelays
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a person adds to a file that does not say all; None leaves it to the file.
-
-    Attributes
-    ----------
-    bin_width_s
-        Width of a bin.
-    wall_size_m
-        Side of the scanned square, from its first to its last spot.
-    time_origin
-        ``wall`` or ``laser``.
-    fade_from_s
-        Rectified time before which the record holds the wall's own light.
-    delays
-        File with the time of flight to each position.
-    bounces
-        Which entries of a bounce axis to add up, counted from one.
-    """
-
-    bin_width_s: float | None = None
-    wall_size_m: float | None = None
-    time_origin: str | None = None
-    fade_from_s: float | None = None
-    delays: Path | None = None
-    bounces: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +34,8 @@ class Content:
         Full width at half maximum of the instrument response, where the file says it.
     simulated
         Whether the file says that it was computed.
+    frame
+        How the file's places were brought into this program's frame, where the file has places of its own.
     assumed
         What was taken for granted, as plain sentences.
     """
@@ -78,22 +52,13 @@ class Content:
     instrument_response_s: float | None = None
     delay_s: NDArray[np.float64] | None = None
     simulated: bool = False
+    frame: WallFrame | None = None
     assumed: Sequence[str] = ()
 
-
-def asked_for(value: float | None, path: object, what: str, option: str) -> float:
-    """Return what only a person can know.
-
-    Raises
-    ------
-    UsageError
-        If it was not given, or is not positive; it names the option.
-    """
-    if value is None:
-        raise UsageError(f"{path} does not say {what}; give it with {option}")
-    if not 0 < value < np.inf:
-        raise UsageError(f"{option} must be positive, not {value}")
-    return value
+    @property
+    def time_origin(self) -> str:
+        """``wall`` or ``laser``."""
+        return "wall" if self.delays is None and self.delay_s is None else "laser"
 
 
 def as_counts(array: NDArray) -> NDArray:

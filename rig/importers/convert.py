@@ -2,9 +2,10 @@
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +15,33 @@ from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
 from rig.importers import (
     ahn,
+    aligned,
     cc_socr,
     cc_socr_cube,
+    cmu,
+    dirac,
+    dlct,
+    general_raw,
     lct,
     lindell2019,
     liu2019,
     liu2020,
     neutral,
+    rsd3d,
     tal,
     wu2021,
     xiao,
     znlos,
 )
-from rig.importers.content import Content, Options
-from rig.importers.source import Source, open_source
+from rig.importers.content import Content
+from rig.importers.held import hold_against
+from rig.importers.options import Given, Options
+from rig.importers.places import with_places
+from rig.importers.recognise import recognise
+from rig.importers.source import open_source
 
-#: The known layouts: modules with NAME, SIGN, recognise(source) and read(source, options).
+#: The known layouts: modules with NAME, SIGN (what they hold, in words), PARTS (the names that
+#: tell them), recognise(source) and read(source, options).
 LAYOUTS: tuple[ModuleType, ...] = (
     neutral,
     tal,
@@ -43,6 +55,12 @@ LAYOUTS: tuple[ModuleType, ...] = (
     wu2021,
     cc_socr,
     cc_socr_cube,
+    general_raw,
+    rsd3d,
+    aligned,
+    cmu,
+    dlct,
+    dirac,
 )
 
 
@@ -69,72 +87,50 @@ class ImportReport:
     assumed: tuple[str, ...]
 
 
-def import_scan(
-    source: str | Path,
-    target: str | Path,
-    *,
-    bin_width_s: float | None = None,
-    wall_size_m: float | None = None,
-    time_origin: str | None = None,
-    fade_from_s: float | None = None,
-    delays: str | Path | None = None,
-    bounces: tuple[int, ...] | None = None,
-) -> ImportReport:
+def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) -> ImportReport:
     """Read a file of a known layout, told by its content, and write it as a scan file.
 
     Parameters
     ----------
     source, target
         The file to read, and the scan file to make.
-    bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces
-        What the file may lack; see `rig.importers.content.Options`.
+    **given
+        What the file may lack; see `rig.importers.options.Given`.
 
     Raises
     ------
     UsageError
-        If ``target`` exists, or the file lacks something that was not given.
+        If ``target`` exists, the file lacks something that was not given, or says otherwise than was given.
     DataFileError
         If the file is damaged, of no known layout, or of two. Then no ``target`` is left.
     """
     source, target = Path(source), Path(target)
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
-    delays = None if delays is None else Path(delays)
-    options = Options(bin_width_s, wall_size_m, time_origin, fade_from_s, delays, bounces)
+    options = Options(**given)
     with open_source(source) as opened:
-        layout = _recognise(opened)
-        content = layout.read(opened, options)
-        _write(opened.path, target, layout.NAME, content, options)
+        layout = recognise(opened, LAYOUTS)
+        content = hold_against(layout.read(opened, options), options, source, layout.NAME)
+        content = with_places(content, source)
+        if content.frame is not None:
+            content = replace(content, assumed=(*content.assumed, content.frame.in_words()))
+        _write(source, target, layout.NAME, content)
     return ImportReport(
         layout=layout.NAME,
         positions=len(content.laser_m),
         bins=content.bins,
-        time_origin="wall" if content.delays is None and content.delay_s is None else "laser",
+        time_origin=content.time_origin,
         assumed=tuple(content.assumed),
     )
 
 
-def _recognise(source: Source) -> ModuleType:
-    found = [layout for layout in LAYOUTS if layout.recognise(source)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        names = " and as ".join(layout.NAME for layout in found)
-        raise DataFileError(
-            f"{source.path} can be read as {names}; it holds {source.contents()}. "
-            "Keep the arrays of one layout"
-        )
-    known = "; ".join(f"{layout.NAME}: {layout.SIGN}" for layout in LAYOUTS)
-    raise DataFileError(
-        f"{source.path} has no known layout; it holds {source.contents()}. Known layouts are {known}"
-    )
-
-
-def _write(source: Path, target: Path, name: str, content: Content, options: Options) -> None:
+def _write(source: Path, target: Path, name: str, content: Content) -> None:
     with source.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    imported = {"file": source.name, "sha256": digest, "layout": name, "assumed": list(content.assumed)}
-    fade_from_s = content.fade_from_s if options.fade_from_s is None else options.fade_from_s
+    imported: dict[str, Any] = {"file": source.name, "sha256": digest, "layout": name}
+    imported["assumed"] = list(content.assumed)
+    if content.frame is not None and not content.frame.still:
+        imported["moved"] = {"origin_m": content.frame.origin_m.tolist(), "axes": content.frame.axes.tolist()}
     description = ScanDescription(
         laser_m=content.laser_m,
         detector_m=content.detector_m,
@@ -145,7 +141,7 @@ def _write(source: Path, target: Path, name: str, content: Content, options: Opt
         delay_s=content.delay_s,
         simulated=content.simulated,
         command=f"rig import {source.name}",
-        fade_from_s=fade_from_s,
+        fade_from_s=content.fade_from_s,
         instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,
         imported=imported,

@@ -1,22 +1,24 @@
-"""O'Toole, Lindell and Wetzstein 2018 (light-cone transform): MATLAB v5 with ``rect_data`` and ``width``.
+"""O'Toole, Lindell and Wetzstein 2018 (light-cone transform): MATLAB with ``rect_data`` and ``width``.
 
 ``rect_data`` (x, y, t): rectified confocal counts; the first axis goes towards +x, the second from top to
 bottom. ``width`` is half the wall's side in metres; the spots include both edges.
 """
 
-from rig.importers.content import Content, Options, asked_for
+from rig.importers.content import Content
+from rig.importers.options import Options
 from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
 NAME = "O'Toole 2018, LCT"
-SIGN = "MATLAB v5 with rect_data (x, y, t) and width"
+SIGN = "MATLAB with rect_data (x, y, t) and width"
+PARTS = ("rect_data", "width")
 #: The wall's own light ends here; the authors' reconstruction clears the same 600 bins of 4 ps.
 WALL_LIGHT_S = 2.4e-9
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("rect_data", "width") and not source.has("ts")
+    return source.holds(*PARTS) and not source.has("ts")
 
 
 def read(source: Source, options: Options) -> Content:
@@ -30,11 +32,11 @@ def read(source: Source, options: Options) -> Content:
         If an array does not have the layout's shape.
     """
     width_m = source.numbers("width", 1)[0]
-    bin_width_s = asked_for(
-        options.bin_width_s,
+    bin_width_s = options.asked(
+        "bin_width_s",
         source.path,
         "how wide its bins are",
-        "--bin-width (the published measurements of this layout have 4ps)",
+        "the published measurements of this layout have 4ps",
     )
     return confocal_square(
         source,

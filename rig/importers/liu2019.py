@@ -15,20 +15,23 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
 from rig.files.check import reading
-from rig.importers.content import Content, Options, stored_dtype
+from rig.importers.content import Content, stored_dtype
+from rig.importers.options import Options
+from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 from rig.model.delays import PathDelays
 
 NAME = "Liu 2019, phasor field"
 SIGN = "MATLAB v7.3 with dataset/data (t, detector, laser), dataset/laserPos and dataset/deltat"
+PARTS = ("dataset/data", "dataset/laserPos", "dataset/deltat")
 #: Bytes of data read at once.
 _BLOCK_BYTES = 2**26
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return not source.matlab5 and source.has("dataset/data", "dataset/laserPos", "dataset/deltat")
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -40,7 +43,8 @@ def read(source: Source, options: Options) -> Content:
         If there is more than one detector, or arrays do not fit together.
     """
     assert source.hdf5 is not None
-    laser_m, camera_m = _points(source, "laserPos"), _points(source, "cameraPos")
+    (laser_m,), unmeasured = zeros_as_missing(_points(source, "laserPos"))
+    camera_m = _points(source, "cameraPos")
     shape = source.shapes["dataset/data"]
     if shape is None or len(shape) != 3 or shape[1:] != (1, len(laser_m)) or len(camera_m) != 1:
         raise DataFileError(
@@ -53,11 +57,9 @@ def read(source: Source, options: Options) -> Content:
     laser_head_m, camera_head_m = (
         source.numbers(f"dataset/{name}", 3) for name in ("laserOrigin", "cameraOrigin")
     )
-    normal = _points(source, "laserNorm").mean(axis=0) if source.has("dataset/laserNorm") else None
-    try:
-        frame = WallFrame.of(laser_m, normal, laser_head_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
+    normals = _points(source, "laserNorm") if source.has("dataset/laserNorm") else None
+    with named(source.path):
+        frame = WallFrame.of(laser_m, normals, laser_head_m)
     dataset = source.hdf5["dataset/data"]
     return Content(
         laser_m=frame.bring(laser_m),
@@ -68,12 +70,13 @@ def read(source: Source, options: Options) -> Content:
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
         delays=PathDelays(frame.bring(laser_head_m), frame.bring(camera_head_m)),
-        assumed=("t0 is the left edge of the first bin", frame.in_words()),
+        assumed=("t0 is the left edge of the first bin", *unmeasured),
+        frame=frame,
     )
 
 
 def _points(source: Source, name: str) -> NDArray[np.float64]:
-    """Return (n, 3) points that are stored so, or transposed as MATLAB v7.3 does."""
+    """Return (n, 3) points that are stored so, or transposed as MATLAB v7.3 does; NaN where there is none."""
     points = np.asarray(source.read(f"dataset/{name}"))
     if points.ndim == 2 and points.shape[0] == 3:
         points = points.T
@@ -81,8 +84,6 @@ def _points(source: Source, name: str) -> NDArray[np.float64]:
         raise DataFileError(
             f"{source.path}: dataset/{name} has shape {points.shape}; (3, n) or (n, 3) is needed"
         )
-    if not np.isfinite(points).all():
-        raise DataFileError(f"{source.path}: dataset/{name} holds a value that is not a finite number")
     return points.astype(float)
 
 

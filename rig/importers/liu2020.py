@@ -8,17 +8,19 @@ way the axes point is not in the file; it is taken to be as in the same group's 
 import numpy as np
 
 from rig.errors import DataFileError
-from rig.importers.content import Content, Options, asked_for
+from rig.importers.content import Content
 from rig.importers.cube import cube_blocks, cube_shape
+from rig.importers.options import Options, positive
 from rig.importers.source import Source
 
 NAME = "Liu 2020, diffraction"
 SIGN = "MATLAB with rect_data (y, x, t), ts and SPAD_index"
+PARTS = ("rect_data", "ts", "SPAD_index")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.has("rect_data", "ts", "SPAD_index")
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -38,13 +40,11 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: SPAD_index is ({row:g}, {column:g}), outside of the grid of {rows} x {columns} "
             "spots"
         )
-    bin_width_s = asked_for(source.numbers("ts", 1)[0], source.path, "its bin width", "ts")
+    bin_width_s = positive(source.numbers("ts", 1)[0], f"{source.path}: ts")
     if source.has("sampling_spacing"):
-        pitch_m = asked_for(
-            source.numbers("sampling_spacing", 1)[0], source.path, "its pitch", "sampling_spacing"
-        )
+        pitch_m = positive(source.numbers("sampling_spacing", 1)[0], f"{source.path}: sampling_spacing")
     else:
-        size_m = asked_for(options.wall_size_m, source.path, "how far its spots are apart", "--wall-size")
+        size_m = options.asked("wall_size_m", source.path, "how far its spots are apart")
         pitch_m = size_m / max(1, rows - 1, columns - 1)
     x_m = (np.arange(columns) - (columns - 1) / 2) * pitch_m
     y_m = ((rows - 1) / 2 - np.arange(rows)) * pitch_m

@@ -42,6 +42,19 @@ class Source:
         """Return whether it holds all these names."""
         return set(names) <= set(self.shapes)
 
+    def holds(self, *parts: str) -> bool:
+        """Return whether it holds all these parts.
+
+        A part is a name, the name of a ``.mat`` file beside it, or several with ``or`` between them.
+        """
+        return all(
+            any(
+                self.path.with_name(one).is_file() if one.endswith(".mat") else self.has(one)
+                for one in either
+            )
+            for either in (part.split(" or ") for part in parts)
+        )
+
     def read(self, name: str) -> Any:
         """Return a variable whole: in the order of its file, so MATLAB v7.3 arrays come transposed.
 
@@ -60,7 +73,7 @@ class Source:
 
     def matlab_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
-        shape = self.shapes[name] or ()
+        shape = self.shapes.get(name) or ()
         return shape if self.matlab5 else shape[::-1]
 
     def matlab_array(self, name: str) -> NDArray:
@@ -82,6 +95,31 @@ class Source:
         DataFileError
             If it is missing, not numeric, not finite, or of another shape.
         """
+        return self._float64(name, shape, finite=True)
+
+    def places(self, name: str) -> NDArray[np.float64]:
+        """Return an array (..., 3) of points as (n, 3); NaN where a point has no place.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing, not numeric, or of another shape.
+        """
+        return self._float64(name, (-1, 3), finite=False)
+
+    def matlab_places(self, name: str) -> NDArray[np.float64]:
+        """Return a MATLAB array (..., 3) of points as (n, 3), whichever version the file has.
+
+        Raises as `places`.
+        """
+        if self.matlab5 or self.matlab_shape(name)[-1:] != (3,):
+            return self.places(name)
+        value = self.matlab_array(name)
+        if value.dtype.kind not in "fiu":
+            raise DataFileError(f"{self.path}: '{name}' has type {value.dtype}, not real numbers")
+        return value.reshape(-1, 3).astype(float)
+
+    def _float64(self, name: str, shape: tuple[int, ...], finite: bool) -> NDArray[np.float64]:
         value = np.asarray(self.read(name))
         fits = value.dtype.kind in "fiub" and value.size > 0
         if fits:
@@ -90,10 +128,10 @@ class Source:
                 value = value.reshape(shape)
             except ValueError:
                 fits = False
-        if not fits or not np.isfinite(value).all():
+        if not fits or (finite and not np.isfinite(value).all()):
             raise DataFileError(
                 f"{self.path}: '{name}' has shape {np.shape(value)} and type {value.dtype}; "
-                f"finite numbers of shape {shape} are needed"
+                f"{'finite ' if finite else ''}numbers of shape {shape} are needed"
             )
         return value
 
@@ -102,10 +140,29 @@ class Source:
         assert self.hdf5 is not None
         return plain(self.hdf5.attrs.get(name, default))
 
-    def contents(self) -> str:
-        """Return what it holds, in words."""
+    def attribute_numbers(self, name: str, size: int) -> NDArray[np.float64] | None:
+        """Return a root attribute of an HDF5 file as float64 of this size; None where there is none.
+
+        Raises
+        ------
+        DataFileError
+            If it does not hold as many finite numbers.
+        """
+        assert self.hdf5 is not None
+        if name not in self.hdf5.attrs:
+            return None
+        value = np.asarray(self.hdf5.attrs[name])
+        if value.dtype.kind not in "fiu" or value.size != size or not np.isfinite(value).all():
+            raise DataFileError(
+                f"{self.path}: attribute '{name}' is {value}; {size} finite numbers are needed"
+            )
+        return value.astype(float).reshape(size)
+
+    def contents(self, named: int = 100) -> str:
+        """Return what it holds, in words: as many names, and how many more there are."""
         parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]
-        return ", ".join(parts) or "nothing"
+        more = f" and {len(parts) - named} more" if len(parts) > named else ""
+        return (", ".join(parts[:named]) or "nothing") + more
 
 
 @contextmanager

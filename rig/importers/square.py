@@ -1,11 +1,11 @@
 """Confocal scans of a square, stored as one cube (x, y, t)."""
 
 from collections.abc import Sequence
-
-import numpy as np
+from math import inf
 
 from rig.errors import DataFileError
-from rig.importers.content import Content, as_counts, square_grid
+from rig.importers.content import Content, square_grid
+from rig.importers.cube import cube_blocks, cube_shape
 from rig.importers.source import Source
 
 
@@ -25,7 +25,7 @@ def confocal_square(
     Parameters
     ----------
     source, name
-        File and its (x, y, t) array.
+        File and its (x, y, t) array, in MATLAB's order.
     size_m
         Side of the square, from the first to the last spot.
     bin_width_s
@@ -40,14 +40,10 @@ def confocal_square(
     DataFileError
         If the array is no such cube.
     """
-    cube = np.asarray(source.read(name))
-    if cube.ndim != 3 or cube.size == 0 or cube.dtype.kind not in "uifb" or not 0 < size_m < np.inf:
-        raise DataFileError(
-            f"{source.path}: {name} has shape {cube.shape} and type {cube.dtype}, on a wall of {size_m:g} m; "
-            "a cube (x, y, t) of numbers on a wall of positive size is needed"
-        )
-    nx, ny, bins = cube.shape
-    counts = as_counts(cube.reshape(nx * ny, bins))
+    if not 0 < size_m < inf:
+        raise DataFileError(f"{source.path}: its wall is {size_m:g} m wide; a positive size is needed")
+    nx, ny, bins = cube_shape(source, name)
+    dtype, blocks = cube_blocks(source, name)
     spots_m = square_grid(nx, ny, size_m, y_down)
     return Content(
         laser_m=spots_m,
@@ -55,8 +51,8 @@ def confocal_square(
         bins=bins,
         bin_width_s=bin_width_s,
         first_bin_s=0.0,
-        dtype=counts.dtype,
-        blocks=[counts],
+        dtype=dtype,
+        blocks=blocks,
         fade_from_s=fade_from_s,
         instrument_response_s=instrument_response_s,
         assumed=(

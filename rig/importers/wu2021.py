@@ -1,20 +1,22 @@
-"""Wu et al. 2021, 1.43 km stand-off: MATLAB v5 with ``sig_in``, ``timeRes`` and ``width``.
+"""Wu et al. 2021, 1.43 km stand-off: MATLAB with ``sig_in``, ``timeRes`` and ``width``.
 
 ``sig_in`` (x, y, t) confocal counts; ``timeRes`` bin width [s]; ``width`` half the wall's side [m];
 ``pulsewidth`` full width at half maximum of the instrument response [ps].
 """
 
-from rig.importers.content import Content, Options, asked_for
+from rig.importers.content import Content
+from rig.importers.options import Options, positive
 from rig.importers.source import Source
 from rig.importers.square import confocal_square
 
 NAME = "Wu 2021, 1.43 km stand-off"
-SIGN = "MATLAB v5 with sig_in (x, y, t), timeRes and width"
+SIGN = "MATLAB with sig_in (x, y, t), timeRes and width"
+PARTS = ("sig_in", "timeRes", "width")
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    return source.matlab5 and source.has("sig_in", "timeRes", "width")
+    return source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -30,7 +32,7 @@ def read(source: Source, options: Options) -> Content:
         source,
         "sig_in",
         size_m=2 * source.numbers("width", 1)[0],
-        bin_width_s=asked_for(source.numbers("timeRes", 1)[0], source.path, "its bin width", "timeRes"),
+        bin_width_s=positive(source.numbers("timeRes", 1)[0], f"{source.path}: timeRes"),
         instrument_response_s=response_s,
         assumed=("which way the axes point is not in the file: the picture may be mirrored or turned",),
     )

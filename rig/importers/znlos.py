@@ -17,22 +17,24 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
 from rig.files.check import reading
-from rig.importers.content import Content, Options
+from rig.importers.content import Content
+from rig.importers.options import Options
 from rig.importers.pairs import each_with_each
+from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
-from rig.importers.wall import WallFrame
+from rig.importers.wall import WallFrame, named
 
 NAME = "Zaragoza Z-NLOS"
 SIGN = (
     "HDF5 with data (colour, t, bounce, sx, sy[, lx, ly]), cameraGridPositions, laserGridPositions and deltaT"
 )
+PARTS = ("data", "cameraGridPositions", "laserGridPositions", "deltaT")
 _BLOCK_BYTES = 2**26
 
 
 def recognise(source: Source) -> bool:
     """Return whether the file has this layout."""
-    placed = source.has("data", "cameraGridPositions", "laserGridPositions", "deltaT")
-    return not source.matlab5 and placed
+    return not source.matlab5 and source.holds(*PARTS)
 
 
 def read(source: Source, options: Options) -> Content:
@@ -49,19 +51,18 @@ def read(source: Source, options: Options) -> Content:
     shape = source.shapes["data"] or ()
     reversed_ = _is_reversed(source, shape)
     ordered = shape[::-1] if reversed_ else shape
-    camera_m, laser_m = (_points(source, f"{side}GridPositions", reversed_) for side in ("camera", "laser"))
-    bounces = _bounces(source, ordered[2], options.bounces)
+    (camera_m,), unmeasured = zeros_as_missing(_points(source, "cameraGridPositions", reversed_))
+    (laser_m,), unlit = zeros_as_missing(_points(source, "laserGridPositions", reversed_))
+    bounces = _bounces(source, ordered[2], options.optional("bounces"))
     delta_m, start_m = (source.numbers(name, 1)[0] for name in ("deltaT", "t0"))
     if not delta_m > 0:
         raise DataFileError(f"{source.path}: deltaT is {delta_m} m; it must be positive")
     camera_head_m, laser_head_m = (source.numbers(f"{side}Position", 3) for side in ("camera", "laser"))
-    normal = None
+    normals = None
     if source.has("cameraGridNormals"):
-        normal = _points(source, "cameraGridNormals", reversed_).mean(axis=0)
-    try:
-        frame = WallFrame.of(camera_m, normal, camera_head_m)
-    except DataFileError as error:
-        raise DataFileError(f"{source.path}: {error}") from None
+        normals = _points(source, "cameraGridNormals", reversed_)
+    with named(source.path):
+        frame = WallFrame.of(camera_m, normals, camera_head_m)
     camera_m, laser_m, camera_head_m, laser_head_m = (
         frame.bring(points) for points in (camera_m, laser_m, camera_head_m, laser_head_m)
     )
@@ -87,8 +88,10 @@ def read(source: Source, options: Options) -> Content:
             f"{ordered[2]} are added up",
             "t0 is the left edge of the first bin",
             *spots.assumed,
-            frame.in_words(),
+            *unmeasured,
+            *(unlit if not confocal else ()),
         ),
+        frame=frame,
     )
 
 
@@ -123,9 +126,8 @@ def _grid_shape(source: Source, name: str, reversed_: bool) -> tuple[int, ...] |
 
 
 def _points(source: Source, name: str, reversed_: bool) -> NDArray[np.float64]:
-    """Return (n, 3) points, the grid's y fastest."""
-    shape = source.shapes[name] or ()
-    points = source.numbers(name, *shape)
+    """Return (n, 3) points, the grid's y fastest; NaN where there is none."""
+    points = np.asarray(source.read(name), float)
     return (points.T if reversed_ else points).reshape(3, -1).T
 
 

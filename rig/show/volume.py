@@ -21,6 +21,7 @@ WIDTH_PX = 1500
 DPI = 100
 _AMPLITUDE_COLOURS = "inferno"
 DEPTH_COLOURS = "viridis"
+_CONFIDENCE_COLOURS = "gray"
 NO_SURFACE = "0.82"  # neutral grey: no colour of the depth scale
 #: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
 _LEAST_DEPTHS_M = 0.1
@@ -74,7 +75,7 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
 
     Returns
     -------
-    Figure of front, top and side view and, where the volume has one, the depth map.
+    Figure of front, top and side view and, where the volume has them, depth map and confidence.
     """
     amplitude = _amplitude(volume)
     scale = Normalize(0.0, 1.0)
@@ -99,6 +100,16 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
         drawn = draw_front(panels["depth"], volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, depths)
         panels["depth"].set_title("depth of the surface (grey: none)")
         figure.colorbar(drawn, cax=panels["depth bar"], label="depth z (m)")
+    if volume.confidence is not None and "confidence" in panels:
+        sure = draw_front(
+            panels["confidence"], volume.confidence, volume.x_m, volume.y_m, _CONFIDENCE_COLOURS, scale
+        )
+        panels["confidence"].set_title("confidence that it is not noise")
+        figure.colorbar(sure, cax=panels["confidence bar"], label="probability")
+    if not volume.parameters.get("signal", True):
+        for name in ("front", "depth"):
+            if name in panels:
+                _say(panels[name], "no signal above noise")
     for line, inches, style in (
         (title or volume.scan, 0.32, "bold"),
         (parameters_line(volume), 0.58, "normal"),
@@ -134,6 +145,21 @@ def save(figure: Figure, path: str | Path) -> None:
             figure.savefig(partial, dpi=DPI)
     except (OSError, ValueError) as error:
         raise DataFileError(f"cannot write the picture {path}: {error}") from error
+
+
+def _say(axes: Axes, words: str) -> None:
+    """Write across a panel what must not be overlooked."""
+    axes.text(
+        0.5,
+        0.5,
+        words,
+        transform=axes.transAxes,
+        ha="center",
+        va="center",
+        size=15,
+        weight="bold",
+        bbox={"facecolor": "white", "edgecolor": "black"},
+    )
 
 
 def _amplitude(volume: Volume) -> NDArray[np.float32]:
@@ -187,21 +213,22 @@ def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
     flat = len(volume.z_m) == 1
     wide_m, high_m, deep_m = right_m - left_m, high_m - low_m, 0.0 if flat else far_m - near_m
     depth = volume.depth_m is not None
+    maps = 0 if not depth else 1 if volume.confidence is None or flat else 2
     second_column_m = max(deep_m, wide_m if depth else 0.0)
-    second_row_m = 0.0 if flat else max(deep_m, high_m if depth else 0.0)
     # inches around the panels, for labels, titles and bars
     left, right, bottom, top, gap, between, bar = 0.8, 1.15, 0.65, 1.05, 0.85, 0.95, 0.16
     if flat:
         gap, between = gap + 1.0, 0.0  # the bar of the amplitude stands between the columns
     width = WIDTH_PX / DPI
     scale = (width - left - gap - right) / (wide_m + second_column_m)
-    scale = min(scale, _TALLEST * width / 2 / (high_m + second_row_m))
-    height = bottom + second_row_m * scale + between + high_m * scale + top
+    scale = min(scale, _TALLEST * width / 2 / (high_m + (0.0 if flat else max(deep_m, maps * high_m))))
+    second_row = 0.0 if flat else max(deep_m * scale, maps * high_m * scale + (maps - 1) * between)
+    height = bottom + second_row + between + high_m * scale + top
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     x0 = left + (width - left - gap - right - (wide_m + second_column_m) * scale) / 2
     x1 = x0 + wide_m * scale + gap
-    row_top = bottom + second_row_m * scale
+    row_top = bottom + second_row
     y0 = row_top + between
 
     def panel(x: float, y: float, panel_wide: float, panel_high: float) -> Axes:
@@ -217,4 +244,8 @@ def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
         y = y0 if flat else row_top - high_m * scale
         panels["depth"] = panel(x1, y, wide_m * scale, high_m * scale)
         panels["depth bar"] = panel(x1 + wide_m * scale + 0.2, y, bar, high_m * scale)
+    if maps > 1:
+        y -= high_m * scale + between
+        panels["confidence"] = panel(x1, y, wide_m * scale, high_m * scale)
+        panels["confidence bar"] = panel(x1 + wide_m * scale + 0.2, y, bar, high_m * scale)
     return figure, panels

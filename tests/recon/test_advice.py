@@ -23,14 +23,42 @@ PAPER = capture(wall(180, 130, 0.01))
 def test_the_papers_wavelength():
     choice = defaults.wavelength(PAPER, response_fwhm_s=65e-12)
     assert choice.value == pytest.approx(0.04)
-    assert "four times the spacing" in choice.reason
+    assert "response of 65 ps" in choice.reason
+
+
+def test_a_coarse_grid_asks_for_a_longer_wave_the_longer_the_fewer_positions():
+    """Ghosts of a wide band do not come together: a haze, the fainter the more positions there are."""
+    coarse, few = capture(wall(60, 44, 0.05)), capture(wall(12, 12, 0.05))
+    assert defaults.wavelength(coarse, 65e-12).value == pytest.approx(0.06)
+    assert defaults.wavelength(few, 65e-12).value == pytest.approx(0.125)
+    assert "144 positions 5 cm apart" in defaults.wavelength(few, 65e-12).reason
+    # laser and detector together sample a wave that is half as long
+    assert defaults.wavelength(capture(wall(60, 44, 0.05), True), 65e-12).value == pytest.approx(0.15)
+
+
+def test_the_finer_aperture_decides():
+    """Few lasers by many pixels: light takes the same paths both ways."""
+    lasers, pixels = wall(2, 2, 1.6), wall(32, 32, 0.05)
+    pairs = np.repeat(lasers, len(pixels), axis=0), np.tile(pixels, (len(lasers), 1))
+    counts = ArrayHistograms(np.broadcast_to(np.uint16(0), (len(pairs[0]), 1000)))
+    taken = Capture(counts, 16e-12, np.zeros(1), *pairs)
+    assert defaults.spacing_m(taken) == pytest.approx(0.05)
+    pulse = VirtualPulse(defaults.wavelength(taken, 65e-12).value)
+    grid = defaults.voxels(taken.by_its_finer_aperture(), pulse)
+    assert pulse.wavelength_m == pytest.approx(0.06, abs=0.005)
+    assert len(grid.x_m) == 33  # as wide as the lasers are apart, and a voxel
+    np.testing.assert_array_equal(taken.by_its_finer_aperture().laser_m, pairs[1])
+    one = Capture(counts, 16e-12, np.zeros(1), np.tile(lasers[:1], (len(pairs[0]), 1)), pairs[1])
+    assert one.by_its_finer_aperture().detector_m.shape == (1, 3)
+    assert not one.by_its_finer_aperture().round_trip
 
 
 def test_a_slow_response_asks_for_a_longer_wave():
     choice = defaults.wavelength(PAPER, response_fwhm_s=750e-12)
-    # The response's standard deviation is 318 ps; exp(-(omega s)^2 / 2) = exp(-2) there.
+    # The response's standard deviation is 318 ps; the shortest wave that passes is damped by exp(-2), one
+    # and a half times as long by exp(-2 / 1.5^2).
     damping = np.exp(-((2 * np.pi * 299792458 / choice.value * 750e-12 / 2.355) ** 2) / 2)
-    assert damping == pytest.approx(np.exp(-2))
+    assert damping == pytest.approx(np.exp(-2 / 1.5**2), rel=0.03)
     assert "750 ps" in choice.reason
 
 
@@ -74,11 +102,11 @@ def test_depths_stay_inside_record_and_room():
 def test_warns_of_what_spoils_the_image():
     grid = VoxelGrid.from_spec(1.8, 1.3, 0.01, (0.5, 3.0, 0.02))
     assert defaults.warnings(PAPER, VirtualPulse(0.04), grid, 65e-12) == []
-    (short,) = defaults.warnings(PAPER, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
-    assert "shorter than 2 times the spacing" in short
+    (short,) = defaults.warnings(PAPER, VirtualPulse(0.009), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    assert "shorter than 1 times the spacing" in short
     confocal = capture(wall(180, 130, 0.01), confocal=True)
-    (short,) = defaults.warnings(confocal, VirtualPulse(0.03), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
-    assert "use 4 cm or more" in short
+    (short,) = defaults.warnings(confocal, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
+    assert "use 2 cm or more" in short
     (slow,) = defaults.warnings(
         PAPER, VirtualPulse(0.04), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)), 2e-10
     )

@@ -15,7 +15,7 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 from support.hidden_points import C, exact, histograms, wall, worst
 
-PULSE = VirtualPulse(0.08)
+PULSE = VirtualPulse(0.08, 6)
 BIN, BINS = 16e-12, 700
 POINTS = np.array([[0.11, -0.06, 0.52], [-0.2, 0.14, 0.75]])
 RANDOM = np.random.default_rng(8)

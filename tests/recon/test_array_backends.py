@@ -54,6 +54,8 @@ def test_equals_the_fused_solver(library, confocal, grid):
     on = rsd_array.backend("cpu", library)
     # Few frequencies at a time, so that batches are added up too.
     found = rsd_array.focus_block(*arguments, moments_s, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
+    assert found.shape[1] == 1
+    found = found[:, 0]
     # Both are single precision: 1e-7 for each of some 30 frequencies and as many FFT stages.
     assert np.abs(found - wanted).max() < 3e-5 * np.abs(wanted).max()
     assert parts == sorted(parts)
@@ -65,7 +67,7 @@ def test_one_position_is_the_spherical_wave():
     laser_m = wall(16, 14, 0.02)
     spectra = np.zeros((len(BAND), len(laser_m)), np.complex64)
     spectra[:, 37] = BAND.weights
-    found = rsd_array.focus_block(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False))
+    found = rsd_array.focus_block(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False))[:, 0]
     z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, z], axis=-1)
     r_p, r_c = (np.linalg.norm(voxels - spot, axis=-1)[..., None] for spot in (laser_m[37], DETECTOR))

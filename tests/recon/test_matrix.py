@@ -14,7 +14,7 @@ from recon.wave import VirtualPulse
 from support.hidden_points import C, histograms, wall
 
 WAVELENGTH = 0.06
-PULSE = VirtualPulse(WAVELENGTH)
+PULSE = VirtualPulse(WAVELENGTH, 6)
 LASER = wall(24, 20, 0.02)
 DETECTOR = np.array([-0.04, 0.03, 0.0])
 BIN = 8e-12

@@ -19,7 +19,7 @@ from recon.video import video
 from recon.wave import VirtualPulse
 from support.hidden_points import histograms, wall
 
-PULSE = VirtualPulse(0.06)
+PULSE = VirtualPulse(0.06, 6)
 BIN = 16e-12
 
 

@@ -14,8 +14,8 @@ def in_time(band, times_s):
     return np.exp(1j * np.outer(times_s, band.frequencies_rad_per_s)) @ band.weights
 
 
-def test_full_width_is_six_wavelengths():
-    pulse = VirtualPulse(0.04)
+def test_full_width_is_so_many_wavelengths():
+    pulse = VirtualPulse(0.04, 6)
     half_s = 3 * 0.04 / C_M_PER_S
     # 2.36 is 2 sqrt(2 ln 2) = 2.3548 rounded, as in the paper.
     assert np.exp(-(half_s**2) / (2 * pulse.sigma_s**2)) == pytest.approx(0.5, abs=2e-3)

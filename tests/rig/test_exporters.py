@@ -12,6 +12,7 @@ from rig.exporters import export, tal
 from rig.files import ScanDescription, ScanFile, ScanWriter, Volume, write_volume
 from rig.importers import import_scan
 from rig.model.delays import PathDelays
+from support.imaged_points import brightest, point_signal
 from support.scan_files import C_M_PER_S, load
 
 X_M, Y_M, Z_M = 0.1 * np.arange(5) - 0.3, 0.2 * np.arange(4) - 0.1, 1.0 + 0.05 * np.arange(3)
@@ -211,3 +212,74 @@ def test_the_command_names_the_layout_and_leaves_nothing_half_done(rig, tmp_path
     assert rig("export", "broken.h5", "b.npz").code == 5
     assert rig("export", "v.h5", "nowhere/v.npz").code == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.h5", "v.h5", "v.npz"]
+
+
+# --- rectified time
+
+
+def delayed(path, delay_bins, **changes):
+    """A scan in the laser's time whose positions have delays of so many bins; return its counts."""
+    counts = np.random.default_rng(6).poisson(3.0, (12, 40)).astype("u4")
+    counts[:, :5] = counts[:, -2:] = 0  # nothing is cut off by what is subtracted, nor shared past the end
+    delay_s = 2e-9 + np.asarray(delay_bins) * 8e-12
+    scan(path, counts, grid(), np.zeros((1, 3)), delay_s=delay_s, **changes)
+    return counts
+
+
+def test_rectified_by_whole_bins_keeps_every_count(tmp_path):
+    shift = np.arange(12) % 5
+    counts = delayed(tmp_path / "a.h5", shift)
+    export(tmp_path / "a.h5", tmp_path / "a.mat", rectify=True)
+    read = scipy.io.loadmat(tmp_path / "a.mat")
+    assert read["counts"].dtype == np.uint32
+    assert read["first_bin_s"].tolist() == [[0.0]]
+    for row, moved, sent in zip(read["counts"], shift, counts, strict=True):
+        np.testing.assert_array_equal(row[: 40 - moved], sent[moved:])
+        assert row.sum() == sent.sum()
+
+
+def test_rectified_by_parts_of_a_bin_keeps_totals_and_mean_times(tmp_path):
+    shift = np.linspace(-3.3, 4.7, 12)
+    counts = delayed(tmp_path / "a.h5", shift)
+    export(tmp_path / "a.h5", tmp_path / "a.mat", rectify=True)
+    signal = scipy.io.loadmat(tmp_path / "a.mat")["counts"]
+    assert signal.dtype == np.float32
+    assert signal.shape == (12, 44)
+    # sums of some tens of counts in single precision
+    np.testing.assert_allclose(signal.sum(axis=1), counts.sum(axis=1), rtol=1e-6)
+    before, after = (
+        (block * np.arange(block.shape[1])).sum(axis=1) / block.sum(axis=1) for block in (counts, signal)
+    )
+    np.testing.assert_allclose(after, before - shift, atol=1e-5)
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_a_rectified_scan_goes_to_tal_and_is_imaged_at_the_same_place(rig, tmp_path, full):
+    x_m, y_m = np.meshgrid(0.04 * (np.arange(16) - 7.5), 0.04 * (np.arange(16) - 7.5), indexing="ij")
+    laser_m = np.stack([x_m, y_m, 0 * x_m], axis=-1).reshape(-1, 3)[: None if full else 250]
+    detector_m, point_m = np.array([[0.05, -0.02, 0.0]]), np.array([0.1, -0.06, 0.6])
+    legs = PathDelays(np.array([0.3, 0.2, 2.0]), np.array([-0.4, 0.1, 2.5]), 3e-9)
+    first_bin_s = 15e-9 - legs.delay_s(laser_m, detector_m)
+    counts = point_signal(point_m, laser_m, detector_m, 1300, 8e-12, first_bin_s)
+    scan(tmp_path / "a.h5", counts.astype("u4"), laser_m, detector_m, delays=legs, first_bin_s=15e-9)
+    assert rig("export", "a.h5", "a.hdf5", "--rectified").code == 0
+    with h5py.File(tmp_path / "a.hdf5") as file:
+        assert not file["t_accounts_first_and_last_bounces"][()]
+        assert file["t_start"][()] == 0
+        assert not file["sensor_xyz"][()].any()
+    assert rig("import", "a.hdf5", "b.h5").code == 0
+    capture, _ = load(tmp_path / "b.h5")
+    assert capture.first_bin_s.tolist() == [0.0]
+    around = ("--wavelength", "12cm", "--depth", "0.5m:0.7m:1cm")
+    # a voxel across and one along z
+    assert (np.abs(brightest(rig, "b.h5", *around) - point_m) < [0.041, 0.041, 0.011]).all()
+
+
+def test_what_cannot_be_rectified_is_refused(rig, tmp_path):
+    volume(tmp_path / "v.h5")
+    done = rig("export", "v.h5", "v.npz", "--rectified")
+    assert (done.code, "--rectified is for scans" in done.err) == (2, True)
+    delayed(tmp_path / "a.h5", np.full(12, 1000.0))
+    done = rig("export", "a.h5", "a.mat", "--rectified")
+    assert (done.code, "nothing of them is left" in done.err) == (2, True)
+    assert not (tmp_path / "a.mat").exists()

@@ -6,6 +6,7 @@ import pytest
 
 from rig.errors import DataFileError, UsageError
 from rig.importers import import_scan
+from support.imaged_points import brightest, point_signal
 from support.scan_files import C_M_PER_S, load
 
 
@@ -122,3 +123,85 @@ def test_a_tal_file_that_does_not_fit_is_refused(tmp_path, changes, error, said)
 def test_a_tal_file_without_the_flag_is_read_as_told(tmp_path):
     tal(tmp_path / "a.hdf5", t_accounts_first_and_last_bounces=None)
     assert import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5", time_origin="laser").time_origin == "laser"
+
+
+# --- polarised renders
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_of_a_polarised_render_the_intensity_is_taken_and_told(tmp_path, flat):
+    signal = np.random.default_rng(5).random((20, 3, 4, 4)).astype("f4")
+    signal[..., 1:] -= 0.5
+    stokes = signal.reshape(20, 12, 4) if flat else signal
+    tal(tmp_path / "a.hdf5", flat=flat, H=stokes, scene_info="config: {mitsuba_variant: llvm_mono_polarized}")
+    report = import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(20, 12).T)
+    assert any("Stokes" in line and "intensity" in line for line in report.assumed)
+
+
+def test_of_a_polarised_exhaustive_render_the_intensity_is_taken(tmp_path):
+    signal = np.random.default_rng(5).random((9, 2, 1, 3, 4, 4)).astype("f4")
+    laser_m = np.array([[[-0.4, 0.0, 0.0]], [[0.4, 0.0, 0.0]]])
+    tal(tmp_path / "a.hdf5", H=signal, H_format=("HFormat", {"T_Lx_Ly_Sx_Sy": 2}, 2), laser_grid_xyz=laser_m)
+    import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(9, 24).T)
+
+
+def test_a_render_that_says_it_is_polarised_may_have_any_components(tmp_path):
+    signal = np.random.default_rng(5).random((20, 3, 4, 13)).astype("f4")
+    tal(tmp_path / "a.hdf5", H=signal, scene_info="config: {mitsuba_variant: llvm_mono_polarized}")
+    import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[1], signal[..., 0].reshape(20, 12).T)
+
+
+@pytest.mark.parametrize("last", [2, 3, 5])
+def test_a_last_axis_that_is_not_known_is_refused(tmp_path, last):
+    tal(tmp_path / "a.hdf5", H=np.ones((20, 3, 4, last), "f4"))
+    with pytest.raises(DataFileError, match="4 Stokes components"):
+        import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
+
+
+def test_grids_whose_axes_are_in_another_order_are_refused(tmp_path):
+    tal(tmp_path / "a.hdf5", H=np.ones((20, 4, 3), "f4"))
+    with pytest.raises(
+        DataFileError, match=r"sensor_grid_xyz is a grid of \(3, 4\) points, but H has \(4, 3\)"
+    ):
+        import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
+
+
+# --- exhaustive captures, of which each laser point with each sensor point is a position
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_hidden_point_of_an_exhaustive_capture_is_imaged_where_it_is(rig, tmp_path, flat):
+    axis_m, point_m = 0.06 * (np.arange(16) - 7.5), np.array([0.2, -0.1, 0.7])
+    x_m, y_m = np.meshgrid(axis_m, axis_m, indexing="ij")
+    sensor_m = np.stack([x_m, y_m, 0 * x_m], axis=-1)
+    x_m, y_m = np.meshgrid([-0.4, 0.4], [-0.4, 0.4], indexing="ij")
+    laser_m = np.stack([x_m, y_m, 0 * x_m], axis=-1)
+    delta_m, start_m = 0.004, 1.0
+    ends_m = [one.reshape(-1, 3) for one in (laser_m, sensor_m)]
+    pairs_m = np.repeat(ends_m[0], 256, axis=0), np.tile(ends_m[1], (4, 1))
+    signal = point_signal(point_m, *pairs_m, 300, delta_m / C_M_PER_S, start_m / C_M_PER_S).T
+    code = ("HFormat", {"T_Lx_Ly_Sx_Sy": 2, "T_Li_Si": 4}, 4 if flat else 2)
+    changes = {
+        "H": signal.reshape(300, *((4, 256) if flat else (2, 2, 16, 16))).astype("f4"),
+        "H_format": code,
+    }
+    changes |= {"sensor_grid_xyz": ends_m[1] if flat else sensor_m}
+    changes |= {"laser_grid_xyz": ends_m[0] if flat else laser_m, "sensor_grid_normals": None}
+    tal(tmp_path / "a.hdf5", delta_t=delta_m, t_start=start_m, **changes)
+    done = rig("import", "a.hdf5", "a.h5")
+    assert (done.code, "each of 4 laser points with each of 256 sensor points" in done.out) == (0, True)
+    capture, _ = load(tmp_path / "a.h5")
+    assert capture.positions == 1024
+    given = ("--wavelength", "16cm", "--depth", "0.6m:0.8m:1cm", "--width", "80cm", "--height", "80cm")
+    found = brightest(rig, "a.h5", *given, "--voxel", "2cm")
+    # a voxel across, and one along z
+    assert (np.abs(found - point_m) < [0.021, 0.021, 0.011]).all()
+
+
+def test_a_tal_file_without_its_start_is_told_of(tmp_path):
+    tal(tmp_path / "a.hdf5", t_start=None)
+    report = import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
+    assert any("t_start is missing" in line for line in report.assumed)

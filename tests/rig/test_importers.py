@@ -105,6 +105,54 @@ def test_unknown_content_is_listed_with_what_is_known(tmp_path):
             import_scan(tmp_path / name, tmp_path / "c.h5")
 
 
+def mat(path, **variables):
+    scipy.io.savemat(path, variables)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        (
+            {"rect_data": np.zeros((2, 2, 3)), "ts": 4e-12},
+            "like Liu 2020, diffraction, but lacks SPAD_index:",
+        ),
+        (
+            {"Rect_Data": np.zeros((2, 2, 3)), "width": 1.0},
+            r"O'Toole .* lacks rect_data \(it has Rect_Data\)",
+        ),
+        ({"data": np.zeros((2, 2, 3))}, "like Liu 2023, CC-SOCR with setup, but lacks setup.mat:"),
+        (
+            {"sig_in": np.zeros((2, 2, 3)), "width": 1.0},
+            "like Wu 2021, 1.43 km stand-off, but lacks timeRes:",
+        ),
+        ({"H": np.zeros((2, 2, 3))}, "like TAL, but lacks H_format:"),
+        ({"H": np.zeros((2, 2, 3)), "H_format": 1}, "like TAL, but is not HDF5 with H and H_format:"),
+    ],
+)
+def test_an_unknown_file_is_told_what_it_looks_like_and_lacks(tmp_path, variables, said):
+    path = mat(tmp_path / "a.mat", **variables)
+    with pytest.raises(DataFileError, match=said) as caught:
+        import_scan(path, tmp_path / "b.h5")
+    message = str(caught.value)
+    assert message.index("looks most like") < message.index("it holds")
+    assert len(message) < 500
+
+
+def test_the_refusal_of_a_file_with_many_arrays_stays_short(tmp_path):
+    path = mat(tmp_path / "a.mat", **{f"array_{number}": np.zeros(2) for number in range(300)})
+    with pytest.raises(DataFileError, match=r"and 288 more\. Layouts are told by") as caught:
+        import_scan(path, tmp_path / "b.h5")
+    assert len(str(caught.value)) < 1100
+
+
+def test_a_file_of_this_program_needs_no_import(tmp_path):
+    neutral(tmp_path / "a.h5")
+    import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+    with pytest.raises(DataFileError, match="needs no import: rig recon reads it"):
+        import_scan(tmp_path / "b.h5", tmp_path / "c.h5")
+
+
 def test_two_readings_are_refused(tmp_path):
     neutral(tmp_path / "a.h5", H=np.zeros((20, 3, 4)), H_format=1)
     with pytest.raises(DataFileError, match="neutral HDF5 and as TAL"):
@@ -124,7 +172,7 @@ def test_damaged_files_are_refused_and_leave_nothing(tmp_path):
     tal(tmp_path / "whole.hdf5")
     rng = np.random.default_rng(12)
     refused = 0
-    for name in ("whole.mat", "whole.hdf5"):
+    for name, given in (("whole.mat", {"bin_width_s": 4e-12}), ("whole.hdf5", {})):
         content = (tmp_path / name).read_bytes()
         for number in range(60):
             damaged = bytearray(content[: int(rng.integers(len(content)))] if number % 2 else content)
@@ -134,9 +182,9 @@ def test_damaged_files_are_refused_and_leave_nothing(tmp_path):
             path, target = tmp_path / f"damaged-{name}", tmp_path / "target.h5"
             path.write_bytes(damaged)
             try:
-                import_scan(path, target, bin_width_s=4e-12, time_origin="wall")
+                import_scan(path, target, **given)
                 target.unlink()
-            except DataFileError:
+            except (DataFileError, UsageError):
                 refused += 1
                 assert not target.exists()
     assert refused > 60

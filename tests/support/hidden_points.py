@@ -14,18 +14,22 @@ def wall(nx, ny, pitch_m, centre_m=(0.0, 0.0)):
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def histograms(points_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.0, falloff=True):
+def histograms(
+    points_m, laser_m, detector_m, bins, bin_width_s, first_bin_s=0.0, falloff=True, strengths=None
+):
     """A count at (|p - x| + |x - c|)/c for each point, shared linearly between the two nearest bins."""
     detector_m = np.broadcast_to(detector_m, laser_m.shape)
     first_bin_s = np.broadcast_to(first_bin_s, len(laser_m))
     counts = np.zeros((len(laser_m), bins), np.float32)
     rows = np.arange(len(laser_m))
-    for point in np.atleast_2d(points_m):
+    points_m = np.atleast_2d(points_m)
+    strengths = np.ones(len(points_m)) if strengths is None else strengths
+    for point, factor in zip(points_m, strengths, strict=True):
         r_p = np.linalg.norm(laser_m - point, axis=1)
         r_c = np.linalg.norm(detector_m - point, axis=1)
         at = ((r_p + r_c) / C - first_bin_s) / bin_width_s - 0.5
         n = np.floor(at).astype(int)
-        strength = 100 / (r_p * r_c) ** 2 if falloff else np.full(len(rows), 100.0)
+        strength = factor * (100 / (r_p * r_c) ** 2 if falloff else np.full(len(rows), 100.0))
         for shift, share in ((0, 1 - (at - n)), (1, at - n)):
             inside = (n + shift >= 0) & (n + shift < bins)
             np.add.at(counts, (rows[inside], n[inside] + shift), (strength * share)[inside])
