@@ -24,7 +24,7 @@ SIMULATED = {
     "shelf, 60 x 44": ("shelf", "60x44", "3cm", "1m:1.7m:5mm"),
 }
 SHOWN = "letters, 60 x 44"
-#: The sets in the neutral layout come first; the others are the same captures in other layouts. Large ones last.
+#: The sets in the neutral layout come first; the others are the same captures. The largest comes last here.
 PUBLISHED = sorted(SETS[:12], key=lambda one: one.path == "rendered_letters.h5")
 
 
