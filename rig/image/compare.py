@@ -9,12 +9,11 @@ frequency at which half of the virtual pulse's spectrum is left, above its carri
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from math import log, sqrt
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -35,7 +34,7 @@ from recon.solvers.classic.resample import ConfocalLattice
 from recon.solvers.classic.solve import baseline_image
 from recon.surface import find
 from recon.wave import VirtualPulse
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, RigError, UsageError
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.files.check import open_hdf5, plain
 from rig.files.volume import is_volume
@@ -155,6 +154,10 @@ class _Job:
     request: Request
     sigma_s: float
     volume: Path
+
+
+#: What a job cost, and what is to be said about its image.
+_Done = tuple[dict[str, float | None], tuple[str, ...]]
 
 
 def compare(
@@ -289,13 +292,7 @@ def _compared(method: str, job: _Job, work: Work, truth_m: NDArray[np.float64] |
             approximate = ConfocalLattice.of(work.capture, method).approximate
         except GeometryError as error:
             return Compared(method, error.found)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        try:
-            done = pool.submit(_run, job).result()
-        except BrokenProcessPool:
-            return Compared(
-                method, "its process was ended from outside, as happens where memory is too small"
-            )
+    done = _in_a_process(job)
     if isinstance(done, str):
         return Compared(method, done)
     costs, notes = done
@@ -311,7 +308,39 @@ def _compared(method: str, job: _Job, work: Work, truth_m: NDArray[np.float64] |
     return Compared(method, "", approximate, {**costs, **resolution, **measured}, notes)
 
 
-def _run(job: _Job) -> tuple[dict[str, float | None], tuple[str, ...]] | str:
+def _in_a_process(job: _Job) -> _Done | str:
+    """Run a job in a process that ends with it, even if this one ends before."""
+    context = get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_report, args=(job, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        done: _Done | str | RigError = ours.recv()
+    except EOFError:
+        process.join()
+        if process.exitcode is None or process.exitcode > 0:
+            raise RuntimeError(f"the process of {job.request.solver} failed; what it said is above") from None
+        return "its process was ended from outside, as happens where memory is too small"
+    finally:
+        process.terminate()
+        process.join()
+    if isinstance(done, RigError):
+        raise done
+    return done
+
+
+def _report(job: _Job, theirs: Connection) -> None:
+    done: _Done | str | RigError
+    try:
+        done = _run(job)
+    except RigError as error:
+        done = error
+    with suppress(BrokenPipeError):  # nobody waits any more
+        theirs.send(done)
+
+
+def _run(job: _Job) -> _Done | str:
     """Image, and write the volume; return what it cost and what to say, or why there is no image."""
     with ScanFile(job.scan) as scan:
         work, _ = chosen(scan, job.request)
