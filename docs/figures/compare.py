@@ -16,7 +16,7 @@ from measured_sets import SETS
 from PIL import Image
 
 PICTURE = Path(__file__).parents[1] / "images" / "compare.png"
-WIDTH, COLOURS = 1200, 200
+WIDTH, COLOURS = 1200, 256
 SIMULATED = {
     "letters, 60 x 44": ("letters", "60x44", "3cm", "0.8m:1.8m:5mm"),
     "letters, 90 x 65": ("letters", "90x65", "2cm", "0.8m:1.8m:5mm"),
@@ -123,7 +123,9 @@ def main(data: Path, folder: Path) -> None:
     found = simulated(folder)
     sheet = Image.open(found[SHOWN]["sheet"]).convert("RGB")
     small = sheet.resize((WIDTH, round(sheet.height * WIDTH / sheet.width)), Image.Resampling.LANCZOS)
-    small.quantize(COLOURS).save(PICTURE, optimize=True)
+    # coverage, not frequency: else the colours of the bars go to the grey and black that fill the picture
+    few = small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
+    few.save(PICTURE, optimize=True)
     found |= published(data, folder)
     with_truth({name: one for name, one in found.items() if one["truth"]})
     print()
