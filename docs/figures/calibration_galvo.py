@@ -15,7 +15,7 @@ from rig.calibrate.galvo.flight import FlightRoutine  # noqa: E402
 from rig.calibrate.galvo.routine import CameraRoutine  # noqa: E402
 from rig.calibrate.run import measured  # noqa: E402
 from rig.commands.operator import ConsoleOperator  # noqa: E402
-from rig.model.state import Calibrations  # noqa: E402
+from rig.model.state import RigState  # noqa: E402
 from rig.show.volume import save  # noqa: E402
 from support.misaligned import misaligned  # noqa: E402
 
@@ -23,5 +23,5 @@ for name, routine in (("flight", FlightRoutine()), ("cameras", CameraRoutine()))
     config = misaligned()
     with tempfile.TemporaryDirectory() as folder:
         files = measured(routine, config, ConsoleOperator(), Path(folder), Watch())
-        found = routine.fit(files, config, Calibrations())
+        found = routine.fit(files, RigState(config))
         save(routine.figure(files, found), ROOT / "docs" / "images" / f"calibration_galvo_{name}.png")

@@ -1,6 +1,11 @@
 """Calibration routines: each measures through the devices, fits what it measured, and shows it."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.errors import CalibrationError
+
+Floats = NDArray[np.float64]
 
 
 def require(fits: object, message: str) -> None:

@@ -1,7 +1,7 @@
 """One fit of the rig's geometry: mirror, detector and delay, from what is known where and when.
 
 A first bounce arrives at delay + |g - x| / c + |x - h| / c: pivot g of the mirror, spot x(commanded angles)
-on the wall, head h of the detector. Arrivals, spots that cameras see and fiducials onto which a person steers
+on the wall, head h of the detector. Arrivals, spots that cameras see and marks onto which a person steers
 the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
@@ -12,19 +12,16 @@ moves no spot and no arrival, and the covariance says so.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import approx_fprime, least_squares
 from scipy.spatial.transform import Rotation
 
+from rig.calibrate import Floats
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.pointing import Pointing
 from rig.model.state import RigState
-
-Floats = NDArray[np.float64]
 
 #: How well the configuration knows where mirror and detector stand: a tape measure.
 TAPE_ERROR_M = 0.02
@@ -74,7 +71,7 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class Spots:
-    """(K, 2) places on the wall where the beam was for (K, 2) commanded angles: spots, or fiducials.
+    """(K, 2) places on the wall where the beam was for (K, 2) commanded angles: spots, or marks.
 
     Their error is one standard deviation for each coordinate, or the (2K, 2K) covariance.
     """
@@ -91,25 +88,15 @@ class Spots:
         return np.linalg.solve(np.linalg.cholesky(self.error), off_m)
 
 
-class Data(Protocol):
-    """Something measured, that tells of the geometry."""
-
-    def residuals(self, rig: RigGeometry) -> Floats:
-        """Return measured less modelled, in standard errors."""
-        ...
-
-
 @dataclass(frozen=True)
 class FittedGeometry:
     """What the data says.
 
     Attributes
     ----------
-    rig
-        The geometry.
-    chi2
-        Mean square of what the fit leaves of the measured data, in its errors, corrected for what was fitted;
-        about 1.
+    rig, chi2
+        The geometry, and the mean square of the measured data's residuals in their errors, corrected for what
+        was fitted; about 1.
     unknowns, covariance
         Of the fit, in units of `WIDTHS`; where ``chi2`` is above 1 all errors are raised by as much.
     """
@@ -147,20 +134,15 @@ def geometry(unknowns: Floats, config: RigConfig) -> RigGeometry:
 
 
 def fit_geometry(
-    config: RigConfig, measured: Sequence[Data], calibrated: Sequence[Data] = (), *, robust: bool
+    config: RigConfig,
+    measured: Sequence[Arrivals | Spots],
+    calibrated: Sequence[Arrivals | Spots] = (),
+    *,
+    robust: bool,
 ) -> FittedGeometry:
-    """Fit the rig to what was measured, and to what was ``calibrated`` before.
+    """Fit the rig to what was measured, and to what was ``calibrated`` before; ``config`` is by tape measure.
 
-    Parameters
-    ----------
-    config
-        The rig as far as a tape measure knows it.
-    measured
-        Its residuals say how good the fit is.
-    calibrated
-        Takes part in the fit, with its errors.
-    robust
-        Whether single data may be far off (Huber).
+    Residuals of what was ``measured`` say how good the fit is. With ``robust`` single data may be far off.
     """
     data = [*measured, *calibrated]
     number = sum(len(one.residuals(geometry(np.zeros(len(WIDTHS)), config))) for one in measured)
@@ -172,19 +154,12 @@ def fit_geometry(
     at = np.zeros(len(WIDTHS))
     for loss in ("linear", "huber")[: 2 if robust else 1]:  # a robust search from far away may get stuck
         fit = least_squares(
-            residuals,
-            at,
-            loss=loss,
-            f_scale=ROBUST_FROM,
-            x_scale="jac",
-            xtol=1e-9,
-            ftol=1e-9,
-            gtol=1e-9,
-            max_nfev=MAX_EVALUATIONS,
-        )
+            residuals, at, loss=loss, f_scale=ROBUST_FROM, x_scale="jac",
+            xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=MAX_EVALUATIONS,
+        )  # fmt: skip
         at = fit.x
-    left, slopes = residuals(at)[:number], fit.jac[:number]
+    remaining, slopes = residuals(at)[:number], fit.jac[:number]
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)
     freedom = number - float(np.einsum("ni,ij,nj->", slopes, covariance, slopes))
-    chi2 = float((left**2).sum() / max(freedom, 1.0))
+    chi2 = float((remaining**2).sum() / max(freedom, 1.0))
     return FittedGeometry(geometry(at, config), chi2, at, covariance * max(chi2, 1.0), config)

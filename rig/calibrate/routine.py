@@ -1,35 +1,49 @@
 """What a calibration routine is: it measures through the devices, fits what it measured, and shows it."""
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol, TypedDict
+from typing import Any, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
-from rig.acquire.acquisition import Watch
+from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
-from rig.errors import CalibrationError, UsageError
+from rig.acquire.preflight import check
+from rig.errors import UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
-from rig.model.devices import Settings
+from rig.model.devices import Galvo, Laser
+from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
+K = TypeVar("K", bound=Calibration)
 
-class Routine(Protocol):
-    """One kind of calibration, with its options.
+
+class Routine(ABC, Generic[K]):
+    """What makes one kind of calibration; subclasses are dataclasses of its options.
 
     ``measure`` writes raw data, ``fit`` reads it: so recorded data is fitted just like fresh data.
+
+    Attributes
+    ----------
+    makes
+        The kind of calibration.
     """
+
+    makes: type[K]
 
     @property
     def kind(self) -> str:
         """Of the calibration that it makes, see `rig.model.calibrations.kinds`."""
-        ...
+        return self.makes.kind
 
     def setup(self, config: RigConfig) -> RigConfig:
-        """Return the configuration with which the devices are opened for it."""
-        ...
+        """Return the configuration with which the devices are opened for it: as it is, if not overridden."""
+        return config
 
+    @abstractmethod
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Measure, and return the files of raw data, made in ``folder``.
 
@@ -40,9 +54,9 @@ class Routine(Protocol):
         drivers.errors.DeviceError
             If a device fails.
         """
-        ...
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    @abstractmethod
+    def fit(self, files: Sequence[Path], state: RigState) -> K:
         """Return what the raw data says; ``state`` is the rig's own, as far as it was calibrated before.
 
         Raises
@@ -52,11 +66,10 @@ class Routine(Protocol):
         DataFileError
             If a file is damaged, or of another kind.
         """
-        ...
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
+    @abstractmethod
+    def figure(self, files: Sequence[Path], found: K) -> Figure:
         """Draw data, fit and residuals."""
-        ...
 
 
 def changed(config: RigConfig, **sections: Mapping[str, Any]) -> RigConfig:
@@ -86,64 +99,28 @@ def histogram_settings(config: RigConfig) -> HydraHarpConfig:
     return config.tcspc
 
 
-class Origin(TypedDict):
-    """Where a calibration comes from, as `Calibration` wants it."""
-
-    rig_name: str
-    devices: dict[str, str]
-    measured_from: dict[str, str]
-    simulated: bool
-
-
-class RawData(Protocol):
-    """A file that says where it comes from, such as a `rig.files.scan.ScanFile`."""
-
-    @property
-    def path(self) -> Path:
-        """Where it is."""
-        ...
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of its bytes."""
-        ...
-
-    @property
-    def devices(self) -> Mapping[str, Settings]:
-        """Settings of each device, ``identity`` among them."""
-        ...
-
-    @property
-    def config(self) -> RigConfig | None:
-        """The configuration with which it was measured; None where it does not say."""
-        ...
-
-    @property
-    def simulated(self) -> bool:
-        """Whether it was computed rather than measured."""
-        ...
-
-
-def origin(kind: type[Calibration], scans: Sequence[RawData]) -> Origin:
-    """Return rig, devices and digests of the files that a calibration of this kind is computed from.
+def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watch: Watch) -> Path:
+    """Run a plan into a new scan file, and return its path.
 
     Raises
     ------
-    CalibrationError
-        If the files are of different devices.
+    RefusedError
+        If the rig cannot do it; nothing has moved then.
     """
-    devices: dict[str, str] = {}
-    for scan in scans:
-        for name in kind.belongs_to:
-            identity = str(scan.devices.get(name, {}).get("identity", "unknown"))
-            if devices.setdefault(name, identity) != identity:
-                raise CalibrationError(
-                    f"{scan.path} was measured with the {name} '{identity}', the files before it with "
-                    f"'{devices[name]}': give files of one rig"
-                )
-    return {
-        "rig_name": scans[0].config.name if scans[0].config else "unknown rig",
-        "devices": devices,
-        "measured_from": {scan.path.name: scan.digest for scan in scans},
-        "simulated": scans[0].simulated,
-    }
+    check(plan, state, path.parent)
+    record(plan, state, station.devices, path, watch, station.operator)
+    return path
+
+
+@contextmanager
+def beam(station: Station, config: RigConfig, angle: tuple[float, float]) -> Iterator[tuple[Galvo, Laser]]:
+    """Light the beam, aimed before it is lit; it is dark again after the block, however that ends."""
+    galvo, laser = station.devices.galvo, station.devices.laser
+    galvo.point(*angle)
+    galvo.wait_settled(config.galvo.settle_timeout_s)
+    try:
+        laser.arm()
+        laser.emit()
+        yield galvo, laser
+    finally:
+        laser.stop()

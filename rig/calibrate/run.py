@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Generic
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import open_station
-from rig.calibrate.routine import Routine
+from rig.calibrate.routine import K, Routine
 from rig.errors import UsageError
-from rig.model.calibrations.base import Calibration
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
 from rig.model.devices import Operator, Preparation
@@ -17,16 +17,16 @@ from rig.show.volume import save
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class Calibrated(Generic[K]):
     """A new calibration, and where it and its picture are."""
 
-    calibration: Calibration
+    calibration: K
     path: Path
     picture: Path
 
 
 def measured(
-    routine: Routine, config: RigConfig, operator: Operator, folder: Path, watch: Watch
+    routine: Routine[Any], config: RigConfig, operator: Operator, folder: Path, watch: Watch
 ) -> list[Path]:
     """Measure the raw data of a calibration into ``folder``, and return its files.
 
@@ -45,7 +45,7 @@ def measured(
         return files
 
 
-def fitted(routine: Routine, config: RigConfig, files: Sequence[Path]) -> Calibrated:
+def fitted(routine: Routine[K], config: RigConfig, files: Sequence[Path]) -> Calibrated[K]:
     """Fit raw data, and store calibration and picture.
 
     Raises

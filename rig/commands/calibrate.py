@@ -1,12 +1,18 @@
-"""``rig calibrate``: what the rig learns of itself."""
+"""``rig calibrate``: what the rig learns of itself. A function makes each routine, of its own options."""
 
-from dataclasses import replace
+from collections.abc import Callable
 from enum import StrEnum
-from typing import Annotated
+from inspect import Signature, getdoc, signature
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.commands.calibrate_run import AsJson, Config, From, Keep, Seed, run
+from rig.commands.calibrate_run import run
+
+if TYPE_CHECKING:
+    from rig.calibrate.routine import Routine
+
+Build = Callable[..., "Routine[Any]"]
 
 
 class Method(StrEnum):
@@ -21,39 +27,48 @@ calibrate = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
+#: What makes each routine from its options, by the kind of calibration.
+ROUTINES: dict[str, Build] = {}
 
 
-@calibrate.command("galvo")
+def _routine(kind: str) -> Callable[[Build], Build]:
+    """Make a command of a function that makes a routine: with its parameters, and those of all routines."""
+
+    def add(build: Build) -> Build:
+        own = signature(build).parameters
+        _, *common = signature(run).parameters.values()
+
+        def command(**options: Any) -> None:
+            run(build(**{name: options.pop(name) for name in own}), **options)
+
+        command.__signature__ = Signature([*own.values(), *common])  # type: ignore[attr-defined]
+        calibrate.command(kind, help=getdoc(build))(command)
+        ROUTINES[kind] = build
+        return build
+
+    return add
+
+
+@_routine("galvo")
 def galvo(
-    config: Config = None,
     method: Annotated[
-        Method,
-        typer.Option(help="With two cameras, or by times of flight and a few marks on the wall."),
+        Method, typer.Option(help="With two cameras, or by times of flight and a few marks on the wall.")
     ] = Method.CAMERAS,
     columns: Annotated[int, typer.Option(min=2, help="Mirror angles along x.")] = 11,
     rows: Annotated[int, typer.Option(min=2, help="Mirror angles along y.")] = 9,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
-    as_json: AsJson = False,
-) -> None:
+) -> "Routine[Any]":
     """Learn where the beam meets the wall for each command."""
     if method is Method.CAMERAS:
         from rig.calibrate.galvo.routine import CameraRoutine
 
-        run(CameraRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
-    else:
-        from rig.calibrate.galvo.flight import FlightRoutine
+        return CameraRoutine(columns=columns, rows=rows)
+    from rig.calibrate.galvo.flight import FlightRoutine
 
-        run(FlightRoutine(columns=columns, rows=rows), config, seed, recorded, keep, as_json)
+    return FlightRoutine(columns=columns, rows=rows)
 
 
-@calibrate.command("dark")
+@_routine("dark")
 def dark(
-    config: Config = None,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
     exposure: Annotated[
         str | None,
         typer.Option(metavar="TIME", help="Exposure of each step. [dim]\\[200s, uncovered 100s][/dim]"),
@@ -68,31 +83,24 @@ def dark(
         str,
         typer.Option(metavar="FREQUENCY", help="Pulses a second meanwhile, few enough to see afterpulses."),
     ] = "2MHz",
-    as_json: AsJson = False,
-) -> None:
+) -> "Routine[Any]":
     """Measure dark counts, ambient light and afterpulses.
 
     With --from: the file with the lens covered, then the one uncovered, then those with the attenuated beam.
     """
-    from rig.calibrate.dark import DarkRoutine
+    from rig.calibrate.counting.dark import DarkRoutine
     from rig.model.quantities import parse
 
-    routine = DarkRoutine(
+    names = ("dark_s", "ambient_s", "afterpulse_s")
+    return DarkRoutine(
         hold_offs_s=tuple(parse(text, "time") for text in hold_offs.split(",")),
         repetition_hz=parse(repetition, "frequency"),
+        **(dict.fromkeys(names, parse(exposure, "time")) if exposure else {}),
     )
-    if exposure:
-        each_s = parse(exposure, "time")
-        routine = replace(routine, dark_s=each_s, ambient_s=each_s, afterpulse_s=each_s)
-    run(routine, config, seed, recorded, keep, as_json)
 
 
-@calibrate.command("gate")
+@_routine("gate")
 def gate(
-    config: Config = None,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
     nearest: Annotated[
         str, typer.Option(metavar="LENGTH", help="Distance from the wall of the nearest object to be seen.")
     ] = "50cm",
@@ -107,13 +115,12 @@ def gate(
     after: Annotated[
         str, typer.Option(metavar="TIME", help="How long after the last light the sweep ends.")
     ] = "1ns",
-    as_json: AsJson = False,
-) -> None:
+) -> "Routine[Any]":
     """Find when to open the gate: the first bounce blocked, the nearest object kept."""
-    from rig.calibrate.gate import GateRoutine
+    from rig.calibrate.gate.routine import GateRoutine
     from rig.model.quantities import parse
 
-    routine = GateRoutine(
+    return GateRoutine(
         nearest_m=parse(nearest, "length"),
         columns=columns,
         exposure_s=parse(exposure, "time"),
@@ -121,28 +128,22 @@ def gate(
         before_s=parse(before, "time"),
         after_s=parse(after, "time"),
     )
-    run(routine, config, seed, recorded, keep, as_json)
 
 
-@calibrate.command("dnl")
+@_routine("dnl")
 def dnl(
-    config: Config = None,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
     exposure: Annotated[
         str, typer.Option(metavar="TIME", help="Of the whole measurement; widths become known with its root.")
     ] = "20s",
-    as_json: AsJson = False,
-) -> None:
+) -> "Routine[Any]":
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
-    from rig.calibrate.dnl import DnlRoutine
+    from rig.calibrate.counting.dnl import DnlRoutine
     from rig.model.quantities import parse
 
-    run(DnlRoutine(exposure_s=parse(exposure, "time")), config, seed, recorded, keep, as_json)
+    return DnlRoutine(exposure_s=parse(exposure, "time"))
 
 
-@calibrate.command("time-zero")
+@_routine("time-zero")
 def time_zero(
     target: Annotated[
         str | None,
@@ -151,31 +152,20 @@ def time_zero(
             help="Use one small target at this place before the wall, e.g. 10cm,-5cm,1m or 1m.",
         ),
     ] = None,
-    config: Config = None,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
-    as_json: AsJson = False,
-) -> None:
+) -> "Routine[Any]":
     """Measure when the pulse is on the wall, from first bounces all over it or from one known target."""
     if target is not None:
-        from rig.calibrate.target import TargetRoutine, place
+        from rig.calibrate.timing.target import TargetRoutine, place
 
-        return run(TargetRoutine(place(target)), config, seed, recorded, keep, as_json)
-    from rig.calibrate.time_zero import TimeZeroRoutine
+        return TargetRoutine(place(target))
+    from rig.calibrate.timing.time_zero import TimeZeroRoutine
 
-    return run(TimeZeroRoutine(), config, seed, recorded, keep, as_json)
+    return TimeZeroRoutine()
 
 
-@calibrate.command("irf")
-def irf(
-    config: Config = None,
-    seed: Seed = None,
-    recorded: From = None,
-    keep: Keep = None,
-    as_json: AsJson = False,
-) -> None:
+@_routine("irf")
+def irf() -> "Routine[Any]":
     """Measure the response of laser, detector and electronics to a pulse, from first bounces."""
-    from rig.calibrate.irf import ResponseRoutine
+    from rig.calibrate.timing.irf import ResponseRoutine
 
-    run(ResponseRoutine(), config, seed, recorded, keep, as_json)
+    return ResponseRoutine()

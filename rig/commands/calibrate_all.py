@@ -1,13 +1,12 @@
 """``rig calibrate all``: one calibration after the other, each with what those before it found."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from rig.commands.calibrate_run import AsJson, Config, Keep, Seed, calibrated, configuration
-
-if TYPE_CHECKING:
-    from rig.calibrate.routine import Routine
+from rig.commands.calibrate import ROUTINES, Method
+from rig.commands.calibrate_run import Keep, calibrated, configuration
+from rig.commands.options import AsJson, Config, Seed
 
 
 def all_(
@@ -30,57 +29,28 @@ def all_(
     from rig.commands import console
     from rig.errors import RigError
     from rig.model.calibrations.headlines import headline
+    from rig.model.calibrations.kinds import KINDS
 
     rig_config = configuration(config, seed)
-    routines = _routines(without_cameras)
-    found = {}
-    for number, routine in enumerate(routines):
-        console.say(f"{number + 1}/{len(routines)} {routine.kind}")
+    options = {"galvo": {"method": Method.FLIGHT}} if without_cameras else {}
+    kinds, found = list(KINDS), {}
+    for number, kind in enumerate(kinds, 1):
+        console.say(f"{number}/{len(kinds)} {kind}")
         try:
-            result = calibrated(routine, rig_config, None, keep)
+            result = calibrated(ROUTINES[kind](**options.get(kind, {})), rig_config, None, keep)
         except RigError as error:
-            left = ", ".join(each.kind for each in routines[number + 1 :])
-            raise type(error)(
-                f"{routine.kind}: {error}" + (f"\nNot measured because of it: {left}" if left else "")
-            ) from None
+            left = f"\nNot measured because of it: {', '.join(kinds[number:])}" if kinds[number:] else ""
+            raise type(error)(f"{kind}: {error}{left}") from None
         console.say(f"    {headline(result.calibration)}")
-        found[routine.kind] = result
+        found[kind] = {
+            "file": str(result.path),
+            "picture": str(result.picture),
+            "found": headline(result.calibration),
+        }
     if as_json:
-        console.print_json(
-            {
-                kind: {
-                    "file": str(result.path),
-                    "picture": str(result.picture),
-                    "found": headline(result.calibration),
-                }
-                for kind, result in found.items()
-            }
-        )
+        console.print_json(found)
         return
     console.print_facts(
         f"{rig_config.name}: calibrated, {rig_config.calibration.folder}",
-        {kind: f"{headline(result.calibration)}\n{result.picture}" for kind, result in found.items()},
+        {kind: f"{one['found']}\n{one['picture']}" for kind, one in found.items()},
     )
-
-
-def _routines(without_cameras: bool) -> "list[Routine]":
-    """Return all routines with their usual options, in the order of `rig.model.calibrations.kinds.KINDS`."""
-    from rig.calibrate.dark import DarkRoutine
-    from rig.calibrate.dnl import DnlRoutine
-    from rig.calibrate.galvo.flight import FlightRoutine
-    from rig.calibrate.galvo.routine import CameraRoutine
-    from rig.calibrate.gate import GateRoutine
-    from rig.calibrate.irf import ResponseRoutine
-    from rig.calibrate.time_zero import TimeZeroRoutine
-    from rig.model.calibrations.kinds import KINDS
-
-    galvo: Routine = FlightRoutine() if without_cameras else CameraRoutine()
-    usual: list[Routine] = [
-        galvo,
-        TimeZeroRoutine(),
-        ResponseRoutine(),
-        DarkRoutine(),
-        GateRoutine(),
-        DnlRoutine(),
-    ]
-    return sorted(usual, key=lambda routine: list(KINDS).index(routine.kind))

@@ -1,23 +1,18 @@
 """What all calibrations on the command line share: options, raw data, and the result."""
 
-from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from rig.commands.options import AsJson, Config, Seed
 
 if TYPE_CHECKING:
     from rig.calibrate.routine import Routine
     from rig.calibrate.run import Calibrated
     from rig.model.config import RigConfig
 
-Config = Annotated[
-    Path | None,
-    typer.Option(
-        "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-    ),
-]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
 From = Annotated[
     list[Path] | None,
     typer.Option(
@@ -27,23 +22,21 @@ From = Annotated[
 Keep = Annotated[
     Path | None, typer.Option("--keep", metavar="FOLDER", help="Keep the raw data in this folder.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 
 def run(
-    routine: "Routine",
-    config_path: Path | None,
-    seed: int | None,
-    recorded: list[Path] | None,
-    keep: Path | None,
-    as_json: bool,
+    routine: "Routine[Any]",
+    config: Config = None,
+    seed: Seed = None,
+    recorded: From = None,
+    keep: Keep = None,
+    as_json: AsJson = False,
 ) -> None:
     """Measure or read, fit, store and tell."""
     from rig.commands import console
     from rig.model.calibrations.headlines import headline
 
-    config = configuration(config_path, seed)
-    result = calibrated(routine, config, recorded, keep)
+    result = calibrated(routine, configuration(config, seed), recorded, keep)
     content = result.calibration.model_dump(mode="json")
     for warning in content.get("warnings", []):
         console.warn(warning)
@@ -57,15 +50,9 @@ def run(
 
 
 def calibrated(
-    routine: "Routine", config: "RigConfig", recorded: list[Path] | None, keep: Path | None
-) -> "Calibrated":
+    routine: "Routine[Any]", config: "RigConfig", recorded: list[Path] | None, keep: Path | None
+) -> "Calibrated[Any]":
     """Measure or read, fit and store; raw data stays in ``keep`` alone."""
-    return _with_raw_data(keep, lambda folder: _calibrated(routine, config, recorded, folder))
-
-
-def _calibrated(
-    routine: "Routine", config: "RigConfig", recorded: list[Path] | None, folder: Path
-) -> "Calibrated":
     from rig.acquire.acquisition import Watch
     from rig.acquire.interrupt import StopRequest
     from rig.calibrate.run import fitted, measured
@@ -75,22 +62,14 @@ def _calibrated(
 
     if recorded:
         return fitted(routine, config, recorded)
-    with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
-        files = measured(routine, config, ConsoleOperator(), folder, Watch([counting], stop))
-    if stop():
-        raise InterruptedScanError(f"{routine.kind}: stopped, nothing was stored")
-    return fitted(routine, config, files)
-
-
-def _with_raw_data(keep: Path | None, work: "Callable[[Path], Calibrated]") -> "Calibrated":
-    """Give ``work`` a folder for raw data, which stays only where it was asked for."""
-    from tempfile import TemporaryDirectory
-
-    if keep is None:
-        with TemporaryDirectory(prefix="rig-calibrate-") as folder:
-            return work(Path(folder))
-    keep.mkdir(parents=True, exist_ok=True)
-    return work(keep)
+    with TemporaryDirectory(prefix="rig-calibrate-") as temporary:
+        folder = keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
+            files = measured(routine, config, ConsoleOperator(), folder, Watch([counting], stop))
+        if stop():
+            raise InterruptedScanError(f"{routine.kind}: stopped, nothing was stored")
+        return fitted(routine, config, files)
 
 
 def configuration(path: Path | None, seed: int | None) -> "RigConfig":

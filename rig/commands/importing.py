@@ -41,6 +41,12 @@ def import_(
         str | None,
         typer.Option(metavar="LENGTH", help="Length of one depth index, where the wall is not flat."),
     ] = None,
+    estimate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME", help="Estimate time-origin, bin-width or wall-size from the data itself."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Turn a file from another lab into a scan file; the layout is detected by content.
@@ -69,6 +75,7 @@ def import_(
         delays=tof,
         bounces=_numbers(bounces) if bounces else None,
         depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
+        estimate=[name.strip() for name in estimate.split(",")] if estimate else (),
     )
     if as_json:
         console.print_json({"file": str(target), **vars(report)})

@@ -110,7 +110,9 @@ def recon(
             help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
         ),
     ] = None,
-    over: Annotated[Over, typer.Option(help="What a video shows of all depths.")] = Over.SURFACE,
+    over: Annotated[
+        Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
+    ] = None,
     all_depths: Annotated[
         bool, typer.Option("--all-depths", help="Store the video of every voxel, (t, z, y, x).")
     ] = False,
@@ -151,10 +153,10 @@ def recon(
         camera=camera.value,
         solver=solver.value,
         wavelength_m=length(wavelength),
-        **({} if cycles is None else {"cycles": cycles}),
+        cycles=cycles,
         depth_m=depths(depth) if depth else None,
         frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
-        over=over.value,
+        over=over.value if over else None,
         all_depths=all_depths,
         width_m=length(width),
         height_m=length(height),

@@ -80,7 +80,8 @@ SCAN: Layout = {
         "json",
         "file, sha256, layout of the file of another layout that was imported, what was assumed, and where "
         "its places were moved: moved.origin_m and moved.axes, this frame's origin and axes (rows) "
-        "in that one",
+        "in that one; estimated: values that it lacked and that were estimated from its data, with quantity, "
+        "value, low, high [s or m], how, and all of it in words",
     ),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),

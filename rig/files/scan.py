@@ -1,28 +1,26 @@
 """Reading a scan file."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isnan
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
-from rig.errors import ConfigError, DataFileError
-from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
+from rig.errors import DataFileError
+from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.layout import SCANS
+from rig.files.recorded import RecordedFile
 from rig.model.calibrations.chosen import Calibrations
 from rig.model.calibrations.chosen import recorded as recorded_calibrations
 from rig.model.config import RigConfig
-from rig.model.config import recorded as recorded_config
 from rig.model.delays import PathDelays
 from rig.model.plan import Pass, ScanPlan
 from rig.model.quantities import show, show_duration, show_length
@@ -93,7 +91,7 @@ class ScanPass:
         return self.scan.laser_m[self.steps.start : self.steps.stop]
 
 
-class ScanFile:
+class ScanFile(RecordedFile):
     """A scan file, checked against its layout when it is opened; use as a context manager.
 
     Attributes
@@ -122,20 +120,13 @@ class ScanFile:
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self._file = open_hdf5(self.path)
-        try:
-            with reading(self.path):
-                self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
-                sizes = check_layout(self.path, self._file, SCANS[self.version])
-                self._read_geometry()
-                self._read_time()
-                self._read_channels()
-                self._read_photons(sizes)
-        except BaseException:
-            self._file.close()
-            raise
+    def _read(self) -> None:
+        self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
+        sizes = check_layout(self.path, self._file, SCANS[self.version])
+        self._read_geometry()
+        self._read_time()
+        self._read_channels()
+        self._read_photons(sizes)
 
     def _read_geometry(self) -> None:
         geometry = self._file["geometry"]
@@ -293,39 +284,7 @@ class ScanFile:
         DataFileError
             If it is damaged, or of a newer program.
         """
-        text = str(self._attribute("start", "configuration", "{}"))
-        if text == "{}":
-            return None
-        try:
-            config = recorded_config(text)
-        except ConfigError as error:
-            raise DataFileError(f"{self.path}: its configuration cannot be read: {error}") from None
-        return RigState(config, self.calibrations)
-
-    @property
-    def config(self) -> RigConfig | None:
-        """The configuration; None where the file does not say. Raises as `state`."""
-        return self.state.config if self.state else None
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the photons were computed rather than measured."""
-        return bool(self._attribute("start", "simulated", False))
-
-    @property
-    def created(self) -> str:
-        """When the file was created, UTC, ISO 8601; empty where the file does not say."""
-        return str(self._attribute("/", "created", ""))
-
-    @property
-    def software(self) -> str:
-        """What wrote the file; empty where the file does not say."""
-        return str(self._attribute("/", "software", ""))
-
-    @property
-    def command(self) -> str:
-        """The command that made the file; empty where the file does not say."""
-        return str(self._attribute("start", "command", ""))
+        return RigState(self.config, self.calibrations) if self.config else None
 
     @property
     def imported(self) -> dict[str, Any]:
@@ -333,14 +292,9 @@ class ScanFile:
         return dict(self._json("start", "imported", "{}"))
 
     @property
-    def devices(self) -> dict[str, Settings]:
-        """Settings of each device, ``identity`` among them."""
-        groups = self._file.get("devices", {})
-        with reading(self.path):
-            return {
-                name: {key: plain(value) for key, value in group.attrs.items() if key != "description"}
-                for name, group in groups.items()
-            }
+    def estimated(self) -> list[str]:
+        """Values that the imported file lacked and that were estimated from its data, in words."""
+        return [str(value["words"]) for value in self.imported.get("estimated", ())]
 
     @cached_property
     def calibrations(self) -> Calibrations:
@@ -441,12 +395,6 @@ class ScanFile:
         with reading(self.path):
             return self._file["transients/live_time_s"][()].astype(np.float32)
 
-    @cached_property
-    def digest(self) -> str:
-        """SHA-256 of the file's bytes, hexadecimal."""
-        with self.path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-
     def capture(self) -> Capture:
         """Return what was measured in rectified time, as pairs of laser and detector spot.
 
@@ -536,30 +484,9 @@ class ScanFile:
         lines = _summary(self).items()
         return "\n".join([str(self.path), *(f"  {label:<12} {text}" for label, text in lines)])
 
-    def close(self) -> None:
-        """Close the file; histograms can no longer be read."""
-        self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
         return None if value is None else float(value)
-
-    def _json(self, group: str, name: str, default: str) -> Any:
-        try:
-            return json.loads(self._attribute(group, name, default))
-        except ValueError as error:
-            raise DataFileError(f"{self.path}: /{group}@{name} is not JSON: {error}") from None
-
-    def _attribute(self, group: str, name: str, default: Any) -> Any:
-        with reading(self.path):
-            owner: h5py.Group | None = self._file.get(group)
-            return default if owner is None else plain(owner.attrs.get(name, default))
 
 
 def _known(values: NDArray[np.float64]) -> list[float | None]:
@@ -594,6 +521,8 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
     elif scan.command:
         origin.append(scan.command)
+    if scan.estimated:
+        origin.append(f"estimated from its data: {'; '.join(scan.estimated)}")
     if origin:
         lines["source"] = ", ".join(origin)
     if scan.created:

@@ -1,14 +1,16 @@
 """Writing what a scan file says before its first photon."""
 
 import json
+from collections.abc import Mapping
 from datetime import UTC, datetime
 
 import h5py
 import numpy as np
 
 import rig
-from rig.files.description import ScanDescription
+from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
+from rig.model.config import RigConfig
 
 #: Histograms in one chunk of the file: 1 MB of 15,000 bins.
 CHUNK_HISTOGRAMS = 16
@@ -25,19 +27,16 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     """Write all groups and datasets of a new scan file, the photons still to come."""
     steps, channels, bins = description.steps, description.channel_count, description.bins
     write_root(file, "rig-scan", SCAN_VERSION)
-    start = file.create_group("start")
+    state = description.state
+    write_origin(
+        file, state.config if state else None, description.devices, description.simulated, description.command
+    )
     if description.plan is not None:
-        start.attrs["plan"] = description.plan.model_dump_json()
-    if description.state is not None:
-        start.attrs["configuration"] = description.state.config.model_dump_json()
-        start.attrs["doubts"] = json.dumps(description.state.doubts)
-    start.attrs["simulated"] = description.simulated
-    start.attrs["command"] = description.command
+        file["start"].attrs["plan"] = description.plan.model_dump_json()
+    if state is not None:
+        file["start"].attrs["doubts"] = json.dumps(state.doubts)
     if description.imported:
-        start.attrs["imported"] = json.dumps(description.imported)
-    devices = file.create_group("devices")
-    for name, settings in description.devices.items():
-        devices.create_group(name).attrs.update(settings)
+        file["start"].attrs["imported"] = json.dumps(description.imported)
     geometry = file.create_group("geometry")
     geometry["laser_m"] = np.asarray(description.laser_m, "<f8")
     geometry["detector_m"] = np.asarray(description.detector_m, "<f8").reshape(-1, channels, 3)
@@ -51,12 +50,12 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     if description.mirror_rad is not None:
         geometry["mirror_rad"] = np.asarray(description.mirror_rad, "<f8")
     _write_channels(file, description)
-    documents = description.state.calibrations.documents() if description.state else {}
+    documents = state.calibrations.documents() if state else {}
     if documents:
         calibrations = file.create_group("calibration")
         for kind, document in documents.items():
             calibrations[kind] = document
-    for name, array in (description.state.calibrations.arrays() if description.state else {}).items():
+    for name, array in (state.calibrations.arrays() if state else {}).items():
         file.require_group("calibration_data")[name] = np.asarray(array, "<f8")
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
@@ -108,6 +107,24 @@ def write_root(file: h5py.File, name: str, version: int) -> None:
     file.attrs["version"] = version
     file.attrs["software"] = f"nlos-rig {rig.__version__}"
     file.attrs["created"] = utc_now()
+
+
+def write_origin(
+    file: h5py.File,
+    config: RigConfig | None,
+    devices: Mapping[str, Settings],
+    simulated: bool,
+    command: str,
+) -> None:
+    """Write with what a file is measured."""
+    start = file.create_group("start")
+    if config is not None:
+        start.attrs["configuration"] = config.model_dump_json()
+    start.attrs["simulated"] = simulated
+    start.attrs["command"] = command
+    group = file.create_group("devices")
+    for name, settings in devices.items():
+        group.create_group(name).attrs.update(settings)
 
 
 def describe(file: h5py.File, layout: Layout) -> None:

@@ -3,7 +3,7 @@
 All have the same voxels. The phasor field (`METHODS`, the first) passes a band around its carrier; the others
 would use whatever the record holds, so their record is low-passed first: a Gaussian leaves half of the
 frequency at which half of the virtual pulse's spectrum is left, above its carrier. See
-``docs/decisions/0012-compared-at-one-highest-frequency.md``.
+``docs/decisions/0014-compared-at-one-highest-frequency.md``.
 """
 
 import sys

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,14 +51,14 @@ class Request:
     camera: str = "confocal"
     solver: str = "rsd"
     wavelength_m: float | None = None
-    cycles: float = CYCLES
+    cycles: float | None = None
     depth_m: tuple[float, float, float] | None = None
     width_m: float | None = None
     height_m: float | None = None
     voxel_m: float | None = None
     fade_from_s: float | None = None
     frames_s: tuple[float, float, float] | None = None
-    over: Over = "surface"
+    over: Over | None = None
     all_depths: bool = False
     snr: float | None = None
     memory_bytes: int | None = None
@@ -78,6 +78,7 @@ class Work:
     window: Window
     scan: str
     scan_digest: str
+    estimated: tuple[str, ...] = ()
 
     @property
     def capture(self) -> Capture:
@@ -96,7 +97,8 @@ class Work:
             parameters["falloff_power"] = found.falloff_power
         if surface:
             more["signal"] = not surface.empty
-        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated}
+        estimated = {"estimated": list(self.estimated)} if self.estimated else {}
+        parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
         return Volume(
@@ -167,9 +169,12 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     seen = dataclasses.replace(seen, capture=seen.capture.by_its_finer_aperture())
     choice = _wavelength(request, seen.capture, seen.instrument_response_s)
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
-    pulse = VirtualPulse(choice.value, request.cycles)
+    pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
-    return Work(request, seen, pulse, grid, window, scan.path.name, scan.digest), choice.reason
+    work = Work(
+        request, seen, pulse, grid, window, scan.path.name, scan.digest, estimated=tuple(scan.estimated)
+    )
+    return work, choice.reason
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
@@ -208,12 +213,29 @@ def _check(request: Request, video_path: Path | None) -> None:
             f"solver {solver} forms no virtual wave, so it has no {request.camera} camera; "
             "use rsd, or leave --camera out"
         )
-    for option, given in (
-        ("--memory", request.memory_bytes is not None),
-        ("--device", request.device != "cpu"),
-    ):
-        if given and not entry.virtual_wave:
-            raise UsageError(f"solver {solver} has no {option}; use rsd, or leave {option} out")
+    without_wave = {
+        "--memory": request.memory_bytes is not None,
+        "--device": request.device != "cpu",
+        "--cycles": request.cycles is not None,
+        "--wavelength": request.wavelength_m is not None and request.depth_m is not None,
+    }
+    if not entry.virtual_wave:
+        _refuse(f"solver {solver} forms no virtual wave, so that", without_wave, "use rsd, or leave it out")
+    without_film = {
+        "--frames": request.frames_s is not None,
+        "--over": request.over is not None,
+        "--all-depths": request.all_depths,
+    }
+    if not CAMERAS[request.camera].film:
+        _refuse(
+            f"the {request.camera} camera makes no video, so that", without_film, "add --camera transient"
+        )
+    if request.camera == "photo":
+        _refuse(
+            "the photo camera has one frequency, so that",
+            {"--cycles": request.cycles is not None},
+            "leave it out",
+        )
     if request.device != "cpu" and CAMERAS[request.camera].film:
         raise UsageError(
             f"the {request.camera} camera has no --device: a graphics processor adds the frequencies up at "
@@ -223,6 +245,12 @@ def _check(request: Request, video_path: Path | None) -> None:
         check_video(video_path)
         if not CAMERAS[request.camera].film:
             raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
+
+
+def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:
+    """Refuse options that were given and have no effect."""
+    if given := [option for option, is_given in options.items() if is_given]:
+        raise UsageError(f"{why} {' and '.join(given)} would have no effect; {remedy}")
 
 
 def _warnings(work: Work, camera: Camera) -> tuple[str, ...]:
@@ -312,7 +340,7 @@ def _film(
     work: Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
-    request, grid, over = work.request, work.grid, work.request.over
+    request, grid, over = work.request, work.grid, work.request.over or "surface"
     surface = _imaged(work, None)[1] if over == "surface" else None
     depth_m = surface.depth_m if surface else None
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)

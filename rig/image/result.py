@@ -67,6 +67,7 @@ class Result:
             "solver": str(parameters["solver"]),
             "positions": f"{self.positions:,}",
             **({"calibrated": "; ".join(parameters["calibrated"])} if "calibrated" in parameters else {}),
+            **({"estimated": "; ".join(parameters["estimated"])} if "estimated" in parameters else {}),
             "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
             **moments,
             "took": f"{self.took_s:.1f} s",

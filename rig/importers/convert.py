@@ -1,8 +1,9 @@
 """From a file of any known layout to a scan file."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Unpack
@@ -10,6 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.estimate import Estimate
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanWriter
@@ -34,6 +36,7 @@ from rig.importers import (
     znlos,
 )
 from rig.importers.content import Content
+from rig.importers.estimated import completed, in_words
 from rig.importers.held import hold_against
 from rig.importers.options import Given, Options
 from rig.importers.places import with_places
@@ -87,34 +90,40 @@ class ImportReport:
     assumed: tuple[str, ...]
 
 
-def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) -> ImportReport:
+def import_scan(
+    source: str | Path, target: str | Path, *, estimate: Sequence[str] = (), **given: Unpack[Given]
+) -> ImportReport:
     """Read a file of a known layout, told by its content, and write it as a scan file.
 
     Parameters
     ----------
     source, target
         The file to read, and the scan file to make.
+    estimate
+        What to estimate from the data, of `rig.importers.estimated.NAMES`.
     **given
         What the file may lack; see `rig.importers.options.Given`.
 
     Raises
     ------
     UsageError
-        If ``target`` exists, the file lacks something that was not given, or says otherwise than was given.
+        If ``target`` exists, the file lacks something that was not given, or says otherwise than was given,
+        or the data cannot tell what is to be estimated.
     DataFileError
         If the file is damaged, of no known layout, or of two. Then no ``target`` is left.
     """
     source, target = Path(source), Path(target)
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
-    options = Options(**given)
     with open_source(source) as opened:
         layout = recognise(opened, LAYOUTS)
+        found = completed(partial(layout.read, opened), given, estimate, source)
+        options = Options(**found.given)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)
-        content = with_places(content, source)
+        content = found.applied(with_places(content, source))
         if content.frame is not None:
             content = replace(content, assumed=(*content.assumed, content.frame.in_words()))
-        _write(source, target, layout.NAME, content)
+        _write(source, target, layout.NAME, content, found.estimates)
     return ImportReport(
         layout=layout.NAME,
         positions=len(content.laser_m),
@@ -124,11 +133,13 @@ def import_scan(source: str | Path, target: str | Path, **given: Unpack[Given]) 
     )
 
 
-def _write(source: Path, target: Path, name: str, content: Content) -> None:
+def _write(source: Path, target: Path, name: str, content: Content, estimates: tuple[Estimate, ...]) -> None:
     with source.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     imported: dict[str, Any] = {"file": source.name, "sha256": digest, "layout": name}
     imported["assumed"] = list(content.assumed)
+    if estimates:
+        imported["estimated"] = [{**vars(value), "words": in_words(value)} for value in estimates]
     if content.frame is not None and not content.frame.still:
         imported["moved"] = {"origin_m": content.frame.origin_m.tolist(), "axes": content.frame.axes.tolist()}
     description = ScanDescription(

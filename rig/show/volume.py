@@ -128,6 +128,8 @@ def parameters_line(volume: Volume) -> str:
             told.append(f"wavelength {show_length(value)}")
         elif key == "cycles":
             told.append(f"{value:g} cycles")
+        elif key == "estimated":
+            told += [f"estimated: {words}" for words in value]
     return ", ".join(told)
 
 

@@ -8,10 +8,10 @@ import pytest
 
 from rig.acquire.acquisition import Watch
 from rig.bench.simulated import true_geometry
-from rig.calibrate.dark import DarkRoutine
-from rig.calibrate.dnl import DnlRoutine
-from rig.calibrate.gate import MAY_PASS, GateRoutine
-from rig.calibrate.gate_edge import passed
+from rig.calibrate.counting.dark import DarkRoutine
+from rig.calibrate.counting.dnl import DnlRoutine
+from rig.calibrate.gate.edge import passed
+from rig.calibrate.gate.routine import MAY_PASS, GateRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.model.config import built_in_with

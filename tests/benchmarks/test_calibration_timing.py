@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.irf import ResponseRoutine
 from rig.calibrate.run import measured
-from rig.calibrate.time_zero import TimeZeroRoutine
+from rig.calibrate.timing.irf import ResponseRoutine
+from rig.calibrate.timing.time_zero import TimeZeroRoutine
 from rig.files.scan import ScanFile
 from rig.model.calibrations.chosen import Calibrations
 from rig.model.state import RigState

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch
-from rig.calibrate.afterpulses import Record, fitted
-from rig.calibrate.dark import DarkRoutine
+from rig.calibrate.counting.afterpulses import Record, fitted
+from rig.calibrate.counting.dark import DarkRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
@@ -78,7 +78,7 @@ def test_no_afterpulses_are_none():
         hold_s=90e-9,
     )
     got = fitted([record])
-    assert not got.seen
+    assert not got.detected
     assert got.probability == 0
     assert got.outlasting(100e-9) == 0
     assert 0 < got.probability_error < 0.02

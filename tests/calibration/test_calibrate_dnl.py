@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from recon.capture import ArrayHistograms
 from rig.acquire.acquisition import Watch
-from rig.calibrate.dnl import DnlRoutine
+from rig.calibrate.counting.dnl import DnlRoutine
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError, DataFileError

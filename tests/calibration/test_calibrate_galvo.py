@@ -101,7 +101,7 @@ def assert_arrows(wall, from_m, along_m):
     times = float(re.search(r"([\d.e+]+) times", arrows.get_label())[1])
     np.testing.assert_allclose(arrows.get_offsets(), from_m)
     np.testing.assert_allclose(np.column_stack([arrows.U, arrows.V]), times * along_m)
-    assert wall.get_xlabel() == "x (m)"
+    assert wall.get_xlabel() == "x (m), as one faces the wall"
     assert rightwards(wall)
 
 

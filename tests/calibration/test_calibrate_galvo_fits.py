@@ -6,10 +6,17 @@ from scipy.spatial.transform import Rotation
 
 from rig.bench.simulated import true_geometry
 from rig.calibrate.galvo.cameras import CalibratedCameras, CameraModel, board_points_m, calibrate_cameras
-from rig.calibrate.galvo.mirror import Fiducials, fit_flight, fit_mirror, spot_covariances_m2
+from rig.calibrate.galvo.mirror import (
+    AIMED_TO_M,
+    fit_flight,
+    fit_mirror,
+    numbers_covariance,
+    spot_covariances_m2,
+)
 from rig.calibrate.galvo.routine import mirror_angles_rad
 from rig.calibrate.galvo.spots import background, find_spot
-from rig.calibrate.galvo.triangulation import locate
+from rig.calibrate.galvo.triangulation import locate, plane_of, triangulate
+from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.errors import CalibrationError
 from rig.model.devices import Board
 from simulators.detector.first_bounce import direct_s
@@ -37,7 +44,9 @@ def test_the_calibration_s_lens_is_the_bench_s():
     for model, camera in zip(MODELS, CAMERAS, strict=True):
         assert model.project(points) == pytest.approx(camera.lens.project(points), abs=1e-9)
         pixels = model.project(points)
-        assert model.rays(pixels) == pytest.approx(camera.lens.rays(pixels), abs=1e-9)
+        rays = np.pad(model.ideal(pixels), ((0, 0), (0, 1)), constant_values=1) @ model.pose[:, :3]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        assert rays == pytest.approx(camera.lens.rays(pixels), abs=1e-9)
 
 
 # ---------------------------------------------------------------- the mirror from spots
@@ -52,11 +61,11 @@ def test_the_mirror_s_model_finds_the_truth_with_honest_errors(mirrors):
         config = misaligned(signs=rng.choice([-1, 1], 16), mirrors=mirrors)
         angles = np.array(mirror_angles_rad(config, 7, 5))
         seen = true_spots_m(config, angles) + 0.3e-3 * rng.standard_normal((35, 2))
-        fit = fit_mirror(angles, seen, 0.3e-3**2 * np.eye(70), config)
+        fit = fit_mirror(Spots(angles, seen, 0.3e-3**2 * np.eye(70)), config)
         others = 0.9 * np.array(mirror_angles_rad(config, 4, 3))
-        off = fit.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
+        off = fit.rig.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
         errors.append(np.linalg.norm(off, axis=1))
-        spread = spot_covariances_m2(fit.pointing, fit.covariance, others)
+        spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), others)
         pulls.append(off / np.sqrt(np.einsum("nii->ni", spread)))
     assert np.max(errors) < 1e-3
     # the spots of one rig share some 8 numbers: 160 independent ones, so the width is good to 6 %
@@ -69,7 +78,7 @@ def test_spots_that_no_mirror_makes_are_refused():
     seen = true_spots_m(config, angles)
     seen[::2, 0] += 0.02
     with pytest.raises(CalibrationError, match="from where any mirror as configured could send them"):
-        fit_mirror(angles, seen, 1e-3**2 * np.eye(70), config)
+        fit_mirror(Spots(angles, seen, 1e-3**2 * np.eye(70)), config)
 
 
 # ---------------------------------------------------------------- the mirror from times of flight
@@ -81,7 +90,7 @@ def flight_data(config, rng):
     arrival_s = np.array([direct_s((x, y, 0.0), geometry) for x, y in true_spots_m(config, angles)])
     steered = np.array([[0, 0], [-0.35, -0.25], [0.35, -0.25], [0.35, 0.25], [-0.35, 0.25]])
     marks_m = true_spots_m(config, steered) + 0.3e-3 * rng.standard_normal((5, 2))
-    return angles, arrival_s + 1e-12 * rng.standard_normal(len(angles)), Fiducials(marks_m, steered)
+    return angles, arrival_s + 1e-12 * rng.standard_normal(len(angles)), Spots(steered, marks_m, AIMED_TO_M)
 
 
 def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
@@ -91,10 +100,10 @@ def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
     for _ in range(20):
         config = misaligned(signs=rng.choice([-1, 1], 16))
         angles, arrival_s, marks = flight_data(config, rng)
-        fit = fit_flight(angles, arrival_s, np.full(len(angles), 1e-13), marks, config)
-        off = fit.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)
+        fit = fit_flight(Arrivals(angles, arrival_s, np.full(len(angles), 1e-13)), marks, config)
+        off = fit.rig.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)
         errors.append(np.linalg.norm(off, axis=1))
-        spread = spot_covariances_m2(fit.pointing, fit.covariance, angles)
+        spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), angles)
         pulls.append(off / np.sqrt(np.einsum("nii->ni", spread)))
     assert np.max(errors) < 5e-3
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.25)
@@ -103,17 +112,20 @@ def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
 def test_flight_refuses_too_little_and_what_does_not_fit():
     config, rng = misaligned(), np.random.default_rng(3)
     angles, arrival_s, marks = flight_data(config, rng)
-    error_s = np.full(len(angles), 1e-12)
-    with pytest.raises(CalibrationError, match="arrivals are too few"):
-        fit_flight(angles[:5], arrival_s[:5], error_s[:5], marks, config)
-    with pytest.raises(CalibrationError, match="3 marks are too few"):
-        fit_flight(angles, arrival_s, error_s, Fiducials(marks.place_m[:3], marks.mirror_rad[:3]), config)
-    line = Fiducials(marks.place_m * (1, 0.01), marks.mirror_rad)
-    with pytest.raises(CalibrationError, match="nearly on one line"):
-        fit_flight(angles, arrival_s, error_s, line, config)
-    wrong = Fiducials(marks.place_m[[0, 2, 1, 3, 4]], marks.mirror_rad)
-    with pytest.raises(CalibrationError, match="no rig as configured fits"):
-        fit_flight(angles, arrival_s, error_s, wrong, config)
+    arrivals, place_m, steered = (
+        Arrivals(angles, arrival_s, np.full(len(angles), 1e-12)),
+        marks.spot_m,
+        marks.mirror_rad,
+    )
+    few = Arrivals(angles[:5], arrival_s[:5], arrivals.error_s[:5])
+    for data, steered_to, reason in (
+        (few, marks, "arrivals are too few"),
+        (arrivals, Spots(steered[:3], place_m[:3], AIMED_TO_M), "3 marks are too few"),
+        (arrivals, Spots(steered, place_m * (1, 0.01), AIMED_TO_M), "nearly on one line"),
+        (arrivals, Spots(steered, place_m[[0, 2, 1, 3, 4]], AIMED_TO_M), "no rig as configured fits"),
+    ):
+        with pytest.raises(CalibrationError, match=reason):
+            fit_flight(data, steered_to, config)
 
 
 # ---------------------------------------------------------------- boards
@@ -235,19 +247,21 @@ def test_spots_are_located_on_the_wall_and_strays_are_left_out():
     rng = np.random.default_rng(11)
     points_m = wall_points(rng)
     points_m[5, 2], points_m[9, 2] = 0.2, 0.4
-    found = locate(known(), *pixels_of(points_m, rng))
-    assert np.flatnonzero(~found.kept).tolist() == [5, 9]
+    spots_m, _, on_wall = locate(known(), *pixels_of(points_m, rng))
+    assert np.flatnonzero(~on_wall).tolist() == [5, 9]
     # 0.01 pixels are 25 um on the wall; the plane's tilt is good to some 10 urad
-    assert found.spots_m == pytest.approx(points_m[found.kept, :2], abs=2e-4)
+    assert spots_m == pytest.approx(points_m[on_wall, :2], abs=2e-4)
 
 
 def test_a_tilted_board_s_frame_gives_way_to_the_wall():
     """Cameras that think the wall is tilted by 2 degrees: distances on it stay what they are."""
     rng, turn = np.random.default_rng(12), Rotation.from_rotvec([0.02, -0.03, 0])
     points_m = wall_points(rng)
-    found = locate(known(), *pixels_of(turn.apply(points_m), rng))
-    assert found.tilt_rad == pytest.approx(np.hypot(0.02, 0.03), rel=0.01)
-    apart = np.linalg.norm(found.spots_m - found.spots_m[0], axis=1)
+    seen = pixels_of(turn.apply(points_m), rng)
+    wall = plane_of(*triangulate(MODELS, *seen)[:2])
+    assert np.arccos(wall.axes[2, 2]) == pytest.approx(np.hypot(0.02, 0.03), rel=0.01)
+    spots_m, _, _ = locate(known(), *seen)
+    apart = np.linalg.norm(spots_m - spots_m[0], axis=1)
     assert apart == pytest.approx(np.linalg.norm(points_m - points_m[0], axis=1), abs=3e-4)
 
 
@@ -261,7 +275,7 @@ def test_too_few_edge_on_and_contradicting_are_refused():
         locate(known(), pixels + np.array([[0, 0], [0, 20]]), covariances)
     low = Pose.looking_at((2.6, 0.4, 0.3), (0.0, 0.0, 0.0))
     turn, shift = Rotation.from_matrix(low.rotation), -low.rotation @ low.position_m
-    edge_on = CameraModel(np.concatenate([MODELS[1].numbers[:8], turn.as_rotvec(), shift]))
+    edge_on = CameraModel(np.concatenate([turn.as_rotvec(), shift, MODELS[1].numbers[6:]]))
     models = (MODELS[0], edge_on)
     with pytest.raises(CalibrationError, match="camera 2 sees the wall nearly edge-on"):
         locate(known(models), *pixels_of(points_m, rng, models))

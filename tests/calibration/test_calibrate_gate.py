@@ -9,9 +9,9 @@ from scipy.stats import norm
 
 from rig.acquire.acquisition import Watch
 from rig.bench.simulated import true_geometry
-from rig.calibrate.gate import MAY_PASS, GateRoutine
-from rig.calibrate.gate_edge import fit_edge, passed
-from rig.calibrate.gate_sweep import nearest_after_s
+from rig.calibrate.gate.edge import fit_edge, passed
+from rig.calibrate.gate.routine import MAY_PASS, GateRoutine
+from rig.calibrate.gate.sweep import nearest_after_s
 from rig.calibrate.run import measured
 from rig.commands.operator import ConsoleOperator
 from rig.errors import CalibrationError
@@ -227,7 +227,7 @@ def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, rea
 def test_files_that_are_no_sweep_are_refused(sweep, tmp_path):
     config, files = sweep
     counts = np.zeros((9, 12_500))
-    counts[:, 3600:3608] = 100
+    counts[:, 3600:3608] = 100 + np.arange(8)  # equal ones would be a full counter
     with pytest.raises(CalibrationError, match="other positions"):
         ROUTINE.fit([wide_open(tmp_path, counts), *files[1:]], RigState(config))
     (tmp_path / "open.h5").unlink()

@@ -162,7 +162,7 @@ def test_the_low_pass_leaves_half_where_half_of_the_pulse_is_left(cycles):
     half = frequencies[np.abs(spectrum - 0.5).argmin()]
     # a step of the frequencies is 1e-5 of the carrier
     assert np.exp(-((half * sigma_s) ** 2) / 2) == pytest.approx(0.5, abs=1e-4)
-    if cycles == 2:  # docs/decisions/0012
+    if cycles == 2:  # docs/decisions/0014
         assert sigma_s * FWHM == pytest.approx(0.36 * 0.04 / C_M_PER_S, rel=0.01)
 
 

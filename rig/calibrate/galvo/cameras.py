@@ -1,4 +1,4 @@
-"""Two cameras calibrated by a checkerboard: held flat on the wall at fiducials, and then freely.
+"""Two cameras calibrated by a checkerboard: held flat on the wall at marks, and then freely.
 
 OpenCV's terms: camera frame x right and y down in the image, z forward; a point X of the wall's frame is
 R X + t there; pinhole with the distortion of Brown (Photogrammetric Engineering 37, 1971).
@@ -14,15 +14,13 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
-from rig.calibrate import require
-from rig.calibrate.geometry_fit import Floats
+from rig.calibrate import Floats, require
 from rig.errors import CalibrationError
 from rig.model.devices import Board
 
-#: Of a camera: fx, fy, cx, cy [pixels], k1, k2, p1, p2, rotation vector [rad] and translation [m].
+#: Of a camera, in the order of OpenCV's Jacobian: rotation vector [rad], translation [m], fx, fy, cx, cy
+#: [pixels], k1, k2, p1, p2.
 NUMBERS = 14
-#: The same in the order of OpenCV's Jacobian, which begins with the pose.
-_AS_OPENCV_HAS_THEM = [6, 7, 8, 9, 10, 11, 12, 13, 0, 1, 2, 3, 4, 5]
 #: Fewest boards that each camera has to see, the one on the wall among them.
 MIN_BOARDS = 6
 #: Largest median distance of corners from their model [pixels].
@@ -39,13 +37,7 @@ WRONG, MAX_WRONG = 6.0, 0.03
 
 
 def opencv() -> Any:
-    """Return the module, which only cameras need.
-
-    Raises
-    ------
-    CalibrationError
-        If it is not installed.
-    """
+    """Return the module, which only cameras need; raises CalibrationError if it is not installed."""
     try:
         import cv2
     except ImportError:
@@ -58,13 +50,7 @@ def opencv() -> Any:
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A camera in the wall's frame.
-
-    Attributes
-    ----------
-    numbers
-        (14,) see `NUMBERS`.
-    """
+    """A camera in the wall's frame, by its (14,) numbers, see `NUMBERS`."""
 
     numbers: Floats
 
@@ -72,21 +58,23 @@ class CameraModel:
     def of(cls, matrix: Floats, distortion: Floats, turn: Rotation, shift_m: Floats) -> Self:
         """Put together from OpenCV's camera matrix (3, 3), distortion (k1, k2, p1, p2, ...) and pose."""
         inner = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.ravel(distortion)[:4]]
-        return cls(np.array([*inner, *turn.as_rotvec(), *shift_m]))
+        return cls(np.array([*turn.as_rotvec(), *shift_m, *inner]))
 
     @property
-    def _matrix(self) -> Floats:
-        fx, fy, cx, cy = self.numbers[:4]
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    def _lens(self) -> tuple[Floats, Floats]:
+        """Camera matrix and distortion."""
+        fx, fy, cx, cy = self.numbers[6:10]
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), self.numbers[10:]
 
     @property
-    def _turn(self) -> Floats:
-        return np.asarray(Rotation.from_rotvec(self.numbers[8:11]).as_matrix())
+    def pose(self) -> Floats:
+        """(3, 4) [R t]."""
+        return np.column_stack([Rotation.from_rotvec(self.numbers[:3]).as_matrix(), self.numbers[3:6]])
 
     @property
     def position_m(self) -> Floats:
         """(3,) where it stands [m]."""
-        return -self._turn.T @ self.numbers[11:]
+        return -self.pose[:, :3].T @ self.pose[:, 3]
 
     def project(self, points_m: Floats) -> Floats:
         """(..., 3) points [m] to (..., 2) pixels (column, row)."""
@@ -97,35 +85,23 @@ class CameraModel:
 
         These are (N, 2, 14) by the camera's numbers and (N, 2, 3) by the point.
         """
-        pixels, slopes = opencv().projectPoints(
-            points_m, self.numbers[8:11], self.numbers[11:], self._matrix, self.numbers[4:8]
-        )
+        pixels, slopes = opencv().projectPoints(points_m, self.numbers[:3], self.numbers[3:6], *self._lens)
         slopes = slopes.reshape(-1, 2, NUMBERS)
-        return pixels.reshape(-1, 2), slopes[..., _AS_OPENCV_HAS_THEM], slopes[..., 3:6] @ self._turn
+        return pixels.reshape(-1, 2), slopes, slopes[..., 3:6] @ self.pose[:, :3]
 
-    def rays(self, pixels: Floats) -> Floats:
-        """(..., 2) pixels to (..., 3) unit vectors in the wall's frame, from where the camera stands."""
+    def ideal(self, pixels: Floats) -> Floats:
+        """(N, 2) pixels to (N, 2) tangents x / z, y / z of the rays in the camera's frame."""
         cv2 = opencv()
         stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-12)
-        ideal = cv2.undistortPoints(
-            pixels.reshape(-1, 1, 2), self._matrix, self.numbers[4:8], criteria=stop
-        ).reshape(*pixels.shape)
-        own = np.concatenate([ideal, np.ones_like(ideal[..., :1])], axis=-1)
-        return np.asarray(own / np.linalg.norm(own, axis=-1, keepdims=True) @ self._turn)
+        return cv2.undistortPoints(pixels.reshape(-1, 1, 2), *self._lens, criteria=stop).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
 class CalibratedCameras:
-    """Both cameras, with the covariance of all their numbers.
+    """Both cameras in the wall's frame, as far as the board on the wall gives it.
 
-    Attributes
-    ----------
-    cameras
-        In the wall's frame, as far as the board on the wall gives it.
-    covariance
-        (28, 28) of the first camera's numbers and then the second's.
-    corners_px
-        Root mean square distance of the corners from their model [pixels].
+    With them the (28, 28) covariance of the first one's numbers and then the second's, and the root mean
+    square distance of the corners from their model [pixels].
     """
 
     cameras: tuple[CameraModel, CameraModel]
@@ -183,14 +159,14 @@ class _Bundle:
     about z), then six for each other board (rotation vector and place).
     """
 
-    def __init__(self, points_m: Floats, fiducials_m: Floats, boards: int) -> None:
+    def __init__(self, points_m: Floats, marks_m: Floats, boards: int) -> None:
         self._points_m = points_m.reshape(-1, 3)
-        walls = len(fiducials_m)
+        walls = len(marks_m)
         flat = np.zeros((6, 3))
         flat[[3, 4, 2], [0, 1, 2]] = 1
         self._spread = block_diag(*[flat] * walls, *[np.eye(6)] * (boards - walls))
         self._fixed = np.zeros((boards, 6))
-        self._fixed[:walls, 3:5] = fiducials_m
+        self._fixed[:walls, 3:5] = marks_m
 
     def images(self, numbers: Floats) -> tuple[Floats, Floats]:
         """Return (B, 2, corners, 2) pixels and their (..., U) derivatives."""
@@ -199,18 +175,17 @@ class _Bundle:
         pixels = np.zeros((len(poses), 2, len(self._points_m), 2))
         slopes = np.zeros((*pixels.shape, len(numbers)))
         for index, pose in enumerate(poses):
-            turn, by_turn = cv2.Rodrigues(pose[:3])
-            by_pose = np.concatenate(
-                [np.einsum("iab,kb->kai", by_turn.reshape(3, 3, 3), self._points_m),
-                 np.broadcast_to(np.eye(3), (len(self._points_m), 3, 3))], axis=-1,
-            )  # fmt: skip
-            by_unknown = by_pose @ self._spread[6 * index : 6 * index + 6]
+            by_unknown = self._spread[6 * index : 6 * index + 6]
             for number, camera in enumerate(cameras_of(numbers)):
-                own = slice(number * NUMBERS, (number + 1) * NUMBERS)
-                pixels[index, number], slopes[index, number, ..., own], by_point = camera.projected(
-                    self._points_m @ turn.T + pose[3:]
-                )
-                slopes[index, number, ..., 2 * NUMBERS :] = by_point @ by_unknown
+                own = slopes[index, number, ..., number * NUMBERS : (number + 1) * NUMBERS]
+                pose_seen = cv2.composeRT(pose[:3], pose[3:], camera.numbers[:3], camera.numbers[3:6])
+                turn, shift_m, *by = map(np.squeeze, pose_seen)
+                by_board, by_camera = np.split(np.block([by[:4], by[4:]]), 2, axis=1)
+                both = CameraModel(np.concatenate([turn, shift_m, camera.numbers[6:]]))
+                pixels[index, number], by_both, _ = both.projected(self._points_m)
+                by_pose, by_lens = by_both[..., :6], by_both[..., 6:]
+                own[...] = np.concatenate([by_pose @ by_camera, by_lens], axis=-1)
+                slopes[index, number, ..., 2 * NUMBERS :] = by_pose @ by_board @ by_unknown
         return pixels, slopes
 
 
@@ -222,42 +197,36 @@ def cameras_of(numbers: Floats) -> tuple[CameraModel, CameraModel]:
 def calibrate_cameras(
     corners: Sequence[Sequence[Floats | None]],
     board: Board,
-    fiducials_m: Floats,
+    marks_m: Floats,
     placed_to_m: float,
     size: tuple[int, int],
 ) -> CalibratedCameras:
     """Adjust both cameras and all boards at once, so that the corners are where they were seen.
 
+    Raises CalibrationError if a camera did not see the board on the wall, or too few boards, or corners do
+    not fit.
+
     Parameters
     ----------
     corners
-        For each board and each of the two cameras, its corners as `find_corners` gives them. The first M
-        boards were flat on the wall.
-    board
-        The board.
-    fiducials_m
-        (M, 2) where its first inner corner was then.
-    placed_to_m
-        Standard deviation of either end's place on the wall.
+        For each board and each of the two cameras, its corners as `find_corners` gives them.
+    marks_m, placed_to_m
+        The first M boards were flat on the wall: (M, 2) where their first inner corner was, and the standard
+        deviation of either end's place.
     size
         Width and height of the images [pixels].
-
-    Raises
-    ------
-    CalibrationError
-        If a camera did not see the board on the wall, or too few boards, or corners do not fit.
     """
-    _refuse_unseen(corners, len(fiducials_m))
+    _refuse_unseen(corners, len(marks_m))
     points_m = board_points_m(board)
-    start = _first_guess(corners, points_m, fiducials_m, size)
+    start = _first_guess(corners, points_m, marks_m, size)
     given = [pair for pair in corners if any(one is not None for one in pair)]
     blank = np.full((*points_m.shape[:2], 2), np.nan)
     pixels = np.array([[blank if one is None else one for one in pair] for pair in given])
     pixels = pixels.reshape(len(given), 2, -1, 2)
-    bundle = _Bundle(points_m, fiducials_m, len(given))
+    bundle = _Bundle(points_m, marks_m, len(given))
     along_m = (board.columns - 1) * board.square_m
     # a board on the wall may be off along x, along y, and turned; the others are wherever they are
-    slack = np.tile([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m], len(fiducials_m))
+    slack = np.tile([placed_to_m, placed_to_m, placed_to_m * np.sqrt(2) / along_m], len(marks_m))
     placed = np.arange(2 * NUMBERS, 2 * NUMBERS + len(slack))
     priors = np.zeros((len(slack), len(start)))
     priors[np.arange(len(slack)), placed] = 1 / slack
@@ -314,7 +283,7 @@ def _refuse_unseen(corners: Sequence[Sequence[Floats | None]], walls: int) -> No
 
 
 def _first_guess(
-    corners: Sequence[Sequence[Floats | None]], points_m: Floats, fiducials_m: Floats, size: tuple[int, int]
+    corners: Sequence[Sequence[Floats | None]], points_m: Floats, marks_m: Floats, size: tuple[int, int]
 ) -> Floats:
     """Return what each camera says alone, by OpenCV: cameras, and boards by the first that sees them."""
     cv2 = opencv()
@@ -328,11 +297,11 @@ def _first_guess(
             [flat_m] * len(mine), pixels, size, None, None, flags=cv2.CALIB_FIX_K3
         )
         turn, shift_m = Rotation.from_rotvec(np.ravel(turns[0])), np.ravel(shifts[0])
-        shift_m = shift_m - turn.apply((*fiducials_m[mine[0][0]], 0.0))  # the wall's frame, not the board's
+        shift_m = shift_m - turn.apply((*marks_m[mine[0][0]], 0.0))  # the wall's frame, not the board's
         cameras.append(CameraModel.of(matrix, distortion, turn, shift_m).numbers)
         for (index, _), of_board, board_shift_m in zip(mine, turns, shifts, strict=True):
             relative = turn.inv() * Rotation.from_rotvec(np.ravel(of_board))
             place_m = turn.inv().apply(np.ravel(board_shift_m) - shift_m)
             boards.setdefault(index, np.array([*relative.as_rotvec(), *place_m]))
-    free = [boards[index] for index in sorted(boards) if index >= len(fiducials_m)]
-    return np.concatenate([*cameras, np.zeros(3 * len(fiducials_m)), *free])
+    free = [boards[index] for index in sorted(boards) if index >= len(marks_m)]
+    return np.concatenate([*cameras, np.zeros(3 * len(marks_m)), *free])

@@ -1,23 +1,15 @@
 """The mirror's model, fitted to spots or to times of flight, and what is stored of it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import approx_fprime
 from scipy.spatial import ConvexHull
 
-from rig.calibrate import require
-from rig.calibrate.geometry_fit import (
-    Arrivals,
-    Data,
-    FittedGeometry,
-    Floats,
-    RigGeometry,
-    Spots,
-    fit_geometry,
-)
-from rig.calibrate.routine import Origin
+from rig.calibrate import Floats, require
+from rig.calibrate.geometry_fit import Arrivals, FittedGeometry, Spots, fit_geometry
+from rig.calibrate.raw import Origin
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.pointing import Pointing
@@ -26,138 +18,83 @@ from rig.model.pointing import Pointing
 MAX_SPOTS_M = 3e-3
 #: What an arrival may be off besides its counting error: unequal bins and drift of the instrument [s].
 INSTRUMENT_S = 1e-12
-#: How well a person steers the beam onto a fiducial, along either axis [m].
+#: How well a person steers the beam onto a mark, along either axis [m].
 AIMED_TO_M = 0.3e-3
-#: Fewest fiducials, fewest arrivals, and the least width of the fiducials across their longest line [m].
-MIN_FIDUCIALS, MIN_ARRIVALS, MIN_WIDTH_M = 4, 12, 0.2
-#: Largest root mean square that the fit may leave of arrivals [s] and of fiducials [m].
-MAX_ARRIVALS_S, MAX_FIDUCIALS_M = 20e-12, 5e-3
+#: Fewest marks, fewest arrivals, and the least width of the marks across their longest line [m].
+MIN_MARKS, MIN_ARRIVALS, MIN_WIDTH_M = 4, 12, 0.2
+#: Largest root mean square that the fit may leave of arrivals [s] and of marks [m].
+MAX_ARRIVALS_S, MAX_MARKS_M = 20e-12, 5e-3
 
 
-@dataclass(frozen=True)
-class Fiducials:
-    """Points on the wall onto which the beam was steered.
+def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
+    """Fit the model to measured spots.
 
-    Attributes
-    ----------
-    place_m
-        (M, 2) their x and y [m].
-    mirror_rad
-        (M, 2) the angles commanded there.
+    Raises CalibrationError if the spots are not where any such mirror would send the beam.
     """
-
-    place_m: Floats
-    mirror_rad: Floats
-
-
-@dataclass(frozen=True)
-class FittedMirror:
-    """A mirror's model and how well it is known.
-
-    Attributes
-    ----------
-    rig
-        Mirror, detector and delay, as fitted.
-    pointing
-        The mirror's model, with the hull of its spots as the calibrated area.
-    covariance
-        (10, 10) of place, rotation, offset and gain.
-    residual_m
-        Root mean square distance of measured from modelled spots [m].
-    """
-
-    rig: RigGeometry
-    pointing: Pointing
-    covariance: Floats
-    residual_m: float
-
-
-def fit_mirror(angles_rad: Floats, spots_m: Floats, covariance: Floats, config: RigConfig) -> FittedMirror:
-    """Fit the model to (K, 2) spots measured at (K, 2) commanded angles, with their (2K, 2K) covariance.
-
-    Raises
-    ------
-    CalibrationError
-        If the spots are not where any such mirror would send the beam.
-    """
-    fit = fit_geometry(config, [Spots(angles_rad, spots_m, covariance)], robust=False)
-    off_m = _off_m(fit.rig.pointing, angles_rad, spots_m)
-    residual_m = float(np.sqrt((off_m**2).mean()))
-    worst = int(off_m.argmax())
+    fit = fit_geometry(config, [spots], robust=False)
+    off_m = _off_m(fit.rig.pointing, spots)
+    residual_m = _rms(off_m)
+    worst_m = spots.spot_m[off_m.argmax()]
     require(
         residual_m < MAX_SPOTS_M,
         f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
-        f"could send them, the worst at x = {spots_m[worst, 0]:.3f} m, y = {spots_m[worst, 1]:.3f} m. "
-        "Was something moved meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in "
-        "metres right?",
+        f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
+        "meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in metres right?",
     )
-    return _fitted(fit, angles_rad, residual_m)
+    return fit
 
 
-def fit_flight(
-    angles_rad: Floats, arrival_s: Floats, error_s: Floats, fiducials: Fiducials, config: RigConfig
-) -> FittedMirror:
-    """Fit mirror, detector and delay to (N,) arrivals at (N, 2) commanded angles, and to fiducials.
+def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedGeometry:
+    """Fit mirror, detector and delay to first bounces, and to marks onto which the beam was steered.
 
-    Where a first bounce arrives late, the spot is far out; fiducials say where it is at some angles for
-    certain.
+    Where a first bounce arrives late, the spot is far out; marks say where it is at some angles for certain.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few arrivals or fiducials, or no such rig makes them.
+    Raises CalibrationError if there are too few arrivals or marks, or no such rig makes them.
     """
-    steered_rad, fiducial_m = fiducials.mirror_rad, fiducials.place_m
-    _refuse_few(arrival_s, fiducial_m)
-    measured: list[Data] = [
-        Arrivals(angles_rad, arrival_s, np.hypot(error_s, INSTRUMENT_S)),
-        Spots(steered_rad, fiducial_m, AIMED_TO_M),
-    ]
-    fit = fit_geometry(config, measured, robust=True)
-    left_s = arrival_s - fit.rig.arrivals_s(angles_rad)
-    off_m = _off_m(fit.rig.pointing, steered_rad, fiducial_m)
-    rms_s, rms_m = (float(np.sqrt((left**2).mean())) for left in (left_s, off_m))
+    _refuse_few(len(arrivals.arrival_s), marks.spot_m)
+    noisy = replace(arrivals, error_s=np.hypot(arrivals.error_s, INSTRUMENT_S))
+    fit = fit_geometry(config, [noisy, marks], robust=True)
+    residual_s = arrivals.arrival_s - fit.rig.arrivals_s(arrivals.mirror_rad)
+    rms_s, rms_m = _rms(residual_s), _rms(_off_m(fit.rig.pointing, marks))
     require(
-        rms_s < MAX_ARRIVALS_S and rms_m < MAX_FIDUCIALS_M,
+        rms_s < MAX_ARRIVALS_S and rms_m < MAX_MARKS_M,
         f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
-        f"square; the worst is position {int(np.abs(left_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
+        f"square; the worst is position {int(np.abs(residual_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
         "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
         "galvo.position and spad.position right to a few centimetres?",
     )
-    return _fitted(fit, np.concatenate([angles_rad, steered_rad]), rms_m)
+    return fit
 
 
-def _refuse_few(arrival_s: Floats, fiducial_m: Floats) -> None:
+def _refuse_few(arrivals: int, marks_m: Floats) -> None:
     require(
-        len(arrival_s) >= MIN_ARRIVALS,
-        f"{len(arrival_s)} arrivals are too few, {MIN_ARRIVALS} are needed: scan more positions",
+        arrivals >= MIN_ARRIVALS,
+        f"{arrivals} arrivals are too few, {MIN_ARRIVALS} are needed: scan more positions",
     )
     require(
-        len(fiducial_m) >= MIN_FIDUCIALS,
-        f"{len(fiducial_m)} marks are too few, {MIN_FIDUCIALS} are needed: without them times of flight "
-        "leave the spots open by turns of the mirror",
+        len(marks_m) >= MIN_MARKS,
+        f"{len(marks_m)} marks are too few, {MIN_MARKS} are needed: without them times of flight leave the "
+        "spots open by turns of the mirror",
     )
-    width_m = np.linalg.svd(fiducial_m - fiducial_m.mean(axis=0), compute_uv=False)[1]
+    width_m = np.linalg.svd(marks_m - marks_m.mean(axis=0), compute_uv=False)[1]
     require(
         width_m >= MIN_WIDTH_M,
         "the marks lie nearly on one line: spread them over the wall, best to the corners of the scan",
     )
 
 
-def _off_m(pointing: Pointing, angles_rad: Floats, spots_m: Floats) -> Floats:
+def _off_m(pointing: Pointing, spots: Spots) -> Floats:
     """(K,) distances of the modelled from the measured spots."""
-    return np.asarray(np.linalg.norm(pointing.spots_m(angles_rad)[:, :2] - spots_m, axis=1))
+    return np.asarray(np.linalg.norm(pointing.spots_m(spots.mirror_rad)[:, :2] - spots.spot_m, axis=1))
 
 
-def _fitted(fit: FittedGeometry, angles_rad: Floats, residual_m: float) -> FittedMirror:
-    spots_m = fit.rig.pointing.spots_m(angles_rad)[:, :2]
-    corners_m = spots_m[ConvexHull(spots_m).vertices]  # counter-clockwise
-    return FittedMirror(
-        fit.rig,
-        replace(fit.rig.pointing, area_m=tuple((float(x), float(y)) for x, y in corners_m)),
-        fit.covariance_of(lambda rig: _numbers(rig.pointing)),
-        residual_m,
-    )
+def _rms(values: Floats) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def numbers_covariance(fit: FittedGeometry) -> Floats:
+    """Return the (10, 10) covariance of the mirror's place, rotation, offset and gain."""
+    return fit.covariance_of(lambda rig: _numbers(rig.pointing))
 
 
 def _numbers(pointing: Pointing) -> Floats:
@@ -182,15 +119,27 @@ def spot_covariances_m2(pointing: Pointing, covariance: Floats, angles_rad: Floa
 
 def galvo_model(
     method: Literal["cameras", "flight"],
-    mirror: FittedMirror,
+    fit: FittedGeometry,
+    spots: Spots,
     angles_rad: Floats,
-    spots_m: Floats,
     source: Origin,
     **more: Any,
 ) -> GalvoModel:
-    """Return the calibration of a fitted mirror, with the angles and spots it was fitted to, and ``more``."""
-    spread_m2 = spot_covariances_m2(mirror.pointing, mirror.covariance, angles_rad)
-    pointing = mirror.pointing
+    """Return the calibration of a fitted mirror.
+
+    Parameters
+    ----------
+    method, fit, spots
+        How it was fitted, and the spots, or marks, to which it was.
+    angles_rad
+        (K, 2) at which it was measured: the hull of the spots there is the calibrated area.
+    source, more
+        Where it comes from, and what else is known.
+    """
+    pointing, covariance = fit.rig.pointing, numbers_covariance(fit)
+    measured_m = pointing.spots_m(angles_rad)[:, :2]
+    corners_m = measured_m[ConvexHull(measured_m).vertices]  # counter-clockwise
+    spread_m2 = spot_covariances_m2(pointing, covariance, spots.mirror_rad)
     return GalvoModel(
         **source,
         valid_days=30,
@@ -201,11 +150,11 @@ def galvo_model(
         gain=pointing.gain,
         mirrors=pointing.mirrors,
         separation_m=pointing.separation_m,
-        area_m=list(pointing.area_m),
-        covariance=tuple(tuple(row) for row in mirror.covariance.tolist()),
+        area_m=[(float(x), float(y)) for x, y in corners_m],
+        covariance=tuple(tuple(row) for row in covariance.tolist()),
         spot_error_m=float(np.sqrt(np.trace(spread_m2, axis1=1, axis2=2).mean())),
-        residual_m=mirror.residual_m,
-        mirror_rad=tuple((float(x), float(y)) for x, y in angles_rad),
-        spots_m=tuple((float(x), float(y)) for x, y in spots_m),
-        **{"positions": len(angles_rad), **more},
+        residual_m=_rms(_off_m(pointing, spots)),
+        mirror_rad=tuple((float(x), float(y)) for x, y in spots.mirror_rad),
+        spots_m=tuple((float(x), float(y)) for x, y in spots.spot_m),
+        **more,
     )

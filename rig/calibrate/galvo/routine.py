@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
+from rig.calibrate import Floats, figures, require
 from rig.calibrate.galvo.cameras import CalibratedCameras, calibrate_cameras, find_corners, opencv
 from rig.calibrate.galvo.images import ImagesWriter, WallImages, writing
 from rig.calibrate.galvo.mirror import fit_mirror, galvo_model
-from rig.calibrate.galvo.pictures import spots_figure
 from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import MIN_SPOTS, locate
-from rig.calibrate.geometry_fit import Floats
-from rig.calibrate.routine import origin
-from rig.errors import CalibrationError
-from rig.model.calibrations.base import Calibration
+from rig.calibrate.geometry_fit import Spots
+from rig.calibrate.raw import origin
+from rig.calibrate.routine import Routine, beam
 from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.devices import Board, Preparation
@@ -30,7 +30,7 @@ BEYOND_M = 0.15
 
 
 @dataclass(frozen=True)
-class CameraRoutine:
+class CameraRoutine(Routine[GalvoModel]):
     """Sees where the beam meets the wall.
 
     Attributes
@@ -47,82 +47,83 @@ class CameraRoutine:
     rows: int = 9
     boards: int = 12
     darks: int = 8
-    kind: str = GalvoModel.kind
 
-    def setup(self, config: RigConfig) -> RigConfig:
-        """Return the configuration as it is."""
-        return config
+    makes = GalvoModel
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Show boards to the cameras, then the spot for each angle."""
-        config = state.config
+        config, used = state.config, state.config.cameras
         opencv()  # better missed now than after all the work
-        if len(station.cameras) != 2:
-            raise CalibrationError(
-                f"two cameras are needed, {len(station.cameras)} are configured: name two as "
-                "cameras.addresses, or calibrate without them: rig calibrate galvo --method flight"
-            )
-        if self.columns * self.rows < MIN_SPOTS:
-            raise CalibrationError(
-                f"{self.columns} x {self.rows} mirror angles are too few, {MIN_SPOTS} are needed: measure "
-                "more"
-            )
+        require(
+            len(station.cameras) == 2,
+            f"two cameras are needed, {len(station.cameras)} are configured: name two as cameras.addresses, "
+            "or calibrate without them: rig calibrate galvo --method flight",
+        )
+        require(
+            self.columns * self.rows >= MIN_SPOTS,
+            f"{self.columns} x {self.rows} mirror angles are too few, {MIN_SPOTS} are needed: measure more",
+        )
         path = folder / "galvo-images.h5"
-        operator, used = station.operator, config.cameras
         with writing(path, config, station.devices.read_back(), station.cameras) as writer:
-            for number in range(self.boards):
+            for _, mark_m in zip_longest(range(self.boards), used.board_marks_m[: self.boards]):
                 board = Board(used.board_columns, used.board_rows, used.board_square_m)
-                marks_m = used.board_marks_m
-                operator.show_board(board, marks_m[number] if number < len(marks_m) else None)
+                station.operator.show_board(board, mark_m)
                 writer.take("board")
                 if watch.should_stop():
                     return []
-            operator.prepare(Preparation.MEASURE)
-            self._dark(writer, self.darks // 2)
+            station.operator.prepare(Preparation.MEASURE)
+            for _ in range(self.darks // 2):
+                writer.take("dark")
             self._lit(station, config, writer, watch)
-            self._dark(writer, self.darks - self.darks // 2)
+            for _ in range(self.darks - self.darks // 2):
+                writer.take("dark")
         return [path]
 
-    def _dark(self, writer: ImagesWriter, number: int) -> None:
-        for _ in range(number):
-            writer.take("dark")
-
     def _lit(self, station: Station, config: RigConfig, writer: ImagesWriter, watch: Watch) -> None:
-        galvo, laser = station.devices.galvo, station.devices.laser
         angles = mirror_angles_rad(config, self.columns, self.rows)
-        galvo.point(*angles[0])  # aims before it lights
-        galvo.wait_settled(config.galvo.settle_timeout_s)
-        try:
-            laser.arm()
-            laser.emit()
+        with beam(station, config, angles[0]) as (galvo, laser):
             for angle in angles:
                 if watch.should_stop():
                     break
                 galvo.point(*angle)
                 galvo.wait_settled(config.galvo.settle_timeout_s)
                 writer.take("lit", angle)
-            if not laser.emitting():
-                raise CalibrationError(
-                    "the laser went dark by itself while spots were measured: check its interlock, and begin "
-                    "anew"
-                )
-        finally:
-            laser.stop()
+            require(
+                laser.emitting(),
+                "the laser went dark while spots were measured: check its interlock, and begin anew",
+            )
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:
         """Return the mirror's model from the pictures of one file."""
         with WallImages(files[0]) as images:
             cameras = _calibrated(images)
-            pixels, covariances = _spots(images)
-            located = locate(cameras, pixels, covariances)
-            angles = images.mirror_rad[located.kept]
-            mirror = fit_mirror(angles, located.spots_m, located.covariance, state.config)
-            return galvo_model("cameras", mirror, angles, located.spots_m, origin(GalvoModel, [images]))
+            spots_m, covariance, on_wall = locate(cameras, *_spots(images))
+            spots = Spots(images.mirror_rad[on_wall], spots_m, covariance)
+            fit, source = fit_mirror(spots, state.config), origin(GalvoModel, [images])
+            return galvo_model("cameras", fit, spots, spots.mirror_rad, source, positions=len(spots_m))
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
-        """Draw spots, what the model leaves, and where it may be used."""
-        assert isinstance(calibration, GalvoModel)
-        return spots_figure(calibration)
+    def figure(self, files: Sequence[Path], found: GalvoModel) -> Figure:
+        """Draw measured spots with magnified residuals, where the model may be used, and how they scatter."""
+        spots_m = np.array(found.spots_m)
+        residual_m = spots_m - found.pointing().spots_m(np.array(found.mirror_rad))[:, :2]
+        figure, axes = figures.panels(
+            f"{found.positions} spots by {found.method}: residual {found.residual_m * 1e3:.2f} mm, "
+            f"standard error of a spot {found.spot_error_m * 1e3:.2f} mm",
+            [["wall", "cloud"]], (13, 5.2), width_ratios=(1.9, 1),
+        )  # fmt: skip
+        wall, cloud = axes["wall"], axes["cloud"]
+        figures.outline(wall, found.area_m)
+        wall.plot(*spots_m.T, "o", color=figures.BLUE, markersize=3, label="measured spot")
+        figures.arrows(wall, spots_m, residual_m, "measured less modelled", 0.2)
+        figures.legend_below(wall)
+        reach = 1.2e3 * float(np.abs(residual_m).max())
+        cloud.axvline(0, color=figures.GREY, linewidth=0.8)
+        figures.residuals(cloud, *(1e3 * residual_m).T, fmt="o", color=figures.RED)
+        cloud.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title="residuals",
+                  xlabel="residual along x (mm)", ylabel="residual along y (mm)")  # fmt: skip
+        for axis in (cloud.xaxis, cloud.yaxis):
+            axis.set_major_locator(MaxNLocator(5))
+        return figure
 
 
 def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[float, float]]:
@@ -142,11 +143,11 @@ def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[
 
 def _calibrated(images: WallImages) -> CalibratedCameras:
     board = images.board
-    seen, size = [], (0, 0)
+    corners, size = [], (0, 0)
     for pair in zip_longest(images.pictures(0, "board"), images.pictures(1, "board")):
-        seen.append([None if image is None else find_corners(image, board) for image in pair])
+        corners.append([None if image is None else find_corners(image, board) for image in pair])
         size = (pair[0].shape[1], pair[0].shape[0]) if pair[0] is not None else size
-    return calibrate_cameras(seen, board, images.marks_m, images.placed_to_m, size)
+    return calibrate_cameras(corners, board, images.marks_m, images.placed_to_m, size)
 
 
 def _spots(images: WallImages) -> tuple[Floats, Floats]:
@@ -154,20 +155,10 @@ def _spots(images: WallImages) -> tuple[Floats, Floats]:
     found = []
     for camera, (name, full) in enumerate(zip(images.cameras, images.full, strict=True)):
         dark = background(np.stack(list(images.pictures(camera, "dark"))), full)
-        found.append(
-            [
-                find_spot(lit, dark, f"{name}, position {index} (mirror at {_degrees(angle)})")
-                for index, (lit, angle) in enumerate(
-                    zip(images.pictures(camera, "lit"), images.mirror_rad, strict=True)
-                )
-            ]
-        )
-    return (
-        np.array([[spot.centre for spot in pair] for pair in zip(*found, strict=True)]),
-        np.array([[spot.covariance for spot in pair] for pair in zip(*found, strict=True)]),
-    )
-
-
-def _degrees(angle_rad: Floats) -> str:
-    x, y = np.degrees(angle_rad)
-    return f"{x:.2f}, {y:.2f} deg"
+        for index, (lit, (x, y)) in enumerate(
+            zip(images.pictures(camera, "lit"), np.degrees(images.mirror_rad), strict=True)
+        ):
+            found.append(find_spot(lit, dark, f"{name}, position {index} (mirror at {x:.2f}, {y:.2f} deg)"))
+    centres = np.array([spot.centre for spot in found]).reshape(2, -1, 2)
+    covariances = np.array([spot.covariance for spot in found]).reshape(2, -1, 2, 2)
+    return centres.swapaxes(0, 1), covariances.swapaxes(0, 1)

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.optimize import least_squares
 
-from rig.calibrate.geometry_fit import Floats
-from rig.errors import CalibrationError
+from rig.calibrate import Floats, require
+from rig.calibrate.fits import reweighted
 
 #: A spot is looked for in squares of so many pixels a side, which makes it quick and sees faint ones,
 BINNED = 4
@@ -16,7 +15,7 @@ BINNED = 4
 #: pictures.
 STANDS_OUT = 7.0
 #: A second spot with at least this part of the first one's light is told; less is a faint reflection.
-SECOND = 0.1
+MAX_SECOND = 0.1
 #: The spot is fitted in a window of so many pixels to either side.
 WINDOW_PX = 9
 
@@ -27,10 +26,8 @@ class Background:
 
     Attributes
     ----------
-    mean
-        (height, width) counts.
-    variance
-        (height, width) of one picture's counts, as a smooth function of the mean.
+    mean, variance
+        (height, width) of one picture's counts, the variance as a smooth function of the mean.
     counts_per_count
         By how much the variance grows with each count of light.
     full
@@ -69,65 +66,53 @@ def background(dark: NDArray[np.uint16], full: int) -> Background:
 
 
 def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
-    """Return the one spot of a picture.
+    """Return the one spot of a (height, width) picture; ``where`` says for messages which one it is.
 
-    Parameters
-    ----------
-    lit
-        (height, width) counts.
-    dark
-        The same camera's background.
-    where
-        Which picture it is, for messages.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no spot, or a second one, or it fills pixels, or is at the edge.
+    Raises CalibrationError if there is no spot, or a second one, or it fills pixels, or is at the edge.
     """
     light = lit - dark.mean
-    shares, places = _bright_places(light, dark)
-    if not shares:
-        raise CalibrationError(
-            f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the "
-            "camera see that part of it? Expose longer, or measure a smaller area"
-        )
-    if len(shares) > 1 and shares[1] > SECOND * shares[0]:
-        (row, column), (other_row, other_column) = places[:2]
-        raise CalibrationError(
-            f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), "
-            f"the second with {shares[1] / shares[0]:.0%} of the light. Cover what reflects the beam, and "
-            "keep other lights still"
-        )
-    row, column = places[0]
+    places = _bright_places(light, dark)
+    require(
+        places,
+        f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the camera "
+        "see that part of it? Expose longer, or measure a smaller area",
+    )
+    (share, row, column), (second, other_row, other_column) = [*places, (0.0, 0, 0)][:2]
+    require(
+        second <= MAX_SECOND * share,
+        f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), the "
+        f"second with {second / share:.0%} of the light. Cover what reflects the beam, and keep other "
+        "lights still",
+    )
     height, width = lit.shape
-    if not (WINDOW_PX <= row < height - WINDOW_PX and WINDOW_PX <= column < width - WINDOW_PX):
-        raise CalibrationError(
-            f"{where}: the spot is at the image's edge, at pixel ({column}, {row}) of {width} x {height}. "
-            "Turn the camera so that it sees the whole scanned wall, or measure a smaller area"
-        )
+    require(
+        WINDOW_PX <= row < height - WINDOW_PX and WINDOW_PX <= column < width - WINDOW_PX,
+        f"{where}: the spot is at the image's edge, at pixel ({column}, {row}) of {width} x {height}. Turn "
+        "the camera so that it sees the whole scanned wall, or measure a smaller area",
+    )
     window = np.s_[row - WINDOW_PX : row + WINDOW_PX + 1, column - WINDOW_PX : column + WINDOW_PX + 1]
-    if lit[window].max() >= dark.full:
-        raise CalibrationError(
-            f"{where}: the spot is saturated, {int((lit[window] >= dark.full).sum())} pixels are full at "
-            f"{dark.full} counts. Expose less, close the iris, or attenuate the laser"
-        )
+    full = int((lit[window] >= dark.full).sum())
+    require(
+        not full,
+        f"{where}: the spot is saturated, {full} pixels are full at {dark.full} counts. Expose less, close "
+        "the iris, or attenuate the laser",
+    )
     spot = _fit(light[window], dark.variance[window], dark.counts_per_count)
     return Spot(spot.centre + np.array([column - WINDOW_PX, row - WINDOW_PX], dtype=float), spot.covariance)
 
 
-def _bright_places(light: NDArray[np.float32], dark: Background) -> tuple[list[float], list[tuple[int, int]]]:
-    """Return light and brightest pixel (row, column) of each place that stands out, the brightest first."""
+def _bright_places(light: NDArray[np.float32], dark: Background) -> list[tuple[float, int, int]]:
+    """Return light and brightest pixel (row, column) of what stands out, the brightest first."""
     sums, variances = _binned(light), _binned(dark.variance)
     labels, _ = ndimage.label(sums > STANDS_OUT * np.sqrt(variances), structure=np.ones((3, 3)))
     found = []
     for rows, columns in ndimage.find_objects(labels):
         part = light[BINNED * rows.start : BINNED * rows.stop, BINNED * columns.start : BINNED * columns.stop]
         row, column = np.unravel_index(int(part.argmax()), part.shape)
-        place = (int(row) + BINNED * rows.start, int(column) + BINNED * columns.start)
-        found.append((float(part.sum()), place))
-    found.sort(reverse=True)
-    return [share for share, _ in found], [place for _, place in found]
+        found.append(
+            (float(part.sum()), int(row) + BINNED * rows.start, int(column) + BINNED * columns.start)
+        )
+    return sorted(found, reverse=True)
 
 
 def _binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -148,28 +133,13 @@ def _fit(light: NDArray[np.float32], variance: NDArray[np.float32], per_count: f
     spread = np.sqrt(max(float(light.sum()) / (2 * np.pi * peak), 0.3))
     start = np.array([peak, column, row, spread**-2, 0.0, spread**-2, 0.0])
 
-    def shape(n: Floats) -> tuple[Floats, Floats, Floats]:
+    def model(n: Floats) -> Floats:
         u, v = x - n[1], y - n[2]
-        return u, v, np.exp(-(n[3] * u * u + 2 * n[4] * u * v + n[5] * v * v) / 2)
+        return (n[0] * np.exp(-(n[3] * u * u + 2 * n[4] * u * v + n[5] * v * v) / 2) + n[6]).ravel()
 
-    def solve(start: Floats, noise: Floats) -> tuple[Floats, Floats, float]:
-        def residuals(n: Floats) -> Floats:
-            return ((n[0] * shape(n)[2] + n[6] - light) / noise).ravel()
+    def noise(due: Floats) -> Floats:
+        return np.sqrt(variance.ravel() + per_count * np.maximum(due, 0))
 
-        def slopes(n: Floats) -> Floats:
-            u, v, g = shape(n)
-            a = n[0] * g
-            columns = (
-                g, a * (n[3] * u + n[4] * v), a * (n[4] * u + n[5] * v),
-                -a * u * u / 2, -a * u * v, -a * v * v / 2, np.ones_like(g),
-            )  # fmt: skip
-            return np.stack([(column / noise).ravel() for column in columns], axis=1)
-
-        fit = least_squares(residuals, start, jac=slopes, x_scale="jac")
-        return fit.x, fit.jac, 2 * fit.cost / (light.size - len(start))
-
-    numbers, _, _ = solve(start, np.sqrt(variance + per_count * np.maximum(light, 0)))
-    modelled = np.maximum(numbers[0] * shape(numbers)[2], 0)  # a noise that does not follow the noise itself
-    numbers, slopes, excess = solve(numbers, np.sqrt(variance + per_count * modelled))
-    covariance = np.asarray(np.linalg.inv(slopes.T @ slopes) * max(1.0, excess), dtype=float)
+    numbers, covariance, chi2 = reweighted(model, light.ravel().astype(float), noise, start)
+    covariance = covariance * max(1.0, chi2 / (light.size - len(start)))
     return Spot(numbers[1:3], covariance[1:3, 1:3])

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import approx_fprime
 
-from rig.calibrate.galvo.cameras import NUMBERS, CalibratedCameras, CameraModel
-from rig.calibrate.geometry_fit import Floats
-from rig.errors import CalibrationError
+from rig.calibrate import Floats, require
+from rig.calibrate.galvo.cameras import CalibratedCameras, CameraModel, cameras_of, opencv
 
 #: Fewest spots from which a wall is told, and the part of them that has to be on it.
 MIN_SPOTS, MIN_ON_WALL = 12, 0.8
@@ -26,47 +26,19 @@ Cameras = tuple[CameraModel, CameraModel]
 
 @dataclass(frozen=True)
 class WallPlane:
-    """The wall as the spots show it, in the frame of the board.
-
-    Attributes
-    ----------
-    origin_m
-        (3,) the wall's origin.
-    axes
-        (3, 3) rows are the wall's x, y and z.
-    """
+    """The wall as spots show it, in the frame of the board: (3,) origin, and (3, 3) rows x, y and z."""
 
     origin_m: Floats
     axes: Floats
 
 
-@dataclass(frozen=True)
-class LocatedSpots:
-    """Spots on the wall.
-
-    Attributes
-    ----------
-    spots_m
-        (K, 2) x and y [m].
-    covariance
-        (2K, 2K) of all of them together: what cameras get wrong they get wrong for all.
-    kept
-        (N,) which of the spots given were on the wall, K of them.
-    off_wall_m
-        Root mean square distance of those from the plane [m].
-    tilt_rad
-        Angle between this plane and the board that was held on the wall.
-    """
-
-    spots_m: Floats
-    covariance: Floats
-    kept: NDArray[np.bool_]
-    off_wall_m: float
-    tilt_rad: float
-
-
-def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, seed: int = 0) -> LocatedSpots:
+def locate(
+    calibrated: CalibratedCameras, pixels: Floats, covariances: Floats
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return where spots are on the wall, with errors of spots and of cameras.
+
+    Raises CalibrationError if there are too few spots, the cameras contradict each other, too many spots are
+    off any plane, or a camera sees the wall nearly edge-on.
 
     Parameters
     ----------
@@ -74,57 +46,43 @@ def locate(calibrated: CalibratedCameras, pixels: Floats, covariances: Floats, s
         Both cameras.
     pixels, covariances
         (N, 2, 2) spot, camera, (column, row); and (N, 2, 2, 2) their covariances [pixels^2].
-    seed
-        Of the choice of spots through which planes are tried.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few spots, the cameras contradict each other, too many spots are off any plane, or a
-        camera sees the wall nearly edge-on.
+    Returns
+    -------
+    (K, 2) x and y [m]; their (2K, 2K) covariance, since what cameras get wrong they get wrong for all; and
+    (N,) which of the spots given were on the wall.
     """
-    if len(pixels) < MIN_SPOTS:
-        raise CalibrationError(
-            f"{len(pixels)} spots are too few for a calibration, {MIN_SPOTS} are needed: measure more angles"
-        )
-    cameras = calibrated.cameras
-    points_m, spread_m2, missed_px = triangulate(cameras, pixels, covariances)
-    if missed_px > MAX_MISS_PX:
-        raise CalibrationError(
-            f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
-            f"square), more than {MAX_MISS_PX:g}: was one moved after the boards were shown? Show them "
-            "again"
-        )
-    kept = on_one_plane(points_m, spread_m2, seed)
-    if kept.sum() < max(MIN_SPOTS, MIN_ON_WALL * len(kept)):
-        raise CalibrationError(
-            f"only {kept.sum()} of {len(kept)} spots lie on one plane: does the beam meet something before "
-            "the wall, or is the wall not flat? Clear the way, or measure a smaller area"
-        )
-    wall = plane_of(points_m[kept], spread_m2[kept])
-    _refuse_edge_on(cameras, points_m[kept], wall)
-    pixels, covariances = pixels[kept], covariances[kept]
-    spots_m, own_m2 = _on_wall(cameras, pixels, covariances, wall)
-    off_m = (points_m[kept] - wall.origin_m) @ wall.axes[2]
+    number = len(pixels)
+    require(
+        number >= MIN_SPOTS,
+        f"{number} spots are too few for a calibration, {MIN_SPOTS} are needed: measure more angles",
+    )
+    points_m, spread_m2, missed_px = triangulate(calibrated.cameras, pixels, covariances)
+    require(
+        missed_px <= MAX_MISS_PX,
+        f"the two cameras contradict each other about the spots by {missed_px:.1f} pixels (root mean "
+        f"square), more than {MAX_MISS_PX:g}: was one moved after the boards were shown? Show them again",
+    )
+    good = on_one_plane(points_m, spread_m2)
+    require(
+        good.sum() >= max(MIN_SPOTS, MIN_ON_WALL * number),
+        f"only {good.sum()} of {number} spots lie on one plane: does the beam meet something before the "
+        "wall, or is the wall not flat? Clear the way, or measure a smaller area",
+    )
+    pixels, covariances, points_m = pixels[good], covariances[good], points_m[good]
+    wall = plane_of(points_m, spread_m2[good])
+    _refuse_edge_on(calibrated.cameras, points_m, wall)
+    spots_m, spread_m2 = _on_wall(calibrated.cameras, pixels, covariances, points_m, wall)
 
     def with_numbers(numbers: Floats) -> Floats:
-        moved = (CameraModel(numbers[:NUMBERS]), CameraModel(numbers[NUMBERS:]))
-        there_m, spread, _ = triangulate(moved, pixels, covariances)
-        return _on_wall(moved, pixels, covariances, plane_of(there_m, spread))[0].ravel()
+        cameras = cameras_of(numbers)
+        there_m, spread_m2, _ = triangulate(cameras, pixels, covariances)
+        return _on_wall(cameras, pixels, covariances, there_m, plane_of(there_m, spread_m2))[0].ravel()
 
-    numbers = np.concatenate([camera.numbers for camera in cameras])
-    steps = 0.1 * np.sqrt(calibrated.covariance.diagonal())
-    slopes = approx_fprime(numbers, with_numbers, steps)
-    covariance = slopes @ calibrated.covariance @ slopes.T
-    for index, block in enumerate(own_m2):
-        covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2] += block
-    return LocatedSpots(
-        spots_m,
-        covariance,
-        kept,
-        float(np.sqrt((off_m**2).mean())),
-        float(np.arccos(min(wall.axes[2, 2], 1.0))),
-    )
+    numbers = np.concatenate([camera.numbers for camera in calibrated.cameras])
+    slopes = approx_fprime(numbers, with_numbers, 0.1 * np.sqrt(calibrated.covariance.diagonal()))
+    covariance = slopes @ calibrated.covariance @ slopes.T + block_diag(*spread_m2)
+    return spots_m, covariance, good
 
 
 def triangulate(cameras: Cameras, pixels: Floats, covariances: Floats) -> tuple[Floats, Floats, float]:
@@ -132,21 +90,19 @@ def triangulate(cameras: Cameras, pixels: Floats, covariances: Floats) -> tuple[
 
     Points are those whose images are nearest to the pixels, in units of their errors.
     """
-    starts = np.stack([camera.position_m for camera in cameras])
-    rays = np.stack([camera.rays(pixels[:, number]) for number, camera in enumerate(cameras)], axis=1)
-    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    points_m = np.linalg.solve(across.sum(axis=1), (across @ starts[..., None]).sum(axis=1))[..., 0]
-    return _nearest(cameras, pixels, covariances, points_m, np.eye(3))
+    ideal = [camera.ideal(pixels[:, number]).T for number, camera in enumerate(cameras)]
+    points = opencv().triangulatePoints(*(camera.pose for camera in cameras), *ideal)
+    return _nearest(cameras, pixels, covariances, (points[:3] / points[3]).T, np.eye(3))
 
 
-def _on_wall(cameras: Cameras, pixels: Floats, covariances: Floats, wall: WallPlane) -> tuple[Floats, Floats]:
+def _on_wall(
+    cameras: Cameras, pixels: Floats, covariances: Floats, points_m: Floats, wall: WallPlane
+) -> tuple[Floats, Floats]:
     """Return (N, 2) places on the wall [m] and their (N, 2, 2) covariances from the pixels' errors."""
-    camera = cameras[0]
-    rays = camera.rays(pixels[:, 0])
-    along_m = ((wall.origin_m - camera.position_m) @ wall.axes[2]) / (rays @ wall.axes[2])
-    points_m = camera.position_m + along_m[:, None] * rays
-    points_m, spread_m2, _ = _nearest(cameras, pixels, covariances, points_m, wall.axes[:2])
-    return (points_m - wall.origin_m) @ wall.axes[:2].T, spread_m2
+    along = wall.axes[:2]
+    points_m = wall.origin_m + (points_m - wall.origin_m) @ along.T @ along
+    points_m, spread_m2, _ = _nearest(cameras, pixels, covariances, points_m, along)
+    return (points_m - wall.origin_m) @ along.T, spread_m2
 
 
 def _nearest(
@@ -155,21 +111,20 @@ def _nearest(
     """Move points along (k, 3) ``ways`` until their images are nearest to the pixels, by Gauss and Newton."""
     roots = np.linalg.inv(np.linalg.cholesky(covariances))  # (N, camera, 2, 2) make pixels' errors 1
     for _ in range(3):  # the start is nearly there: each step squares what is left
-        seen = [camera.projected(points_m) for camera in cameras]
-        images = np.stack([pixels for pixels, _, _ in seen], axis=1)
-        slopes = np.stack([by_point for _, _, by_point in seen], axis=1) @ ways.T
+        pictures = [camera.projected(points_m) for camera in cameras]
+        missing_px = pixels - np.stack([images for images, _, _ in pictures], axis=1)
+        slopes = np.stack([by_point for _, _, by_point in pictures], axis=1) @ ways.T
         weighted = (roots @ slopes).reshape(len(points_m), 4, len(ways))
-        missing = (roots @ (pixels - images)[..., None]).reshape(len(points_m), 4, 1)
+        missing = (roots @ missing_px[..., None]).reshape(len(points_m), 4, 1)
         spread_m2 = np.linalg.inv(weighted.swapaxes(1, 2) @ weighted)
         points_m = points_m + (spread_m2 @ weighted.swapaxes(1, 2) @ missing)[..., 0] @ ways
-    images = np.stack([camera.project(points_m) for camera in cameras], axis=1)
-    missed_px = np.sqrt(((pixels - images) ** 2).sum(axis=-1).mean())
-    return points_m, np.asarray(spread_m2, dtype=float), float(missed_px)
+    missing_px = pixels - np.stack([camera.project(points_m) for camera in cameras], axis=1)
+    return points_m, np.asarray(spread_m2, dtype=float), float(np.sqrt((missing_px**2).sum(axis=-1).mean()))
 
 
-def on_one_plane(points_m: Floats, spread_m2: Floats, seed: int = 0) -> NDArray[np.bool_]:
+def on_one_plane(points_m: Floats, spread_m2: Floats) -> NDArray[np.bool_]:
     """Return which of (N, 3) points are on the plane that has most of them, of those tried through three."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     best = np.zeros(len(points_m), bool)
     for _ in range(TRIED):
         a, b, c = points_m[rng.choice(len(points_m), 3, replace=False)]
@@ -204,9 +159,8 @@ def _refuse_edge_on(cameras: Cameras, points_m: Floats, wall: WallPlane) -> None
     for number, camera in enumerate(cameras, 1):
         view = camera.position_m - points_m.mean(axis=0)
         angle = np.arcsin(abs(view @ wall.axes[2]) / np.linalg.norm(view))
-        if angle < MIN_VIEW_RAD:
-            raise CalibrationError(
-                f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots "
-                f"tell little across it. Put it where it sees the wall at {np.degrees(MIN_VIEW_RAD):.0f} "
-                "deg or more"
-            )
+        require(
+            angle >= MIN_VIEW_RAD,
+            f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots tell "
+            f"little across it. Put it where it sees the wall at {np.degrees(MIN_VIEW_RAD):.0f} deg or more",
+        )

@@ -66,7 +66,7 @@ class GalvoModel(Calibration):
     area_m: list[tuple[float, float]]
     covariance: tuple[tuple[float, ...], ...] = ()
     """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order, empty where not known; see
-    `rig.calibrate.galvo.model_fit.spot_covariances_m2`."""
+    `rig.calibrate.galvo.mirror.spot_covariances_m2`."""
     spot_error_m: float
     """Standard error of a spot that the model predicts, root mean square over those measured."""
     residual_m: float

@@ -22,16 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import CalibrationError
+from rig.calibrate import Floats, require
+from rig.calibrate.fits import reweighted
 
 #: Guess of the decay time, with which it is decided whether there are afterpulses at all [s].
 USUAL_DECAY_S = 40e-9
 #: What pulse, detector and electronics blur: no nearer to the edges of what is fitted [s].
 BLUR_S = 1e-9
-#: Most steps of a fit, and when it has arrived [standard errors].
-STEPS, ARRIVED = 40, 1e-4
-#: The excess that counts as seen, and the misfit that is no chance [standard errors].
-SEEN, NO_CHANCE = 5.0, 6.0
+#: The excess that counts as detected, and the misfit that is no chance [standard errors].
+DETECTED, NO_CHANCE = 5.0, 6.0
 
 
 @dataclass(frozen=True)
@@ -42,18 +41,14 @@ class Record:
     ----------
     name
         For errors.
-    counts
-        (bins,) over one sync period, from the pulse on.
-    bin_width_s, period_s
-        Of the bins, and between pulses; the last bin may reach over the period's end.
-    pulses
-        How many there were.
-    hold_off_s
-        Of the detector.
+    counts, pulses
+        (bins,) counts over one sync period from the pulse on, and the number of pulses.
+    bin_width_s, period_s, hold_off_s
+        The last bin may reach over the period's end.
     """
 
     name: str
-    counts: NDArray[np.float64]
+    counts: Floats
     bin_width_s: float
     period_s: float
     pulses: float
@@ -68,26 +63,26 @@ class Record:
         begin = first + int(np.ceil(self.hold_off_s / self.bin_width_s)) + margin
         return np.arange(begin, first + whole - margin) % whole
 
-    def ready(self) -> NDArray[np.float64]:
+    def ready(self) -> Floats:
         """(bins,) part of the pulses after which the detector is ready at each bin."""
-        return 1 - self._past(lambda lag_s: self._within_hold_off(lag_s)) / self.pulses
+        return 1 - self._past(self._within_hold_off) / self.pulses
 
-    def released(self, decay_s: float) -> NDArray[np.float64]:
+    def released(self, decay_s: float) -> Floats:
         """(bins,) carriers released in each bin after the hold-off, were p = 1."""
         period, width = self.period_s, self.bin_width_s
         again = 1 / -np.expm1(-period / decay_s)  # from the periods before
 
-        def kernel(lag_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        def kernel(lag_s: Floats) -> Floats:
             density = np.exp(-lag_s / decay_s) * width / decay_s
             return density * (1 - self._within_hold_off(lag_s)) + density * (again - 1)
 
         return self._past(kernel)
 
-    def _within_hold_off(self, lag_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _within_hold_off(self, lag_s: Floats) -> Floats:
         """Part of a bin that lies less than the hold-off behind."""
         return np.clip((self.hold_off_s - lag_s) / self.bin_width_s + 0.5, 0, 1)
 
-    def _past(self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _past(self, kernel: Callable[[Floats], Floats]) -> Floats:
         """Sum of the counts before each bin, times the kernel of the lag; times repeat."""
         bins = len(self.counts)
         weights = kernel(np.arange(bins, dtype=np.float64) * np.float64(self.bin_width_s))
@@ -97,11 +92,11 @@ class Record:
         """Return the bin in which the laser's first light arrives."""
         counts, usual = self.counts, float(np.median(self.counts))
         highest = int(counts.argmax())
-        if counts[highest] < usual + 20 * np.sqrt(usual + 1) or counts[highest] < 100:
-            raise CalibrationError(
-                f"{self.name}: no light of the laser stands out; afterpulses are seen after its pulses. Take "
-                "the beam stop away, attenuate less, or measure longer"
-            )
+        require(
+            counts[highest] >= max(usual + 20 * np.sqrt(usual + 1), 100),
+            f"{self.name}: no light of the laser stands out; afterpulses are seen after its pulses. Take the "
+            "beam stop away, attenuate less, or measure longer",
+        )
         bright = np.flatnonzero(counts > usual + 10 * np.sqrt(usual + 1))
         # the longest pause between bright bins, round the period, ends at the first light
         pauses = np.diff(np.append(bright, bright[0] + len(counts)))
@@ -110,13 +105,13 @@ class Record:
 
 @dataclass(frozen=True)
 class Afterpulses:
-    """What the records say; ``seen`` is False where there are none, and then ``decay_s`` is a usual one."""
+    """What the records say; where there are none, ``decay_s`` is a usual one."""
 
     probability: float
     probability_error: float
     decay_s: float
     decay_error_s: float
-    seen: bool
+    detected: bool
     chi2_per_bin: float
 
     def outlasting(self, hold_off_s: float) -> float:
@@ -127,36 +122,34 @@ class Afterpulses:
 def fitted(records: Sequence[Record]) -> Afterpulses:
     """Fit probability and decay time to all records together, by greatest likelihood.
 
-    Raises
-    ------
-    CalibrationError
-        If the records have no quiet time, or do not follow the model.
+    Raises CalibrationError if the records have no quiet time, or do not follow the model.
     """
     for record in records:
-        if len(record.quiet) * record.bin_width_s < 3 * USUAL_DECAY_S:
-            raise CalibrationError(
-                f"{record.name}: only {1e9 * len(record.quiet) * record.bin_width_s:.0f} ns between the "
-                "hold-off and the next pulse are left to see afterpulses in; use a lower --repetition or "
-                "shorter hold-offs"
-            )
-    start = _solve(records, USUAL_DECAY_S, free_decay=False)
-    seen = start[0] > SEEN * np.sqrt(start[2][0, 0])
-    p, decay_s, covariance = _solve(records, USUAL_DECAY_S, free_decay=True) if seen else start
-    chi2, bins = _misfit(records, p, decay_s)
-    if chi2 > bins + NO_CHANCE * np.sqrt(2 * bins):
-        raise CalibrationError(
-            f"{records[0].name}: between the pulses there is more than steady light and afterpulses "
-            f"(chi2 {chi2:.0f} in {bins} bins). Hold-offs have to be longer than the dead time of the timing "
-            "instrument, and no light may come back so late; check for reflections from far away"
+        quiet_s = len(record.quiet) * record.bin_width_s
+        require(
+            quiet_s >= 3 * USUAL_DECAY_S,
+            f"{record.name}: only {1e9 * quiet_s:.0f} ns between the hold-off and the next pulse are left to "
+            "see afterpulses in; use a lower --repetition or shorter hold-offs",
         )
-    error_s = float(np.sqrt(covariance[1, 1])) if seen else float("nan")
+    p, decay_s, covariance = _solve(records, USUAL_DECAY_S, free_decay=False)
+    detected = p > DETECTED * np.sqrt(covariance[0, 0])
+    if detected:
+        p, decay_s, covariance = _solve(records, USUAL_DECAY_S, free_decay=True)
+    chi2, bins = _misfit(records, p, decay_s)
+    require(
+        chi2 <= bins + NO_CHANCE * np.sqrt(2 * bins),
+        f"{records[0].name}: between the pulses there is more than steady light and afterpulses (chi2 "
+        f"{chi2:.0f} in {bins} bins). Hold-offs have to be longer than the dead time of the timing "
+        "instrument, and no light may come back so late; check for reflections from far away",
+    )
+    p_error, decay_error_s = np.sqrt(np.diag(covariance)).tolist()
     return Afterpulses(
-        float(p) if seen else 0.0,
-        float(np.sqrt(covariance[0, 0])),
-        float(decay_s),
-        error_s,
-        bool(seen),
-        float(chi2 / bins),
+        probability=p if detected else 0.0,
+        probability_error=p_error,
+        decay_s=decay_s,
+        decay_error_s=decay_error_s if detected else float("nan"),
+        detected=detected,
+        chi2_per_bin=chi2 / bins,
     )
 
 
@@ -167,65 +160,56 @@ def fitted_alone(record: Record, decay_s: float) -> tuple[float, float]:
     return float(p * outlasting), float(np.sqrt(covariance[0, 0]) * outlasting)
 
 
-def expected(record: Record, p: float, decay_s: float) -> NDArray[np.float64]:
+def expected(record: Record, p: float, decay_s: float) -> Floats:
     """Return (quiet bins,) counts due in the quiet bins, the steady light taken from the record."""
-    quiet, ready = record.quiet, record.ready()[record.quiet]
-    after = p * record.released(decay_s)[quiet] * ready
-    counts = record.counts[quiet]
-    steady = max(counts.sum() - after.sum(), 1.0) / ready.sum()
-    for _ in range(STEPS):  # greatest likelihood: sum of ready * (counts / expected - 1) = 0
-        due = steady * ready + after
-        steady = max(steady + (ready * (counts / due - 1)).sum() / (ready**2 / due).sum(), 1e-9)
-    return steady * ready + after
+    counts, ready = record.counts[record.quiet], record.ready()[record.quiet]
+    after = p * record.released(decay_s)[record.quiet] * ready
+
+    def due(steady: Floats) -> Floats:
+        return np.maximum(steady * ready + after, 1e-9)
+
+    start = max(counts.sum() - after.sum(), 1.0) / ready.sum()
+    return due(reweighted(due, counts, np.sqrt, [start], scale=start)[0])
 
 
-def _solve(
-    records: Sequence[Record], decay_s: float, *, free_decay: bool
-) -> tuple[float, float, NDArray[np.float64]]:
-    """Return p, tau and their covariance: Fisher's scoring for Poisson counts, one steady light a record.
+def _solve(records: Sequence[Record], decay_s: float, *, free_decay: bool) -> tuple[float, float, Floats]:
+    """Return p, tau and their (2, 2) covariance, with one steady light a record.
 
     Inside, p is replaced by the probability to be released in the time in which most is seen, of which the
-    decay time is nearly independent; p itself is an extrapolation back to no hold-off at all.
+    decay time is nearly independent; p itself is an extrapolation back to no hold-off at all. The decay time
+    is a factor exp(x) to the given one.
     """
     pivot_s = min(record.hold_off_s for record in records) + decay_s
     ready = [record.ready()[record.quiet] for record in records]
-    level, k = 0.005, 1 / decay_s
-    steady = [float(np.median(record.counts[record.quiet])) + 0.1 for record in records]
-    size = 2 + len(records)
-    for _ in range(STEPS):
-        information, slope = np.zeros((size, size)), np.zeros(size)
-        for i, record in enumerate(records):
-            shape = _shape(record, k, pivot_s, decay_s) * ready[i]
-            tiny = 1e-4 * k
-            steeper = (
-                _shape(record, k + tiny, pivot_s, decay_s) - _shape(record, k - tiny, pivot_s, decay_s)
-            ) / (2 * tiny)
-            due = np.maximum(steady[i] * ready[i] + level * shape, 1e-9)
-            moves = np.zeros((size, len(due)))
-            moves[0], moves[1], moves[2 + i] = shape, level * steeper * ready[i], ready[i]
-            information += (moves / due) @ moves.T
-            slope += moves @ (record.counts[record.quiet] / due - 1)
-        free = [index for index in range(size) if free_decay or index != 1]
-        inverse = np.linalg.inv(information[np.ix_(free, free)])
-        step = np.zeros(size)
-        step[free] = inverse @ slope[free]
-        level += step[0]
-        k = float(np.clip(k + step[1], k / 1.5, k * 1.5))
-        steady = [max(b + more, 1e-9) for b, more in zip(steady, step[2:], strict=True)]
-        if (np.abs(step[free]) < ARRIVED * np.sqrt(np.diag(inverse))).all():
-            break
-    covariance = np.zeros((2, 2))
-    kept = free[:2] if free_decay else [0]
-    covariance[np.ix_(kept, kept)] = inverse[: len(kept), : len(kept)]
-    factor = float(np.exp(k * pivot_s)) / (k * decay_s)  # p = level exp(k pivot) / (k decay_s)
-    by = np.array([[factor, level * factor * (pivot_s - 1 / k)], [0.0, -1 / k**2]])
-    return level * factor, 1 / k, by @ covariance @ by.T
+    counts = [record.counts[record.quiet] for record in records]
+    lines = 1 + free_decay
+
+    def due(at: Floats) -> Floats:
+        tau_s = decay_s * np.exp(at[1]) if free_decay else decay_s
+        factor = at[0] * _per_level(tau_s, pivot_s, decay_s)
+        counts = [
+            (steady + factor * record.released(tau_s)[record.quiet]) * live
+            for record, live, steady in zip(records, ready, at[lines:], strict=True)
+        ]
+        return np.maximum(np.concatenate(counts), 1e-9)
+
+    steady = [float(np.median(one)) + 0.1 for one in counts]
+    at, covariance, _ = reweighted(
+        due,
+        np.concatenate(counts),
+        np.sqrt,
+        [0.005, *[0.0] * free_decay, *steady],
+        scale=[0.005, *[1.0] * free_decay, *steady],
+    )
+    tau_s = decay_s * float(np.exp(at[1])) if free_decay else decay_s
+    factor = _per_level(tau_s, pivot_s, decay_s)
+    by = np.array([[factor, at[0] * factor * (1 - pivot_s / tau_s)], [0.0, tau_s]])[:, :lines]
+    return float(at[0] * factor), tau_s, by @ covariance[:lines, :lines] @ by.T
 
 
-def _shape(record: Record, k: float, pivot_s: float, decay_s: float) -> NDArray[np.float64]:
-    """Return the afterpulses in the quiet bins for a level of 1."""
-    reference = np.exp(k * pivot_s) / (k * decay_s)
-    return record.released(1 / k)[record.quiet] * reference
+def _per_level(tau_s: float, pivot_s: float, decay_s: float) -> float:
+    """Return p for a level of 1: exp(pivot / tau) tau / decay."""
+    return float(np.exp(pivot_s / tau_s)) * tau_s / decay_s
 
 
 def _misfit(records: Sequence[Record], p: float, decay_s: float) -> tuple[float, int]:

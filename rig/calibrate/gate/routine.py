@@ -12,23 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drivers.hydraharp.limits import LIMITS
-from rig.acquire.acquisition import Watch, record
+from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.calibrate.counts import passes_of, sound_scans
-from rig.calibrate.gate_edge import MIDDLE, Edge
-from rig.calibrate.gate_sweep import arrivals, nearest_after_s, read_sweep, smooth_arrivals
-from rig.calibrate.peaks import FWHM_PER_SIGMA
-from rig.calibrate.routine import changed, histogram_settings, origin
-from rig.errors import CalibrationError
-from rig.files.scan import ScanFile
-from rig.model.calibrations.base import Calibration
+from rig.calibrate import Floats, figures, require
+from rig.calibrate.gate.edge import MIDDLE, Edge, fitted_at, part_error
+from rig.calibrate.gate.sweep import Sweep, nearest_after_s, open_gate_bounces, read_sweep, smooth_arrivals
+from rig.calibrate.raw import origin, reading
+from rig.calibrate.routine import Routine, changed, histogram_settings, recorded
+from rig.calibrate.timing.peaks import FWHM_PER_SIGMA
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
-from rig.model.plan import Pass, ScanPlan
+from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_length
 from rig.model.state import RigState
 
@@ -43,21 +42,17 @@ CLOSED_S = 10e-9
 
 
 @dataclass(frozen=True)
-class GateRoutine:
+class GateRoutine(Routine[GateOpening]):
     """Finds the gate's opening over the scanned part of the wall.
 
     Attributes
     ----------
     nearest_m
         Distance from the wall of the nearest object that shall be seen.
-    columns
-        Of the coarse grid; as many rows as fit.
-    exposure_s
-        At each position and delay.
-    step_s
-        Between delays.
-    before_s, after_s
-        From the first light's arrival less this to the last one's and this: what delays are tried.
+    columns, exposure_s
+        Of the coarse grid, with as many rows as fit; and at each position and delay.
+    step_s, before_s, after_s
+        Delays are tried in such steps from so long before the first light's arrival to after the last one's.
     pulse_fwhm_s
         Full width at half maximum of the laser's pulse.
     """
@@ -69,7 +64,8 @@ class GateRoutine:
     before_s: float = 0.8e-9
     after_s: float = 1.0e-9
     pulse_fwhm_s: float = 35e-12
-    kind: str = GateOpening.kind
+
+    makes = GateOpening
 
     @property
     def sigma_s(self) -> float:
@@ -91,24 +87,25 @@ class GateRoutine:
         # an earlier opening must not be set again
         state = RigState(state.config, state.calibrations.without(GateOpening.kind))
         grid = self._plan(state.config).passes[0]
-        files = [folder / "gate-open.h5", folder / "gate-sweep.h5"]
 
-        def scan(path: Path, passes: list[Pass]) -> None:
-            record(ScanPlan(passes=tuple(passes)), state, station.devices, path, watch, station.operator)
+        def sweep(name: str, delays_s: list[float], width_s: float) -> Path:
+            passes = tuple(
+                grid.model_copy(update={"name": show(delay_s, "s", 5), "gate_s": (delay_s, width_s)})
+                for delay_s in delays_s
+            )
+            return recorded(folder / name, ScanPlan(passes=passes), state, station, watch)
 
-        scan(files[0], [_with_gate(grid, "open", state.config.detector.gate_width_s, 0.0)])
-        if watch.should_stop():
-            return files[:1]
-        with ScanFile(files[0]) as wide:
-            arrival_s = arrivals(wide.passes()[0])[0]
-        delays_s = self._delays_s(arrival_s)
-        scan(files[1], [_with_gate(grid, show(delay_s, "s", 5), CLOSED_S, delay_s) for delay_s in delays_s])
+        files = [sweep("gate-open.h5", [0.0], state.config.detector.gate_width_s)]
+        if not watch.should_stop():
+            with reading(files) as (_, (wide,)):
+                delays_s = self._delays_s(open_gate_bounces(wide).centre_s)
+            files.append(sweep("gate-sweep.h5", delays_s, CLOSED_S))
         return files
 
-    def fit(self, files: Sequence[Path], state: RigState) -> Calibration:
+    def fit(self, files: Sequence[Path], state: RigState) -> GateOpening:
         """Return the opening; the file with the widest gate says what passes it when it is open."""
-        with sound_scans(files) as scans:
-            sweep = read_sweep(passes_of(scans), self.sigma_s)
+        with reading(files) as (scans, passes):
+            sweep = read_sweep(passes, self.sigma_s)
             about = origin(GateOpening, scans)
         config, legs, edge = state.config, state.delays, sweep.edge
         spot_m = state.channels[0].spot_m
@@ -122,14 +119,13 @@ class GateRoutine:
         failed = np.append(sweep.failed, np.zeros(len(wanted_m), bool))
         limit_s = latest_s[~failed].min()
         can = ~failed & (earliest_s <= limit_s)
-        if not can.any():
-            raise CalibrationError(
-                f"{files[0]}: no opening blocks the first bounce anywhere and still shows an object at "
-                f"{show_length(self.nearest_m)}: the earliest that blocks is "
-                f"{show(earliest_s.min(), 's', 5)}, the "
-                f"latest that shows it {show(limit_s, 's', 5)}. Give a larger --nearest, or scan less of the "
-                "wall"
-            )
+        require(
+            can.any(),
+            f"{files[0]}: no opening blocks the first bounce anywhere and still shows an object at "
+            f"{show_length(self.nearest_m)}: the earliest that blocks is {show(earliest_s.min(), 's', 5)}, "
+            f"the latest that shows it {show(limit_s, 's', 5)}. Give a larger --nearest, or scan less of "
+            "the wall",
+        )
         last = int(np.where(can, earliest_s, -np.inf).argmax())
         delay_s = float(np.ceil(earliest_s[last] / STEP_S - 1e-6) * STEP_S)
         return GateOpening(
@@ -150,13 +146,20 @@ class GateRoutine:
             failed=sweep.failed.tolist(),
         )
 
-    def figure(self, files: Sequence[Path], calibration: Calibration) -> Figure:
-        """Draw the edge with residuals, and the earliest opening over the wall."""
-        from rig.calibrate.pictures_gate import gate_figure
-
-        assert isinstance(calibration, GateOpening)
-        with sound_scans(files) as scans:
-            return gate_figure(read_sweep(passes_of(scans), self.sigma_s), calibration)
+    def figure(self, files: Sequence[Path], found: GateOpening) -> Figure:
+        """Draw what passes against the gate's lateness with its residuals, and the opening over the wall."""
+        with reading(files) as (_, passes):
+            sweep = read_sweep(passes, self.sigma_s)
+        figure, axes = figures.panels(
+            f"gate opens at {show(found.gate_delay_s, 's', 5)} ± {show(found.gate_delay_error_s, 's', 2)}, "
+            f"{show(found.gate_width_s, 's', 4)} wide; edge {show(found.edge_s, 's')} ± "
+            f"{show(found.edge_error_s, 's', 2)} from 20 to 80 %",
+            [["edge", "wall"], ["residuals", "wall"]], (13, 7.5),
+            width_ratios=(1, 1.25), height_ratios=(2, 1),
+        )  # fmt: skip
+        _draw_edge(axes["edge"], axes["residuals"], sweep)
+        _draw_wall(axes["wall"], found)
+        return figure
 
     def _plan(self, config: RigConfig) -> ScanPlan:
         """Return as coarse a grid as was asked for over the scan's, no larger than it."""
@@ -165,21 +168,18 @@ class GateRoutine:
         spacing_m = wide_m / max(self.columns - 1, 1)
         rows = int(high_m / spacing_m + 1e-9) + 1
         return ScanPlan.grid(
-            config, columns=self.columns, rows=rows, spacing_m=spacing_m, exposure_s=self.exposure_s
+            config,
+            columns=self.columns,
+            rows=rows,
+            spacing_m=spacing_m,
+            exposure_s=self.exposure_s,
+            preparation=Preparation.ATTENUATE,
         )
 
-    def _delays_s(self, arrival_s: np.ndarray) -> list[float]:
+    def _delays_s(self, arrival_s: Floats) -> list[float]:
         """Return the delays to try, in whole picoseconds."""
         first_s, last_s = max(arrival_s.min() - self.before_s, 0.0), arrival_s.max() + self.after_s
-        return [
-            round(delay_s, 12) for delay_s in np.arange(first_s, last_s + self.step_s, self.step_s).tolist()
-        ]
-
-
-def _with_gate(one: Pass, name: str, width_s: float, delay_s: float) -> Pass:
-    """Return a pass with the attenuated beam through a gate."""
-    changes = {"name": name, "gate_s": (delay_s, width_s), "preparation": Preparation.ATTENUATE}
-    return one.model_copy(update=changes)
+        return np.arange(first_s, last_s + self.step_s, self.step_s).round(12).tolist()
 
 
 def _width_s(config: RigConfig, edge: Edge, delay_s: float, first_arrival_s: float) -> float:
@@ -187,9 +187,48 @@ def _width_s(config: RigConfig, edge: Edge, delay_s: float, first_arrival_s: flo
     harp = histogram_settings(config)
     end_s = harp.offset_s + harp.bins * harp.bin_width_s
     next_s = first_arrival_s + edge.open_until_s(MAY_PASS) + 1 / config.laser.repetition_hz
-    if end_s <= delay_s:
-        raise CalibrationError(
-            f"the histogram ends {show(end_s, 's', 4)} after the sync pulse, before the gate may open at "
-            f"{show(delay_s, 's', 4)}: choose more bins or a later tcspc.offset"
-        )
+    require(
+        end_s > delay_s,
+        f"the histogram ends {show(end_s, 's', 4)} after the sync pulse, before the gate may open at "
+        f"{show(delay_s, 's', 4)}: choose more bins or a later tcspc.offset",
+    )
     return round(min(end_s, next_s) - delay_s, 11)
+
+
+def _draw_edge(axes: Axes, below: Axes, sweep: Sweep) -> None:
+    late_ps, edge = 1e12 * sweep.late_s, sweep.edge
+    for where, marker, colour, label in (
+        (~sweep.failed, ".", figures.BLUE, "first bounce that passes, all positions"),
+        (sweep.failed, "x", figures.RED, "where the gate fails"),
+    ):
+        if where.any():
+            parts = late_ps[:, where].ravel(), sweep.part[:, where].ravel()
+            axes.plot(*parts, marker, markersize=4, color=colour, label=label)
+    reach_ps = 1e12 * edge.rise_s * np.linspace(-2.5, 2.5, 600)
+    grid_ps = 1e12 * edge.offset_s + reach_ps
+    axes.plot(grid_ps, edge.passed(1e-12 * grid_ps), color="black", linewidth=1, label="fitted edge")
+    axes.set(xlim=grid_ps[[0, -1]], ylabel="part of the first bounce", title="the edge meets the light")
+    axes.legend(loc="upper right", fontsize="small")
+    due = edge.passed(sweep.late_s)
+    used = fitted_at(due) & ~sweep.failed
+    error = part_error(due, sweep.whole)[used]
+    figures.residuals(below, late_ps[used], (sweep.part - due)[used] / error)
+    below.set(xlim=grid_ps[[0, -1]], xlabel="gate half open after the light's arrival (ps)",
+              ylabel="residual (standard errors)")  # fmt: skip
+
+
+def _draw_wall(axes: Axes, found: GateOpening) -> None:
+    spots_m, failed = np.array(found.spots_m), np.array(found.failed)
+    earliest_ns = 1e9 * np.array(found.earliest_s, dtype=float)
+    can = np.isfinite(earliest_ns)
+    label = "earliest opening that blocks the first bounce (ns)"
+    figures.wall_map(axes, spots_m[can], earliest_ns[can], label, size=900)
+    for where, colour, label in (
+        (failed, figures.RED, "gate fails: first bounce not blocked"),
+        (~can & ~failed, figures.GREY, f"blocked only too late for {show_length(found.nearest_m)}"),
+    ):
+        if where.any():
+            axes.plot(*spots_m[where].T, "X", color=colour, markersize=13, label=label)
+    axes.set_title(f"{can.sum()} of {len(can)} positions blocked")
+    if not can.all():
+        figures.legend_below(axes)

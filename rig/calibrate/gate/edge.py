@@ -15,13 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from rig.calibrate import Floats
+from rig.calibrate.fits import reweighted
+
 #: A linear edge takes this much of its whole time from 20 to 80 %.
 MIDDLE = 0.6
 #: Only between these parts is the edge fitted: the sensitivity rings after the gate has opened, and where it
 #: is closed there is nothing to learn of the edge.
 FITTED = (0.005, 0.85)
-#: Steps of the fit; the last ones change nothing.
-STEPS = 30
+#: Fewest points there.
+MIN_POINTS = 4
 
 
 @dataclass(frozen=True)
@@ -32,23 +35,19 @@ class Edge:
     ----------
     offset_s
         Delay of the half open gate less the recorded arrival of the light that it halves.
-    rise_s
-        W.
-    sigma_s
-        Of the pulse.
-    covariance
-        (2, 2) of offset and rise [s^2].
-    residual
-        Root mean square of what the fit leaves, in standard errors.
+    rise_s, sigma_s
+        W, and sigma of the pulse.
+    covariance, residual
+        (2, 2) of offset and rise [s^2], and root mean square of the residuals in standard errors.
     """
 
     offset_s: float
     rise_s: float
     sigma_s: float
-    covariance: NDArray[np.float64]
+    covariance: Floats
     residual: float
 
-    def passed(self, late_s: ArrayLike) -> NDArray[np.float64]:
+    def passed(self, late_s: ArrayLike) -> Floats:
         """Return what part passes a gate that opens so much after the light's recorded arrival."""
         return passed(np.asarray(late_s) - self.offset_s, self.rise_s, self.sigma_s)
 
@@ -70,10 +69,10 @@ class Edge:
         return float(brentq(lambda x_s: float(passed(x_s, self.rise_s, self.sigma_s)) - part, 0, far_s))
 
 
-def passed(x_s: ArrayLike, rise_s: float, sigma_s: float) -> NDArray[np.float64]:
+def passed(x_s: ArrayLike, rise_s: float, sigma_s: float) -> Floats:
     """Return E(x)."""
 
-    def integral(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def integral(z: Floats) -> Floats:
         u = z / sigma_s
         return z * ndtr(u) + sigma_s * np.exp(-(u**2) / 2) / np.sqrt(2 * np.pi)
 
@@ -81,63 +80,41 @@ def passed(x_s: ArrayLike, rise_s: float, sigma_s: float) -> NDArray[np.float64]
     return (integral(rise_s / 2 - x) - integral(-rise_s / 2 - x)) / rise_s
 
 
-def fit_edge(
-    late_s: NDArray[np.float64], counts: NDArray[np.float64], whole: NDArray[np.float64], sigma_s: float
-) -> Edge:
-    """Fit offset and rise.
+def fit_edge(late_s: Floats, counts: Floats, whole: Floats, sigma_s: float) -> Edge:
+    """Fit offset and rise, met by a pulse of this sigma.
 
-    Parameters
-    ----------
-    late_s
-        (n,) gate's delay less recorded arrival.
-    counts
-        (n,) counts of the pulse.
-    whole
-        (n,) counts that the open gate lets pass, from a measurement of the same exposure.
-    sigma_s
-        Of the pulse.
-
-    Raises
-    ------
-    ValueError
-        If the counts do not go from open to closed.
+    Of each of n measurements there are the gate's delay less the recorded arrival, the counts of the pulse,
+    and the counts of the whole pulse, which the open gate lets pass in the same exposure. Raises ValueError
+    if the counts do not go from open to closed.
     """
     part = counts / whole
-    offset_s, rise_s = _start(late_s, part)
-    for _ in range(STEPS):
-        due = passed(late_s - offset_s, rise_s, sigma_s)
-        used = fitted_at(due)
-        error = part_error(due, whole)[used]
-        tiny = 1e-13
-        by = np.stack(
-            [
-                (passed(late_s - offset_s - tiny, rise_s, sigma_s) - due) / tiny,
-                (passed(late_s - offset_s, rise_s + tiny, sigma_s) - due) / tiny,
-            ]
-        )[:, used]
-        left = (part - due)[used]
-        information = (by / error**2) @ by.T
-        if used.sum() < 4 or np.linalg.cond(information) > 1e12:
+
+    def error(due: Floats) -> Floats:
+        if fitted_at(due).sum() < MIN_POINTS:
             raise ValueError("too few delays fall on the edge")
-        step = np.linalg.solve(information, by @ (left / error**2))
-        offset_s += float(np.clip(step[0], -0.3 * rise_s, 0.3 * rise_s))
-        rise_s = float(np.clip(rise_s + step[1], rise_s / 1.5, rise_s * 1.5))
-    residual = float(np.sqrt(((left / error) ** 2).sum() / max(used.sum() - 2, 1)))
-    covariance = np.asarray(np.linalg.inv(information) * max(residual, 1.0) ** 2, dtype=float)
-    return Edge(offset_s, rise_s, sigma_s, covariance, residual)
+        return np.where(fitted_at(due), part_error(due, whole), np.inf)
+
+    start = _start(late_s, part)
+    (offset_s, rise_s), covariance, chi2 = reweighted(
+        lambda at: passed(late_s - at[0], abs(at[1]), sigma_s), part, error, start, scale=start[1]
+    )
+    used = fitted_at(passed(late_s - offset_s, abs(rise_s), sigma_s))
+    residual = float(np.sqrt(chi2 / max(used.sum() - 2, 1)))
+    return Edge(float(offset_s), float(abs(rise_s)), sigma_s, covariance * max(residual, 1.0) ** 2, residual)
 
 
-def fitted_at(due: NDArray[np.float64]) -> NDArray[np.bool_]:
+def fitted_at(due: Floats) -> NDArray[np.bool_]:
     """Return where the edge is fitted, by the parts that are due there."""
     return (due > FITTED[0]) & (due < FITTED[1])
 
 
-def part_error(due: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
+def part_error(due: Floats, whole: Floats) -> Floats:
     """Return the standard error of a part, by counting: of its own counts and of the open gate's."""
+    due = np.maximum(due, 0.0)
     return np.sqrt(due * (1 + due) / whole)
 
 
-def _start(late_s: NDArray[np.float64], part: NDArray[np.float64]) -> tuple[float, float]:
+def _start(late_s: Floats, part: Floats) -> tuple[float, float]:
     """Return a first offset and rise from medians over stretches of lateness."""
     order = np.argsort(late_s)
     stretches = np.array_split(order, max(len(order) // 12, 4))

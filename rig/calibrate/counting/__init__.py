@@ -1,0 +1,1 @@
+"""What is learnt by counting steady light: dark counts, afterpulses, bin widths."""
