@@ -193,7 +193,7 @@ def compare(
     Raises
     ------
     UsageError
-        If the file is a volume, or the truth cannot be had.
+        If the file is a volume, the truth cannot be had, or no method has an image.
     DataFileError
         If the file cannot be read.
     recon.errors.ReconError
@@ -216,6 +216,8 @@ def compare(
             if not one.reason:
                 columns.append(column(one, read_volume(path), truth_m is not None))
             progress((number + 1) / len(METHODS))
+    if all(one.reason for one in methods):
+        raise UsageError(f"{file}: no method has an image; of {METHODS[0]}: {methods[0].reason}")
     compared = Comparison(file, sheet, truth, work, reason, FWHM * sigma_s, tuple(methods))
     save(comparison_figure(columns, grid.x_m, grid.y_m, file.name, compared.summary()), sheet)
     return compared

@@ -99,6 +99,15 @@ def test_a_simulated_scan_knows_its_scene(rig, tmp_path):
         assert known_truth(tmp_path / "imported.h5", scan) is None
 
 
+def test_a_dark_capture_has_no_comparison(rig, tmp_path):
+    small = ("--grid", "5x5", "--spacing", "10cm", "--bin-width", "32ps", "--bins", "400")
+    assert rig("sim", "render", "empty", "dark.h5", *small).code == 0
+    done = rig("compare", "dark.h5", "--wavelength", "20cm", "--depth", "0.8m:1m:10cm")
+    assert done.code == 2
+    assert "dark throughout" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["dark.h5"]
+
+
 def test_a_column_shows_the_volume_and_its_numbers():
     rng = np.random.default_rng(5)
     axis, z_m = np.linspace(-0.2, 0.2, 8), np.array([0.5, 1.0])
