@@ -18,7 +18,7 @@ from recon.wave import ContinuousWave, Light, VirtualPulse
 FWHM_SIGMAS = 2.355
 #: Least wavelength in spacings of positions. A pulse of two cycles has a wide band, whose ghosts do not come
 #: together: below two spacings (four where laser and detector move together), they are a haze.
-SPACINGS, SPACINGS_CONFOCAL = 1.2, 3.0
+SPACINGS, SPACINGS_CONFOCAL = 1.0, 3.0
 #: Positions whose haze is faint enough for that; of fewer, the wavelength is longer by the root.
 MANY_POSITIONS = 1000
 #: Wavelength in the shortest that the instrument's response passes: two thirds of the band pass well.

@@ -148,7 +148,9 @@ def quicker_on_lattice(
     groups: Sequence[PlanarGroup], laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid, frames: int = 1
 ) -> bool:
     """Return whether lattices take less time than the other ways, and are exact at these depths."""
-    if not groups or (frames > 1 and len(groups) > 1) or _too_near(groups[0], band, grid):
+    if not groups or (frames > 1 and len(groups) > 1):
+        return False
+    if _too_near(groups[0], band, grid) and not all(_on_a_lattice(group, laser_m) for group in groups):
         return False
     points = 0.0
     for group in groups:
@@ -158,6 +160,15 @@ def quicker_on_lattice(
         points += lengths[0] * lengths[1] / group.round_trip_factor
     other_ns = LOOKUP_NS if frames == 1 else TERM_NS * len(band)
     return LATTICE_NS * points * len(grid.z_m) * len(band) < other_ns * len(laser_m) * grid.size
+
+
+def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:
+    """Return whether a group's positions are a regular grid as they are, so that none need be spread."""
+    try:
+        recognise(laser_m[group.records] - [0, 0, group.depth_m])
+    except GeometryError:
+        return False
+    return True
 
 
 def _too_near(group: PlanarGroup, band: Band, grid: VoxelGrid) -> bool:
