@@ -8,6 +8,7 @@ import rig
 from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
+from rig.commands.compare import compare
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
@@ -59,6 +60,7 @@ calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)
 app.add_typer(calibrate, name="calibrate")
 app.command("measure")(measure)
+app.command("compare")(compare)
 app.command("stats")(stats)
 app.command("plot")(plot)
 app.command("import")(import_)

@@ -154,7 +154,7 @@ def recon(
         solver=solver.value,
         wavelength_m=length(wavelength),
         cycles=cycles,
-        depth_m=_depths(depth) if depth else None,
+        depth_m=depths(depth) if depth else None,
         frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
         over=over.value if over else None,
         all_depths=all_depths,
@@ -186,7 +186,8 @@ def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
     return start, stop, step
 
 
-def _depths(text: str) -> tuple[float, float, float]:
+def depths(text: str) -> tuple[float, float, float]:
+    """Read the option --depth."""
     from rig.errors import UsageError
 
     start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")

@@ -119,6 +119,7 @@ def measure(
     *,
     threshold: float | None = None,
     falloff: float = 4.0,
+    margin_m: float | None = None,
 ) -> Measures:
     """Measure a volume.
 
@@ -135,6 +136,9 @@ def measure(
         depth map as it is, or 0.05 where it has none.
     falloff
         Power of depth that intensity is multiplied by first, except for the widths.
+    margin_m
+        The background begins this far from the object; None takes the wavelength, or a pixel where the volume
+        has none.
 
     Raises
     ------
@@ -153,8 +157,9 @@ def measure(
         )
     seen = np.isfinite(depth_m)
     occupied = seen if truth_m is None else np.isfinite(truth_m)
-    pitch_m = float(volume.x_m[1] - volume.x_m[0]) if len(volume.x_m) > 1 else 0.0
-    margin_m = max(float(volume.parameters.get("wavelength_m", 0.0)), pitch_m)
+    if margin_m is None:
+        pitch_m = float(volume.x_m[1] - volume.x_m[0]) if len(volume.x_m) > 1 else 0.0
+        margin_m = max(float(volume.parameters.get("wavelength_m", 0.0)), pitch_m)
     around = surroundings(occupied, volume.x_m, volume.y_m, margin_m)
     front = front_view(compensated)
     found: dict[str, Any] = {

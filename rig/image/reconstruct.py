@@ -68,7 +68,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class _Work:
+class Work:
     """What is imaged, with all choices made."""
 
     request: Request
@@ -82,6 +82,7 @@ class _Work:
 
     @property
     def capture(self) -> Capture:
+        """What is imaged."""
         return self.seen.capture
 
     def volume(self, found: Image, surface: Surface | None = None, **more: Any) -> Volume:
@@ -134,7 +135,7 @@ def reconstruct(
     began_s = time.monotonic()
     _check(request, video_path)
     with ScanFile(scan_path) as scan:
-        work, reason = _chosen(scan, request)
+        work, reason = chosen(scan, request)
         camera = _camera(work)
         if not SOLVERS[request.solver].virtual_wave:
             volume, warnings, reason = *_classic(work, progress), ""
@@ -155,7 +156,13 @@ def reconstruct(
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
 
 
-def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
+def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
+    """Choose what was not asked for, a longer wavelength where photons are too few; say why this one."""
+    work, reason = chosen(scan, request)
+    return _still(work, reason, None)[:2]
+
+
+def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for; say why this wavelength."""
     seen = _seen_with(scan, request)
     # Light takes the same paths both ways: the side with more spots focuses.
@@ -164,7 +171,7 @@ def _chosen(scan: ScanFile, request: Request) -> tuple[_Work, str]:
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
-    work = _Work(
+    work = Work(
         request, seen, pulse, grid, window, scan.path.name, scan.digest, estimated=tuple(scan.estimated)
     )
     return work, choice.reason
@@ -246,7 +253,7 @@ def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:
         raise UsageError(f"{why} {' and '.join(given)} would have no effect; {remedy}")
 
 
-def _warnings(work: _Work, camera: Camera) -> tuple[str, ...]:
+def _warnings(work: Work, camera: Camera) -> tuple[str, ...]:
     """List what may spoil the image."""
     response_s = work.seen.instrument_response_s
     found = defaults.warnings(work.capture, work.pulse, work.grid, response_s, camera.light(work.pulse))
@@ -255,7 +262,7 @@ def _warnings(work: _Work, camera: Camera) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _classic(work: _Work, progress: Callable[[float], None] | None) -> tuple[Volume, tuple[str, ...]]:
+def _classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volume, tuple[str, ...]]:
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
     request = work.request
     found = baseline_image(
@@ -271,14 +278,14 @@ def _wavelength(request: Request, capture: Capture, response_s: float | None) ->
     return defaults.wavelength(capture, response_s)
 
 
-def _camera(work: _Work) -> Camera:
+def _camera(work: Work) -> Camera:
     name = work.request.camera
     if CAMERAS[name].film:
         return TransientCamera(frame_times_s(work.capture, work.pulse, work.grid, work.request.frames_s))
     return PhotoCamera() if name == "photo" else ConfocalCamera()
 
 
-def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
+def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
     request = work.request
     return image(
         work.capture,
@@ -293,7 +300,7 @@ def _focused(work: _Work, camera: Camera, progress: Callable[[float], None] | No
     )
 
 
-def _imaged(work: _Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
+def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
     capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
@@ -304,7 +311,7 @@ def _imaged(work: _Work, progress: Callable[[float], None] | None) -> tuple[Imag
     )
 
 
-def _still(work: _Work, reason: str, progress: Callable[[float], None] | None) -> tuple[_Work, str, Volume]:
+def _still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
     for attempt in range(1, ATTEMPTS + 1 if work.request.wavelength_m is None else 1):
@@ -330,7 +337,7 @@ def _signal(volume: Volume) -> tuple[str, ...]:
 
 
 def _film(
-    work: _Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
+    work: Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
     request, grid, over = work.request, work.grid, work.request.over or "surface"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
 from rig.errors import DataFileError, UsageError
-from rig.files import read_volume
+from rig.files import ScanFile, read_volume
 from rig.files.check import open_hdf5, plain, reading
 
 #: Endings of triangle meshes, in metres and in the program's frame.
@@ -50,7 +50,7 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
         raise DataFileError(
             f"{path} does not exist, or is no file; a truth is a file, or scene:NAME for a simulated scene"
         )
-    if path.suffix.lower() in MESHES:
+    if _is_mesh(source):
         return surface_of_mesh(_mesh(path), x_m, y_m)
     if path.suffix.lower() == ".npz":
         return _from_npz(path, x_m, y_m)
@@ -59,6 +59,31 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
     raise UsageError(
         f"{path} is no truth that can be read: give HDF5, .npz, {', '.join(MESHES)}, or scene:NAME"
     )
+
+
+def known_truth(path: Path, scan: ScanFile) -> str | None:
+    """Return the truth that a file holds or names itself, as `true_depth` takes it; None where it does not.
+
+    Parameters
+    ----------
+    path
+        A scan, or the file that it was imported from; it may have the group ``truth``.
+    scan
+        The scan; a simulated one tells its scene.
+    """
+    if h5py.is_hdf5(path):
+        with open_hdf5(path) as file, reading(path):
+            truth = file.get("truth", {})
+            if {"depth_m", "x_m", "y_m"} <= set(truth) or "geometry" in truth:
+                return str(path)
+    config = scan.config if scan.simulated else None
+    if config is None or config.simulation is None or _is_mesh(config.simulation.scene):
+        return None
+    return f"scene:{config.simulation.scene}"
+
+
+def _is_mesh(name: str) -> bool:
+    return Path(name).suffix.lower() in MESHES
 
 
 def _mesh(path: Path) -> NDArray[np.float64]:

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.files.volume import Volume
 from rig.model.quantities import show_length
-from rig.show.volume import WIDTH_PX, draw_front, parameters_line
+from rig.show.volume import DPI, WIDTH_PX, draw_front, parameters_line
 
 #: Pictures in a row, and in a sheet.
 COLUMNS, MOST = 4, 12
-_DPI = 100
 #: Amplitude, by the maximum of the video, from which a frame counts as lit.
 LEAST_LIGHT = 0.05
 COLOURS = "inferno"
@@ -91,12 +90,12 @@ def sheet(
     rows = ceil(len(images) / columns)
     # inches around the pictures, for labels, titles and the bar
     left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 0.65, 1.05, 0.25, 0.45
-    width = WIDTH_PX / _DPI
+    width = WIDTH_PX / DPI
     wide = (width - left - right - (columns - 1) * gap_x) / columns
     wide = min(wide, width / 3)
-    tall = wide * min(2.0, _side(volume.y_m) / _side(volume.x_m))
+    tall = wide * min(2.0, side_m(volume.y_m) / side_m(volume.x_m))
     height = bottom + top + rows * tall + (rows - 1) * gap_y
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     scale = Normalize(0.0, 1.0)
     for number, (image, title) in enumerate(zip(images, titles, strict=True)):
@@ -125,6 +124,7 @@ def _spread(count: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(np.intp))
 
 
-def _side(centres_m: NDArray) -> float:
+def side_m(centres_m: NDArray) -> float:
+    """Return the length of an axis, from edge to edge of its outermost pixels."""
     pitch_m = centres_m[1] - centres_m[0] if len(centres_m) > 1 else 0.02
     return float(centres_m[-1] - centres_m[0] + pitch_m)

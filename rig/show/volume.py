@@ -1,6 +1,5 @@
 """Pictures of a reconstructed volume, as the virtual camera on the wall sees the scene."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from rig.model.quantities import show_length
 
 #: Width of a picture [pixels].
 WIDTH_PX = 1500
-_DPI = 100
+DPI = 100
 _AMPLITUDE_COLOURS = "inferno"
-_DEPTH_COLOURS = "viridis"
+DEPTH_COLOURS = "viridis"
 _CONFIDENCE_COLOURS = "gray"
-_NO_SURFACE = "0.82"  # neutral grey: no colour of the depth scale
+NO_SURFACE = "0.82"  # neutral grey: no colour of the depth scale
 #: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
 _LEAST_DEPTHS_M = 0.1
 _X_LABEL = "x (m), as seen from the wall"
@@ -95,9 +94,10 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
     label = "amplitude / maximum" + (f", intensity times {compensation}" if compensation else "")
     figure.colorbar(front, cax=panels["amplitude bar"], label=label)
     if volume.depth_m is not None:
-        panels["depth"].set_facecolor(_NO_SURFACE)
-        depths = Normalize(*_depth_range(volume))
-        drawn = draw_front(panels["depth"], volume.depth_m, volume.x_m, volume.y_m, _DEPTH_COLOURS, depths)
+        panels["depth"].set_facecolor(NO_SURFACE)
+        found = np.isfinite(volume.depth_m)
+        depths = Normalize(*depth_range(volume.depth_m[found] if found.any() else volume.z_m))
+        drawn = draw_front(panels["depth"], volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, depths)
         panels["depth"].set_title("depth of the surface (grey: none)")
         figure.colorbar(drawn, cax=panels["depth bar"], label="depth z (m)")
     if volume.confidence is not None and "confidence" in panels:
@@ -144,7 +144,7 @@ def save(figure: Figure, path: str | Path) -> None:
     path = Path(path)
     try:
         with appearing(path) as partial:
-            figure.savefig(partial, dpi=_DPI)
+            figure.savefig(partial, dpi=DPI)
     except (OSError, ValueError) as error:
         raise DataFileError(f"cannot write the picture {path}: {error}") from error
 
@@ -176,12 +176,8 @@ def _amplitude(volume: Volume) -> NDArray[np.float32]:
     return amplitude / largest if largest > 0 else amplitude
 
 
-def _depth_range(volume: Volume) -> tuple[float, float]:
-    """Return the range of colours: the depth map's, or the volume's where nothing was found."""
-    assert volume.depth_m is not None
-    depths_m: Sequence[float] | NDArray = volume.depth_m[np.isfinite(volume.depth_m)]
-    if len(depths_m) == 0:
-        depths_m = volume.z_m
+def depth_range(depths_m: NDArray) -> tuple[float, float]:
+    """Return the range of the colours of depths, all finite and one at least."""
     low, high = float(np.min(depths_m)), float(np.max(depths_m))
     middle = (low + high) / 2
     half = max((high - low) / 2, _LEAST_DEPTHS_M / 2)
@@ -225,12 +221,12 @@ def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
     left, right, bottom, top, gap, between, bar = 0.8, 1.15, 0.65, 1.05, 0.85, 0.95, 0.16
     if flat:
         gap, between = gap + 1.0, 0.0  # the bar of the amplitude stands between the columns
-    width = WIDTH_PX / _DPI
+    width = WIDTH_PX / DPI
     scale = (width - left - gap - right) / (wide_m + second_column_m)
     scale = min(scale, _TALLEST * width / 2 / (high_m + (0.0 if flat else max(deep_m, maps * high_m))))
     second_row = 0.0 if flat else max(deep_m * scale, maps * high_m * scale + (maps - 1) * between)
     height = bottom + second_row + between + high_m * scale + top
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     x0 = left + (width - left - gap - right - (wide_m + second_column_m) * scale) / 2
     x1 = x0 + wide_m * scale + gap
