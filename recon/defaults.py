@@ -25,6 +25,9 @@ MANY_POSITIONS = 1000
 RESPONSES = 1.5
 #: Response that is taken where none is known: laser, detector and timing of the usual rig.
 USUAL_RESPONSE_S = 65e-12
+#: A rendering has neither response nor noise. Then it is cost that decides: half the wavelength is four times
+#: the work.
+SPACINGS_RENDERED = 2.0
 #: Where no response is known, so many wavelengths are to fit on the wall.
 WAVELENGTHS = 12.0
 #: Fewest wavelengths across the wall with which anything is told apart.
@@ -92,17 +95,29 @@ def _slowest_response_s(extent_m: float) -> float:
     return extent_m / MIN_WAVELENGTHS * FWHM_SIGMAS / (pi * C_M_PER_S)
 
 
-def wavelength(capture: Capture, response_fwhm_s: float | None = None) -> Choice:
+def wavelength(capture: Capture, response_fwhm_s: float | None = None, *, rendered: bool = False) -> Choice:
     """Choose a wavelength from spacing and number of positions, and from the instrument's response.
 
     The reason names the choice that is next worth a try.
+
+    Parameters
+    ----------
+    capture
+        Its positions and its bins.
+    response_fwhm_s
+        Full width at half maximum; None where unknown.
+    rendered
+        Whether the record holds expectation values, without noise.
     """
     spots_m = np.unique(np.round(capture.by_its_finer_aperture().laser_m, 4), axis=0)
     pitch_m, few = spacing_m(capture), min(2.0, max(1.0, (MANY_POSITIONS / len(spots_m)) ** 0.5))
+    spacings = SPACINGS_CONFOCAL if capture.confocal else SPACINGS_RENDERED if rendered else SPACINGS
     spaced = Choice(
-        few * (SPACINGS_CONFOCAL if capture.confocal else SPACINGS) * pitch_m,
+        few * spacings * pitch_m,
         f"for {len(spots_m):,} positions {pitch_m * 100:.3g} cm apart",
     )
+    if rendered and response_fwhm_s is None:
+        response_fwhm_s = capture.bin_width_s
     if response_fwhm_s is not None:
         passed = Choice(
             RESPONSES * shortest_wavelength_m(response_fwhm_s),

@@ -28,6 +28,8 @@ class Seen:
         Rectified time before which the record holds the wall's own light; None where unknown.
     instrument_response_s
         Full width at half maximum; None where unknown.
+    rendered
+        Whether it was rendered by this program: expectation values, without noise.
     notes
         What was changed, and what speaks against it, as sentences.
     """
@@ -35,12 +37,15 @@ class Seen:
     capture: Capture
     fade_from_s: float | None
     instrument_response_s: float | None
+    rendered: bool = False
     notes: tuple[str, ...] = ()
 
 
 def as_recorded(scan: ScanFile) -> Seen:
     """Return a scan with the calibrations that it was taken with."""
-    return Seen(scan.capture(), scan.fade_from_s, scan.instrument_response_s)
+    # Others' files of fractions may be counts that were normalised, with all their noise.
+    rendered = scan.expectation and scan.simulated
+    return Seen(scan.capture(), scan.fade_from_s, scan.instrument_response_s, rendered)
 
 
 def from_store(scan: ScanFile, store: CalibrationStore) -> Calibrations:
@@ -104,7 +109,7 @@ def recalibrated(scan: ScanFile, calibrations: Calibrations) -> Seen:
         pairs_m = np.repeat(laser_m[steps], len(scan.channels), axis=0)
         capture = dataclasses.replace(capture, laser_m=pairs_m, first_bin_s=first_bin_s[steps].ravel())
     response_s = calibrations.response.fwhm_s if calibrations.response else seen.instrument_response_s
-    return Seen(capture, fade_from_s, response_s, tuple(notes))
+    return Seen(capture, fade_from_s, response_s, seen.rendered, tuple(notes))
 
 
 def with_even_bins(seen: Seen, scan: ScanFile, calibrations: Calibrations) -> Seen:

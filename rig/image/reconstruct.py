@@ -167,7 +167,7 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     seen = _seen_with(scan, request)
     # Light takes the same paths both ways: the side with more spots focuses.
     seen = dataclasses.replace(seen, capture=seen.capture.by_its_finer_aperture())
-    choice = _wavelength(request, seen.capture, seen.instrument_response_s)
+    choice = _wavelength(request, seen)
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
@@ -272,10 +272,10 @@ def _classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volu
     return work.volume(found, find(found, quiet_level(found.intensity)), **snr), found.notes
 
 
-def _wavelength(request: Request, capture: Capture, response_s: float | None) -> defaults.Choice:
+def _wavelength(request: Request, seen: Seen) -> defaults.Choice:
     if request.wavelength_m is not None:
         return defaults.Choice(request.wavelength_m, "as asked")
-    return defaults.wavelength(capture, response_s)
+    return defaults.wavelength(seen.capture, seen.instrument_response_s, rendered=seen.rendered)
 
 
 def _camera(work: Work) -> Camera:

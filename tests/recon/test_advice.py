@@ -36,6 +36,13 @@ def test_a_coarse_grid_asks_for_a_longer_wave_the_longer_the_fewer_positions():
     assert defaults.wavelength(capture(wall(60, 44, 0.05), True), 65e-12).value == pytest.approx(0.15)
 
 
+def test_a_rendering_is_limited_by_its_positions_alone():
+    assert defaults.wavelength(PAPER, rendered=True).value == pytest.approx(0.02)
+    assert "23,400 positions 1 cm apart" in defaults.wavelength(PAPER, rendered=True).reason
+    # a response that is known is there, noise or not
+    assert defaults.wavelength(PAPER, 65e-12, rendered=True).value == pytest.approx(0.04)
+
+
 def test_the_finer_aperture_decides():
     """Few lasers by many pixels: light takes the same paths both ways."""
     lasers, pixels = wall(2, 2, 1.6), wall(32, 32, 0.05)
