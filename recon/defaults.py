@@ -229,8 +229,9 @@ def warnings(
     least = 2 if capture.confocal else 1
     if pulse.wavelength_m < least * pitch_m * (1 - 1e-3):
         found.append(
-            f"wavelength {pulse.wavelength_m * 100:.3g} cm is shorter than {least} times the spacing of "
-            f"positions, {pitch_m * 100:.3g} cm: ghosts will appear; use "
+            f"wavelength {pulse.wavelength_m * 100:.3g} cm is shorter than "
+            f"{'twice ' if least > 1 else ''}the spacing of positions, {pitch_m * 100:.3g} cm: "
+            "ghosts will appear; use "
             f"{least * pitch_m * 100:.3g} cm or more"
         )
     low, high = extent(capture)

@@ -110,7 +110,7 @@ def test_warns_of_what_spoils_the_image():
     grid = VoxelGrid.from_spec(1.8, 1.3, 0.01, (0.5, 3.0, 0.02))
     assert defaults.warnings(PAPER, VirtualPulse(0.04), grid, 65e-12) == []
     (short,) = defaults.warnings(PAPER, VirtualPulse(0.009), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
-    assert "shorter than 1 times the spacing" in short
+    assert "shorter than the spacing" in short
     confocal = capture(wall(180, 130, 0.01), confocal=True)
     (short,) = defaults.warnings(confocal, VirtualPulse(0.019), VoxelGrid.from_spec(1, 1, 0.1, (0.5, 1, 0.1)))
     assert "use 2 cm or more" in short
