@@ -105,16 +105,16 @@ def depth_map(
     intensity: NDArray[np.float32],
     z_m: NDArray[np.float64],
     threshold: float = 0.1,
-    late_s: NDArray[np.float32] | None = None,
     lifted: float = 0.0,
 ) -> NDArray[np.float32]:
-    """Return `peak_depth`, NaN where the front view is below a part of its maximum.
+    """Return the peak's depth, NaN where the front view is below a part of its maximum.
 
-    `recon.surface.find` tells surfaces from noise and glints; this is the plain read-out.
+    `recon.surface.find` tells surfaces from noise and glints; this is for a volume of which nothing but the
+    intensity is known. `lifted` is as in `peak_depth`.
     """
     front = front_view(intensity)
     seen = (front > 0) & (front >= threshold * front.max())
-    return np.where(seen, peak_depth(intensity, z_m, late_s, lifted), np.nan).astype(np.float32)
+    return np.where(seen, peak_depth(intensity, z_m, lifted=lifted), np.nan).astype(np.float32)
 
 
 def _on_time(

@@ -305,16 +305,15 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
     capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
     found = _focused(reading, ConfocalCamera(), progress)
-    counted = tally.whole and found.pulse is not None
-    return found, find(
-        found, photon_noise(tally, work.pulse, work.grid) if counted else quiet_level(found.intensity)
-    )
+    noise = photon_noise(tally, work.pulse, work.grid) if tally.whole else quiet_level(found.intensity)
+    return found, find(found, noise)
 
 
 def _still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
-    for attempt in range(1, ATTEMPTS + 1 if work.request.wavelength_m is None else 1):
+    attempts = ATTEMPTS if work.request.wavelength_m is None else 0
+    for attempt in range(1, attempts + 1):
         if surface.contrast_seen() >= WELL:
             break
         pulse = VirtualPulse(work.pulse.wavelength_m * LONGER**attempt, work.pulse.cycles)

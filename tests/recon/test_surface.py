@@ -42,7 +42,7 @@ def plate(x_m, y_m, z_m, pitch_m=0.02):
 @pytest.mark.parametrize("confocal", [False, True], ids=["one spot", "confocal"])
 @pytest.mark.parametrize("background", [0.01, 0.3, 30])
 def test_nothing_is_called_nothing(confocal, background):
-    """In 99 of 100 images at least; 25 drawn for each of six kinds, of which one more may fail by chance."""
+    """In 99 of 100 images at least: of 25 drawn for each of six kinds one may fail by chance, not two."""
     rng = np.random.default_rng(1)
     draws = [rng.poisson(background / 900, (len(LASER), 900)).astype(np.uint32) for _ in range(25)]
     empty = [seen(counts, confocal).empty for counts in draws]

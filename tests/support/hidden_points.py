@@ -44,7 +44,7 @@ def snake(laser_m, columns):
 
 
 def exact(capture, result):
-    """U(v) = sum_w g sum_p H^_p exp(i w (r_p + r_c)/c)/r_p in complex128, each record with its own two legs.
+    """U(v) = sum_w g sum_p H^_p exp(i w (r_p + r_c)/c)/r_p in complex128, each record with its own two paths.
 
     Term by term, over the frequencies and bins that the solver says it used.
     """

@@ -54,7 +54,7 @@ class PlanarGroup:
     records
         Which of them.
     round_trip_factor
-        Legs of the path that the kernel stands for: 1, or 2 for confocal data.
+        How often the path from a laser spot to a voxel counts: once, or twice for confocal data.
     detector_m
         (3,) the spot they share, where each record has its own and its path is not the camera's affair.
     depth_m

@@ -70,7 +70,7 @@ class LatticePropagator(Propagator):
     grid
         Voxels; all depths that will be asked for.
     round_trip_factor
-        Legs of the path that the kernel stands for: 1, or 2 for confocal data.
+        How often the path from a laser spot to a voxel counts: once, or twice for confocal data.
     wall_bytes
         As of `ImagingProblem`.
     """
