@@ -4,6 +4,8 @@
     ├── UsageError           exit 2  the command line or a quantity is wrong
     ├── ConfigError          exit 2  the configuration file is wrong
     ├── RefusedError         exit 4  a limit, disk space or safety forbids it; nothing was started
+    │   └── DoubtError       exit 4  the rig is not as it was: what was measured last may be wrong
+    │       └── LightLostError   the laser went dark, or was put out, and nobody had asked for it
     ├── CalibrationError     exit 5  a measurement does not allow a calibration; nothing was stored
     ├── DataFileError        exit 5  a file is damaged, foreign, or lacks what is needed
     └── InterruptedScanError exit 6  the scan was stopped; what was measured is safe in the file
@@ -35,6 +37,14 @@ class RefusedError(RigError):
     """Raised when a limit, the disk space or safety forbids what was asked, before anything is started."""
 
     exit_code = 4
+
+
+class DoubtError(RefusedError):
+    """Raised when the rig is no longer as it was: what was measured since it was last seen so may be wrong."""
+
+
+class LightLostError(DoubtError):
+    """Raised when there is no light any more although nobody had asked for its end."""
 
 
 class DataFileError(RigError):

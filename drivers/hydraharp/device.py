@@ -4,6 +4,7 @@ Not implemented: T2, T3 and continuous mode, markers, external start and stop (C
 full bin; `HHLib` has their functions.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,6 +29,9 @@ POLL_S = 1e-3
 LATE_S = 1.0
 CLOCK_ERROR = 1e-3
 
+#: How often the caller is asked during an exposure whether it shall go on.
+MEANWHILE_S = 0.1
+
 
 @dataclass(frozen=True)
 class Exposure:
@@ -41,11 +45,14 @@ class Exposure:
         How long the instrument measured.
     warnings
         Plain sentences about this measurement; empty when all is well.
+    whole
+        Whether it lasted as long as was asked for.
     """
 
     counts: NDArray[np.uint32]
     live_time_s: float
     warnings: tuple[str, ...] = ()
+    whole: bool = True
 
     @cached_property
     def photons(self) -> int:
@@ -192,7 +199,7 @@ class HydraHarp:
         read_back = {"bin_width_s": self._bin_width_s, "histogram_bins": self._histogram_bins}
         return self._settings.as_dict() | read_back
 
-    def measure(self, exposure_s: float) -> Exposure:
+    def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> Exposure:
         """Clear, expose for ``exposure_s``, and return the histogram of each input.
 
         A lost sync is a warning and not an error: the counts then cover an unknown part of the exposure, and
@@ -203,6 +210,9 @@ class HydraHarp:
         ----------
         exposure_s
             Whole milliseconds, 1 ms to 100 h.
+        meanwhile
+            Called each `MEANWHILE_S` of an exposure that is longer; when it returns True the exposure ends
+            at once, and its live time is what the instrument says has passed.
 
         Raises
         ------
@@ -220,25 +230,37 @@ class HydraHarp:
         library.clear_hist_mem(index)
         try:
             library.start_meas(index, duration_ms)
-            self._clock.sleep(duration_ms / 1000)
-            late_s = LATE_S + CLOCK_ERROR * duration_ms / 1000
-            if not wait_until(
-                self._clock, lambda: library.ctc_ended(index), timeout_s=late_s, every_s=POLL_S
-            ):
-                raise LinkError(
-                    self._name,
-                    f"measure for {duration_ms} ms",
-                    f"the measurement still runs {late_s:.3g} s after its end",
-                    "Check the USB link, and switch the HydraHarp off and on.",
-                )
+            whole = self._expose(duration_ms, meanwhile)
         except BaseException:
             with suppress(HydraHarpError):
                 library.stop_meas(index)
             raise
+        live_s = duration_ms / 1000 if whole else library.get_elapsed_meas_time(index) / 1000
         library.stop_meas(index)
         for row, channel in enumerate(self._settings.inputs):
             library.get_histogram(index, channel, self._rows[row])
-        return Exposure(self._counts, duration_ms / 1000, self._sentences(library.get_flags(index)))
+        return Exposure(self._counts, live_s, self._sentences(library.get_flags(index)), whole)
+
+    def _expose(self, duration_ms: int, meanwhile: Callable[[], bool]) -> bool:
+        """Wait for the end of an exposure; return False if ``meanwhile`` ended it before."""
+        until_s = self._clock.now_s() + duration_ms / 1000
+        while (left_s := until_s - self._clock.now_s()) > MEANWHILE_S:
+            self._clock.sleep(MEANWHILE_S)
+            if meanwhile():
+                return False
+        self._clock.sleep(max(left_s, 0.0))
+        late_s = LATE_S + CLOCK_ERROR * duration_ms / 1000
+        ended = wait_until(
+            self._clock, lambda: self._library.ctc_ended(self._index), timeout_s=late_s, every_s=POLL_S
+        )
+        if not ended:
+            raise LinkError(
+                self._name,
+                f"measure for {duration_ms} ms",
+                f"the measurement still runs {late_s:.3g} s after its end",
+                "Check the USB link, and switch the HydraHarp off and on.",
+            )
+        return True
 
     def rates(self) -> Rates:
         """Return the rates of sync and photon inputs; the instrument renews them each 100 ms."""

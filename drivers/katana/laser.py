@@ -17,6 +17,13 @@ from drivers.leaving import leave
 
 BEWARE = "Treat the laser as EMITTING: turn its key off by hand."
 
+#: So often emission is ended before the laser is said to be emitting.
+STOP_TRIES = 5
+
+#: Between two questions that must agree: a late answer to an earlier question has come by then, and is thrown
+#: away by the next one; an answer takes 5 ms at 38400 baud.
+BETWEEN_ANSWERS_S = 0.05
+
 
 class KatanaLaser:
     """A laser whose light takes two steps, `arm` and `emit`; a context manager that leaves it dark.
@@ -131,9 +138,7 @@ class KatanaLaser:
         try:
             if complaint := self._line.write(f"{self._dialect.emission}=1"):
                 raise self._line.complained("emit", complaint)
-            if not wait_until(
-                self._clock, self._says_emitting, timeout_s=self._emission_timeout_s, every_s=0.1
-            ):
+            if not wait_until(self._clock, self._says_lit, timeout_s=self._emission_timeout_s, every_s=0.1):
                 raise RefusedError(
                     self._line.name,
                     "emit",
@@ -158,18 +163,24 @@ class KatanaLaser:
         self._armed = self._lit = False
         if self._found is None:
             return
-        doubt: DeviceError | None = None
-        for _ in range(2):  # a garbled line must not leave the light on
+        doubt: BaseException | None = None
+        interrupted: BaseException | None = None
+        for _ in range(STOP_TRIES):  # neither a garbled line nor an interrupt must leave the light on
             try:
                 self._line.write(f"{self._found.emission}=0")
                 if not self._says_emitting():
-                    return
+                    break
                 doubt = RefusedError(self._line.name, "be dark", "it says that it still emits", BEWARE)
             except DeviceError as problem:
                 doubt = type(problem)(self._line.name, "be dark", problem.answered, BEWARE)
-        if doubt is not None:
+            except BaseException as problem:
+                doubt = interrupted = problem
+        else:
+            assert doubt is not None
             leave([self._lower_power], doubt)
             raise doubt
+        if interrupted is not None:
+            raise interrupted
 
     def emitting(self) -> bool:
         """Return what the laser itself says about its emission.
@@ -230,6 +241,30 @@ class KatanaLaser:
         )
 
     def _says_emitting(self) -> bool:
+        """Ask whether the laser emits; that it does not is believed from two answers only, both fresh.
+
+        Raises
+        ------
+        ProtocolError
+            The answers do not agree.
+        """
+        if self._line.emission(self._dialect):
+            return True
+        self._clock.sleep(BETWEEN_ANSWERS_S)
+        if self._line.emission(self._dialect):
+            raise ProtocolError(
+                self._line.name,
+                "say twice whether it emits",
+                "it said that it is dark, and then that it emits",
+                "Check the cable; ask again.",
+            )
+        return False
+
+    def _says_lit(self) -> bool:
+        """Return whether two fresh answers say that the laser emits; one alone may be late."""
+        if not self._line.emission(self._dialect):
+            return False
+        self._clock.sleep(BETWEEN_ANSWERS_S)
         return self._line.emission(self._dialect)
 
     def _end(self) -> None:

@@ -5,14 +5,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivers.clock import SystemClock
 from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.loading import load_library
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
-from rig.acquire.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
-from rig.model.config import HydraHarpConfig, RigConfig
-from rig.model.devices import Operator, WallCamera
+from rig.devices.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
+from rig.devices.wires import real_wires
+from rig.light.guarded import GuardedHere
+from rig.light.remote import GuardedElsewhere
+from rig.model.config import RigConfig
+from rig.model.devices import GatedSpad, GuardedLaser, Operator, WallCamera
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -44,7 +45,7 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         If a device is missing, is another one, or fails.
     """
     with ExitStack() as stack:
-        wires = stack.enter_context(_simulated(config))[0] if config.simulated else _real(config)
+        wires = stack.enter_context(_simulated(config))[0] if config.simulated else real_wires(config)
         yield _open(config, wires, stack, first)
 
 
@@ -65,22 +66,9 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
             operator, cameras = simulated_operator(bench)
         else:
-            wires = _real(config)
+            wires = real_wires(config)
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(_open(config, wires, stack, 0), operator, cameras)
-
-
-def _real(config: RigConfig) -> Wires:
-    def hhlib() -> HHLib:
-        return load_library(config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None)
-
-    return Wires(
-        galvo=config.galvo.address or "",
-        laser=config.laser.address or "",
-        usb_backend=None,
-        hhlib=hhlib,
-        clock=SystemClock(),
-    )
 
 
 @contextmanager
@@ -104,10 +92,22 @@ def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
 
 def _open(config: RigConfig, wires: Wires, stack: ExitStack, first: int) -> Devices:
     """Enter the devices; the laser last, so that it is the first to be made safe."""
+    galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
+    spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
     return Devices(
-        galvo=stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires)),
-        spad=stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires)),
+        galvo=galvo,
+        spad=spad,
         tcspc=stack.enter_context(TIMING[config.tcspc.kind].open(config, wires, first)),
-        laser=stack.enter_context(LASERS[config.laser.kind](config.laser, wires)),
+        laser=_guarded(config, wires, stack, spad),
         clock=wires.clock,
     )
+
+
+def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> GuardedLaser:
+    """Open the laser behind its guard: a process of its own, unless laser and program end together anyway."""
+    if config.simulated:
+        laser = stack.enter_context(LASERS[config.laser.kind](config.laser, wires))
+        return GuardedHere(laser, wires.clock)
+    guarded = GuardedElsewhere(config)
+    guarded.when_hanging.append(spad.disable)
+    return stack.enter_context(guarded)

@@ -1,18 +1,21 @@
 """The scan engine: a loop over a plan that speaks to devices and tells what happens as events."""
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from enum import Enum
 
-from rig.errors import RefusedError
+from drivers.errors import DeviceError, LimitError
+from rig.acquire.vigil import READ_BACK_S, Vigil
+from rig.errors import DoubtError, RefusedError
 from rig.model.devices import (
     Clock,
     Device,
     Exposure,
     Galvo,
     GatedSpad,
-    Laser,
+    GuardedLaser,
     Operator,
     Preparation,
     Rates,
@@ -22,12 +25,18 @@ from rig.model.devices import (
 from rig.model.plan import Pass, ScanPlan, Step
 from rig.model.state import RigState
 
-#: Wait after emission begins before count rates are read: the instrument renews them every 100 ms, and the
-#: vendor's demos (HHLib 3.0) wait 400 ms after a change.
+#: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
+#: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
 
-#: How often the laser is asked whether it still emits: its interlock shows in nothing else.
-WATCH_INTERVAL_S = 1.0
+#: For so long the light may stay without a word while a timing instrument is called, which may never return;
+#: while the mirror or the detector are asked, whose lines have time limits; and while files are written.
+EXPOSURE_LEASE_S = 0.6
+ASKING_LEASE_S = 4.0
+FILE_LEASE_S = 15.0
+
+#: An exposure with more than this left is cut when a stop is asked for; a shorter one is finished.
+WORTH_CUTTING_S = 0.3
 
 
 class Phase(Enum):
@@ -35,12 +44,13 @@ class Phase(Enum):
 
     ::
 
-        PREPARING -> AIMING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
-            ^---------- a pass with other settings ------'
+        PREPARING -> AIMING -> BIASING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
+            ^---------- a pass with other settings ------------------'
     """
 
     PREPARING = "preparing"
     AIMING = "aiming"
+    BIASING = "biasing the detector"
     LIGHTING = "lighting"
     CHECKING = "checking rates"
     EXPOSING = "exposing"
@@ -93,6 +103,50 @@ class StepDone:
 
 
 @dataclass(frozen=True)
+class StepCut:
+    """A step was ended before its time, because a stop was asked for; it counts as not measured.
+
+    ``exposure`` holds what was counted until then, for as long as the event is handled.
+    """
+
+    step: Step
+    exposure: Exposure
+
+
+@dataclass(frozen=True)
+class LightChanged:
+    """What is known of the laser's light.
+
+    Attributes
+    ----------
+    on
+        Whether the laser says that it emits; None where it could not be asked or does not obey.
+    when
+        Local time at which it was read back, ISO 8601.
+    """
+
+    on: bool | None
+    when: str
+
+
+@dataclass(frozen=True)
+class Noticed:
+    """Something less than good was noticed that does not end the scan.
+
+    Attributes
+    ----------
+    sentence
+        What.
+    first, last
+        The steps that it concerns.
+    """
+
+    sentence: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
 class LineDone:
     """All steps of a line were measured: a good moment to put data on disk."""
 
@@ -116,7 +170,7 @@ class Ended:
     reason: str
 
 
-Event = PhaseChanged | Ready | StepDone | LineDone | Ended
+Event = PhaseChanged | Ready | StepDone | StepCut | LineDone | LightChanged | Noticed | Ended
 Consumer = Callable[[Event], None]
 
 
@@ -125,7 +179,7 @@ class Devices:
     """The devices of a scan and the clock that they share, opened and identified."""
 
     galvo: Galvo
-    laser: Laser
+    laser: GuardedLaser
     spad: GatedSpad
     tcspc: Tcspc
     clock: Clock
@@ -182,6 +236,10 @@ class ScanEngine:
         self._hold_off_s = detector.hold_off_s
         self._prepared: Preparation | None = None
         self._lit = False
+        self._sync_tells = False
+        self._vigil = Vigil(devices, state)
+        self._consume: Consumer = lambda event: None
+        self._should_stop: Callable[[], bool] = lambda: False
 
     def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
         """Measure all steps, or stop after the one at which ``should_stop`` becomes true.
@@ -195,9 +253,10 @@ class ScanEngine:
         RefusedError
             If no sync pulses arrive, or the laser goes dark by itself.
         """
+        self._consume, self._should_stop = consume, should_stop
         outcome, reason = Outcome.FAILED, "a device failed"
         try:
-            self._run_passes(consume, should_stop)
+            self._run_passes()
             if self._done == len(self._plan):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
@@ -213,23 +272,25 @@ class ScanEngine:
                 ended = Ended(outcome, self._done, reason)
                 last.callback(consume, ended)
                 last.callback(self._devices.spad.disable)
-                last.callback(self._devices.laser.stop)
+                last.callback(self._put_out)
                 last.callback(consume, PhaseChanged(Phase.CLOSING))
         return ended
 
-    def _run_passes(self, consume: Consumer, should_stop: Callable[[], bool]) -> None:
+    def _run_passes(self) -> None:
         for number, one in enumerate(self._plan.passes):
             steps = self._plan.range_of_pass(number)
             if self._done >= steps.stop:
                 continue  # measured earlier
-            self._set_up(one, consume)
+            if self._should_stop():
+                return
+            self._set_up(one)
             if not self._lit:
-                self._light_up(number, consume)
-            self._expose(steps, consume, should_stop)
-            if self._done < steps.stop or (self._done < len(self._plan) and should_stop()):
+                self._light_up(number)
+            self._expose(steps)
+            if self._done < steps.stop:
                 return
 
-    def _set_up(self, one: Pass, consume: Consumer) -> None:
+    def _set_up(self, one: Pass) -> None:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
         gate = self._state.gate
         gate_s = one.gate_s or (self._gate_s if gate is None else (gate.delay_s, gate.width_s))
@@ -239,10 +300,9 @@ class ScanEngine:
         if gate_s == self._gate_s and hold_off_s == self._hold_off_s and asked is None:
             return
         if self._lit:
-            self._devices.laser.stop()
+            self._put_out()
             self._devices.spad.disable()
-            self._lit = False
-        consume(PhaseChanged(Phase.PREPARING))
+        self._consume(PhaseChanged(Phase.PREPARING))
         if asked is not None:
             if self._operator is None:
                 raise RefusedError(f"somebody has to be at the rig for this: {asked.words}")
@@ -255,51 +315,143 @@ class ScanEngine:
             self._devices.spad.set_hold_off(hold_off_s)
             self._hold_off_s = hold_off_s
 
-    def _light_up(self, pass_index: int, consume: Consumer) -> None:
+    def _light_up(self, pass_index: int) -> None:
         devices = self._devices
-        consume(PhaseChanged(Phase.AIMING))
+        self._consume(PhaseChanged(Phase.AIMING))
         self._aim(self._done)  # the beam is inside the plan before there is a beam
-        consume(PhaseChanged(Phase.LIGHTING))
+        self._consume(PhaseChanged(Phase.BIASING))
+        devices.spad.enable()  # too much light in the room shows before the laser adds to it
+        devices.clock.sleep(RATE_SETTLING_S)
+        dark = devices.tcspc.rates()
+        self._sync_tells = dark.sync_hz <= 0  # pulses only with light: then their end tells of darkness
+        self._vigil.require_bearable(dark)
+        self._consume(PhaseChanged(Phase.LIGHTING))
         self._lit = True
         devices.laser.arm()
         devices.laser.emit()
-        devices.spad.enable()
-        consume(PhaseChanged(Phase.CHECKING))
-        devices.clock.sleep(RATE_SETTLING_S)
+        self._consume(LightChanged(True, _now()))
+        self._consume(PhaseChanged(Phase.CHECKING))
+        self._wait(RATE_SETTLING_S)
         rates = devices.tcspc.rates()
         if rates.sync_hz <= 0:
             raise RefusedError(
                 "the timing instrument sees no sync pulses although the laser says that it emits. "
                 "Check the sync cable and tcspc.sync_level, then scan again"
             )
-        consume(Ready(pass_index, rates, devices.tcspc.warnings(), devices.read_back()))
-        consume(PhaseChanged(Phase.EXPOSING))
+        self._vigil.require_bearable(rates)
+        devices.laser.beat(ASKING_LEASE_S)
+        warnings, settings = devices.tcspc.warnings(), devices.read_back()
+        self._vigil.begin(rates, settings)
+        self._tell(Ready(pass_index, rates, warnings, settings))
+        self._tell(PhaseChanged(Phase.EXPOSING))
 
-    def _expose(self, steps: range, consume: Consumer, should_stop: Callable[[], bool]) -> None:
-        seen_s, seen_at = self._devices.clock.now_s(), self._done
-        for step in self._plan.steps(self._done):
-            if step.index == steps.stop or should_stop():
-                break
-            self._aim(step.index)
-            if self._devices.clock.now_s() - seen_s > WATCH_INTERVAL_S:
-                self._require_light(seen_at)
-                seen_s, seen_at = self._devices.clock.now_s(), step.index
-            consume(StepDone(step, self._devices.tcspc.measure(step.exposure_s)))
-            self._done += 1
-            if step.ends_line:
-                consume(LineDone(self._done))
-        self._require_light(seen_at)  # the steps since the last look, too
+    def _expose(self, steps: range) -> None:
+        vouched_s, vouched = self._devices.clock.now_s(), self._done
+        try:
+            for step in self._plan.steps(self._done):
+                if step.index == steps.stop or self._should_stop():
+                    break
+                self._aim(step.index)
+                if not self._measure(step):
+                    break
+                if step.ends_line or self._devices.clock.now_s() - vouched_s > READ_BACK_S:
+                    self._vouch(vouched)  # no line is finished whose light was not seen to its end
+                    vouched_s, vouched = self._devices.clock.now_s(), self._done
+                if step.ends_line:
+                    self._tell(LineDone(self._done))
+            self._vouch(vouched)
+        except DoubtError as error:
+            measured, self._done = self._done, vouched
+            if measured > vouched:
+                error.args = (
+                    f"{error} Positions {vouched} to {measured - 1} may be wrong and are taken back: mend it "
+                    "and resume the scan",
+                )
+            raise
 
-    def _require_light(self, seen_at: int) -> None:
-        """Raise if the laser went dark by itself, and tell since which position the data is in doubt."""
-        if not self._devices.laser.emitting():
-            measured, self._done = self._done, seen_at
-            raise RefusedError(
-                "the laser went dark by itself: check interlock and key. It was last seen emitting at "
-                f"position {seen_at}; positions {seen_at} to {measured - 1} may be dark and are taken back: "
-                "mend it and resume the scan"
-            )
+    def _measure(self, step: Step) -> bool:
+        """Measure a step; return False if a stop was asked for before its end."""
+        devices = self._devices
+        until_s = devices.clock.now_s() + step.exposure_s
+
+        def meanwhile() -> bool:
+            devices.laser.beat(EXPOSURE_LEASE_S)
+            self._vigil.look()
+            return until_s - devices.clock.now_s() > WORTH_CUTTING_S and self._should_stop()
+
+        devices.laser.beat(EXPOSURE_LEASE_S)
+        exposure = devices.tcspc.measure(step.exposure_s, meanwhile)
+        if not exposure.whole:
+            self._tell(StepCut(step, exposure))
+            return False
+        self._tell(StepDone(step, exposure))
+        self._done += 1
+        self._vigil.measured(exposure)
+        return True
+
+    def _vouch(self, since: int) -> None:
+        """Raise unless laser, detector and instrument are as they were when the steps since then began."""
+        if since == self._done:
+            return
+        self._devices.laser.beat(ASKING_LEASE_S)
+        for sentence in self._vigil.vouch():
+            self._tell(Noticed(sentence, since, self._done - 1))
 
     def _aim(self, index: int) -> None:
-        self._devices.galvo.point(*self._angles_rad[index])
-        self._devices.galvo.wait_settled(self._state.config.galvo.settle_timeout_s)
+        galvo, angles = self._devices.galvo, self._angles_rad[index]
+        if self._lit:
+            self._devices.laser.beat(ASKING_LEASE_S)
+        try:
+            galvo.point(*angles)
+            galvo.wait_settled(self._state.config.galvo.settle_timeout_s)
+        except LimitError:
+            raise
+        except DeviceError as first:  # one answer that is late or garbled is no reason to end a night's scan
+            galvo.point(*angles)
+            galvo.wait_settled(self._state.config.galvo.settle_timeout_s)
+            self._tell(Noticed(f"the mirror was steered a second time: {first}", index, index))
+
+    def _put_out(self) -> None:
+        """Make the laser dark, believe it only if nothing speaks against it, and tell."""
+        self._lit = False
+        try:
+            self._devices.laser.stop()
+            self._require_no_sync()
+        except BaseException:
+            self._consume(LightChanged(None, _now()))
+            if beam_dump_rad := self._state.config.galvo.beam_dump_rad:
+                with suppress(DeviceError):
+                    self._devices.galvo.point(*beam_dump_rad)
+            raise
+        self._consume(LightChanged(False, _now()))
+
+    def _require_no_sync(self) -> None:
+        if not self._sync_tells:
+            return
+        self._sync_tells = False
+        self._devices.clock.sleep(RATE_SETTLING_S)
+        try:
+            sync_hz = self._devices.tcspc.rates().sync_hz
+        except DeviceError:
+            return  # the laser itself has said twice that it is dark
+        if sync_hz > 0:
+            raise RefusedError(
+                f"the laser says that it is dark, but the timing instrument still counts {sync_hz:.3g} of its "
+                "pulses a second. Treat the laser as EMITTING: turn its key off by hand, now"
+            )
+
+    def _wait(self, duration_s: float) -> None:
+        """Wait with the light on."""
+        self._devices.laser.beat(duration_s + EXPOSURE_LEASE_S)
+        self._devices.clock.sleep(duration_s)
+        self._devices.laser.beat(EXPOSURE_LEASE_S)
+
+    def _tell(self, event: Event) -> None:
+        """Tell consumers with the light on; a slow disk may take its time, but not for ever."""
+        if self._lit:
+            self._devices.laser.beat(FILE_LEASE_S)
+        self._consume(event)
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""Being asked to stop: the first signal asks for the next position, a second Ctrl-C stops at once."""
+"""Being asked to stop: every signal sets a flag, which is looked at where it is safe; none raises anywhere."""
 
 import signal
 from collections.abc import Callable
@@ -6,21 +6,20 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Self
 
-#: A second one of these stops at once.
-AT_ONCE = {signal.SIGINT, signal.SIGTERM}
-
 
 class StopRequest:
     """While entered, every signal that would end or suspend the program sets a flag instead.
 
     A program that is gone or suspended cannot put out a laser that it has lit. So a closed terminal (SIGHUP),
     Ctrl-backslash (SIGQUIT), Ctrl-Z (SIGTSTP), a failing power supply (SIGPWR) and the others ask for a stop
-    as Ctrl-C does. What cannot be caught, or comes from a crash, is not met here.
+    as Ctrl-C does. An exception that a signal raises may come between any two lines, in the middle of putting
+    out the light too; so none is raised, however often the signal comes. What cannot be caught, or comes from
+    a crash, is met by the guard of the laser.
 
     Parameters
     ----------
     announce
-        Called with a sentence for the person at the keyboard when the first signal comes.
+        Called with a sentence for the person at the keyboard at each signal.
     """
 
     def __init__(self, announce: Callable[[str], None]) -> None:
@@ -46,13 +45,10 @@ class StopRequest:
             signal.signal(number, handler)  # type: ignore[arg-type]
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self._requested:
-            if number in AT_ONCE:
-                raise KeyboardInterrupt
-            return
+        said = "Stopping: the laser goes dark first." if self._requested else "Stopping after this position."
         self._requested = True
         with suppress(Exception):  # a terminal that is gone cannot be told, and must not keep the light on
-            self._announce("Stopping after this position; press Ctrl-C to stop at once.")
+            self._announce(said)
 
 
 def _named(*names: str) -> set[int]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.acquire.kinds import time_axis, timing_limits
+from rig.devices.kinds import time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan

@@ -24,7 +24,7 @@ _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a sin
 and image what is hidden.
 
 Exit codes: 0 done; 1 a defect in rig; 2 usage or configuration; 3 device; 4 refused by a limit or for safety;
-5 invalid data file; 6 stopped, what was measured is safe; 130 stopped at once.
+5 invalid data file; 6 stopped, what was measured is safe; 130 stopped by Ctrl-C.
 """
 
 app = typer.Typer(

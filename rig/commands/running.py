@@ -4,8 +4,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import typer
-
 from rig.acquire.acquisition import ScanResult, Watch
 from rig.acquire.engine import Outcome
 from rig.acquire.interrupt import StopRequest
@@ -26,12 +24,8 @@ def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -
         If the person stopped it after a position.
     """
     began_s = time.monotonic()
-    try:
-        with StopRequest(console.say) as stop:
-            result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
-    except KeyboardInterrupt:
-        console.say(f"Stopped at once. The lines finished before are safe. Go on with: rig resume {target}")
-        raise typer.Exit(130) from None
+    with StopRequest(console.say) as stop:
+        result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(

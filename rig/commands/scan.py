@@ -57,7 +57,7 @@ def scan(
 
       rig scan --config lab.toml --dry-run   what would be done
 
-    Ctrl-C once finishes the position and closes the file; twice stops at once. The laser goes dark anyway.
+    Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
     from rig.acquire.acquisition import acquire
     from rig.acquire.preflight import check

@@ -62,7 +62,7 @@ def render(
     """
     import time
 
-    from rig.acquire.kinds import time_axis
+    from rig.devices.kinds import time_axis
     from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console

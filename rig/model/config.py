@@ -47,6 +47,8 @@ class OptotuneConfig(_Section):
     """Largest optical angle to either side."""
     max_angle_y_rad: Radians = Field(0.349065850398866, gt=0)  # 20 degrees
     """Largest optical angle up or down."""
+    beam_dump_rad: tuple[Radians, Radians] | None = None
+    """Optical angles of a beam dump, to which the mirror goes when the laser cannot be made dark."""
     settle_timeout_s: Seconds = Field(0.1, gt=0)
     """Longest wait for the mirror to be stable after a move."""
     settle_time_s: Seconds = Field(0.006, ge=0)
@@ -61,8 +63,19 @@ class KatanaConfig(_Section):
     """Serial port or pyserial URL."""
     power_setpoint: float = Field(10.0, ge=0, le=10)
     """Power setting of the laser's own scale, 0 to 10."""
+    max_power_setpoint: float = Field(10.0, ge=0, le=10)
+    """The rig's own ceiling of the power setting; a scan with more is refused."""
     repetition_hz: Hertz = Field(10e6, gt=0)
     """Pulses a second."""
+
+    @model_validator(mode="after")
+    def _below_the_ceiling(self) -> "KatanaConfig":
+        if self.power_setpoint > self.max_power_setpoint:
+            raise ValueError(
+                f"power_setpoint {self.power_setpoint:g} is above the rig's ceiling max_power_setpoint "
+                f"{self.max_power_setpoint:g}"
+            )
+        return self
 
 
 class Id120Config(_Section):
@@ -83,6 +96,8 @@ class Id120Config(_Section):
     """Time after a detection during which the detector stays off."""
     excess_bias_v: Volts = Field(5.0, gt=0)
     """Bias above breakdown."""
+    max_count_rate_hz: Hertz | None = Field(None, gt=0)
+    """Counts a second of a channel at which the bias is taken away; None: half of what is possible."""
 
 
 class ChannelConfig(_Section):
@@ -337,8 +352,11 @@ class RigConfig(_Section):
 _NOT_MEASURED_WITH = (
     "galvo.address",
     "galvo.max_angle",
+    "galvo.beam_dump",
     "galvo.settle_",
     "laser.address",
+    "laser.max_power",
+    "detector.max_count_rate",
     "detector.serial",
     "tcspc.library",
     "tcspc.serial",

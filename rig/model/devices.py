@@ -4,7 +4,7 @@ The classes in `drivers` satisfy these protocols without knowing them. Each devi
 identifies itself on entry and is left safe on exit: the laser dark, the gate closed, the mirror at rest.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -70,7 +70,18 @@ class Laser(Device, Protocol):
         ...
 
     def emitting(self) -> bool:
-        """Return what the laser itself says about its emission."""
+        """Return what the laser itself says about its emission, asked now; dark only by two answers."""
+        ...
+
+
+class GuardedLaser(Laser, Protocol):
+    """A laser whose light is held by a guard, and lasts only while the guard hears that all is well."""
+
+    def beat(self, lease_s: float) -> None:
+        """Say that all is well; the light goes out unless that is said again within ``lease_s``.
+
+        Raises `rig.errors.LightLostError` if the guard has put the light out, or found it out.
+        """
         ...
 
 
@@ -117,6 +128,11 @@ class Exposure(Protocol):
         """Plain sentences about this measurement, e.g. overflow or a lost sync; empty when all is well."""
         ...
 
+    @property
+    def whole(self) -> bool:
+        """Whether it lasted as long as was asked for."""
+        ...
+
 
 class Rates(Protocol):
     """Count rates as the timing instrument measures them, in counts a second."""
@@ -150,8 +166,12 @@ class Tcspc(Device, Protocol):
         """Left edge of the first bin of a histogram, after the sync pulse."""
         ...
 
-    def measure(self, exposure_s: float) -> Exposure:
-        """Clear, expose for ``exposure_s``, and return the histogram."""
+    def measure(self, exposure_s: float, meanwhile: Callable[[], bool]) -> Exposure:
+        """Clear, expose for ``exposure_s``, and return the histogram.
+
+        ``meanwhile`` is called ten times a second while an exposure lasts; it ends at once when that returns
+        True, and is left in order when that raises.
+        """
         ...
 
     def rates(self) -> Rates:

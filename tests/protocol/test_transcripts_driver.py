@@ -169,12 +169,12 @@ def test_laser_of_the_other_model(play):
         laser.arm()
 
 
-def test_laser_that_does_not_go_dark_is_told_twice_then_dimmed_and_then_the_person(play):
+def test_laser_that_does_not_go_dark_is_told_five_times_then_dimmed_and_then_the_person(play):
     bright = lines((b"leg=0\n", b""), (b"leg?\n", b"status: 1\n"))
     found = lines((b"leg?\n", b"status: 1\n"))
     dimmed = lines((b"lp=0.00\n", b""), (b"lp?\n", b"lp=0.00\n"))
     with (
-        play(found + bright + bright + dimmed) as address,
+        play(found + 5 * bright + dimmed) as address,
         pytest.raises(RefusedError, match="turn its key off by hand"),
         KatanaLaser(address, clock=StepClock(), settings=KatanaSettings(power_setpoint=1, repetition_hz=1e7)),
     ):
@@ -196,7 +196,7 @@ def test_what_the_model_found_cannot_do_is_refused_before_anything_is_sent(play)
     settings = KatanaSettings(power_setpoint=2.0, repetition_hz=10e6)
     with (
         play(
-            read_transcript("laser_775.txt")[:4] + lines((b"le=0\n", b""), (b"le?\n", b"status: 0\n"))
+            read_transcript("laser_775.txt")[:4] + lines((b"le=0\n", b""), *2 * [(b"le?\n", b"status: 0\n")])
         ) as address,
         KatanaLaser(address, clock=StepClock(), settings=settings) as laser,
         pytest.raises(LimitError, match=r"laser at .*1e\+07 Hz is not within 1\.8e\+07"),

@@ -49,6 +49,9 @@ class ScriptedRig:
         self.biased = False
         self.time_s = 0.0
         self.trips_at: int | None = None
+        self.sync_in_the_dark = False
+        self.counts_hz = 2e5
+        self.watched = False
 
     def devices(self) -> Devices:
         return Devices(galvo=self, laser=self, spad=self, tcspc=self, clock=self)
@@ -87,6 +90,9 @@ class ScriptedRig:
     def emitting(self):
         return self.lit
 
+    def beat(self, lease_s):
+        assert lease_s > 0
+
     def enable(self):
         self.biased = True
         self._called("enable")
@@ -96,15 +102,17 @@ class ScriptedRig:
         self.log.append("disable")
 
     def rates(self):
-        self._called("rates")
-        return Rates(self.sync_hz, (2e5,))
+        if not self.watched:
+            self._called("rates")
+        return Rates(self.sync_hz if self.lit or self.sync_in_the_dark else 0.0, (self.counts_hz,))
 
     def warnings(self):
         self._called("warnings")
         return ()
 
-    def measure(self, exposure_s):
+    def measure(self, exposure_s, meanwhile):
         self._called("measure")
+        self.watched = True  # from now on rates are read to watch, not to begin
         self.time_s += 0.6
         if self.trips_at is not None and self.log.count("measure") > self.trips_at:
             self.lit = False  # an interlock opened
@@ -119,9 +127,10 @@ def run(rig, events, should_stop=lambda: False):
 def test_aims_before_it_lights_and_measures_in_the_plans_order():
     rig, events = ScriptedRig(), []
     ended = run(rig, events)
-    assert rig.log[:8] == ["point", "settled", "arm", "emit", "enable", "sleep", "rates", "warnings"]
-    assert rig.log[8:-2] == ["point", "settled", "measure"] * 6
-    assert rig.log[-2:] == ["stop", "disable"]
+    in_the_dark = ["point", "settled", "enable", "sleep", "rates"]
+    assert rig.log[:10] == [*in_the_dark, "arm", "emit", "sleep", "rates", "warnings"]
+    assert rig.log[10:-3] == ["point", "settled", "measure"] * 6
+    assert rig.log[-3:] == ["stop", "sleep", "disable"]
     assert [e.step.index for e in events if isinstance(e, StepDone)] == list(range(6))
     assert [e.steps_done for e in events if isinstance(e, LineDone)] == [3, 6]
     assert ended == events[-1] == Ended(Outcome.COMPLETE, 6, "all positions measured")
@@ -137,7 +146,7 @@ def test_begins_where_an_earlier_run_stopped():
 
 def test_a_stop_finishes_the_position_and_says_so():
     rig, events = ScriptedRig(), []
-    answers = itertools.chain([False, False], itertools.repeat(True))
+    answers = itertools.chain([False] * 3, itertools.repeat(True))  # once before light, then at each position
     ended = run(rig, events, lambda: next(answers))
     assert ended.outcome is Outcome.INTERRUPTED
     assert ended.steps_done == 2
@@ -145,7 +154,7 @@ def test_a_stop_finishes_the_position_and_says_so():
     assert not rig.biased
 
 
-@pytest.mark.parametrize("step", range(26))
+@pytest.mark.parametrize("step", range(28))
 def test_whatever_fails_the_laser_goes_dark_and_the_file_is_told(step):
     rig, events = ScriptedRig(fail_at=step), []
     with pytest.raises(BrokenError):
@@ -177,8 +186,8 @@ def test_a_laser_that_goes_dark_by_itself_ends_the_scan_and_the_doubt_is_told():
     rig.trips_at = 3
     with pytest.raises(RefusedError, match="went dark by itself") as caught:
         run(rig, events)
-    # looked at every second, at 0.6 s a position: seen emitting at position 2, found dark at position 4
-    assert "positions 2 to 3 may be dark" in str(caught.value)
+    # everything is read back at the end of each line of three
+    assert "Positions 3 to 5 may be wrong" in str(caught.value)
     assert events[-1].outcome is Outcome.FAILED
     assert events[-1].reason == str(caught.value)
     assert not rig.biased
@@ -187,10 +196,10 @@ def test_a_laser_that_goes_dark_by_itself_ends_the_scan_and_the_doubt_is_told():
 def test_a_laser_that_goes_dark_at_the_very_end_is_noticed():
     rig, events = ScriptedRig(), []
     rig.trips_at = 5  # during the last position
-    with pytest.raises(RefusedError, match="positions 4 to 5 may be dark"):
+    with pytest.raises(RefusedError, match="Positions 3 to 5 may be wrong"):
         run(rig, events)
     assert events[-1].outcome is Outcome.FAILED
-    assert events[-1].steps_done == 4  # those in doubt do not count
+    assert events[-1].steps_done == 3  # those in doubt do not count
 
 
 def test_refuses_to_measure_without_sync_pulses():

@@ -40,12 +40,15 @@ def test_a_program_in_the_background_is_not_suspended(number):
         assert not stop()
 
 
-def test_only_a_second_ctrl_c_stops_at_once():
-    with StopRequest(lambda _: None):
-        os.kill(os.getpid(), signal.SIGHUP)
-        os.kill(os.getpid(), signal.SIGHUP)
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
+def test_no_signal_raises_however_often_it_comes():
+    told = []
+    with StopRequest(told.append) as stop:
+        for _ in range(10):
+            for number in numbers(("SIGINT", "SIGTERM", "SIGHUP")):
+                os.kill(os.getpid(), number)
+        assert stop()
+    assert told[0] == "Stopping after this position."
+    assert set(told[1:]) == {"Stopping: the laser goes dark first."}
 
 
 def test_a_terminal_that_is_gone_does_not_prevent_the_stop():

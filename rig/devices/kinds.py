@@ -17,7 +17,7 @@ from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import OptotuneLimits, OptotuneMirror
-from rig.acquire.playback import Playback
+from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
 from rig.model.config import (
     HydraHarpConfig,

@@ -3,6 +3,7 @@
 Mirror, laser and detector are moved and asked as ever; only the photons are those of the file, in its order.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 from rig.errors import RefusedError
 from rig.files.scan import ScanFile
 from rig.model.devices import Clock
+
+#: How often the caller is asked during an exposure whether it shall go on.
+MEANWHILE_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -29,11 +33,14 @@ class PlayedExposure:
         Measurement time of the step.
     warnings
         Where it is not what was asked for.
+    whole
+        Whether it lasted as long as was asked for.
     """
 
     counts: NDArray[np.uint32]
     live_time_s: float
     warnings: tuple[str, ...] = ()
+    whole: bool = True
 
     @cached_property
     def photons(self) -> int:
@@ -99,8 +106,10 @@ class Playback:
             "steps": self._scan.steps,
         }
 
-    def measure(self, exposure_s: float) -> PlayedExposure:
+    def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> PlayedExposure:
         """Return the next step of the file, after as long as was asked for.
+
+        Where ``meanwhile`` ends the exposure, the step is said not to be whole, and is played again.
 
         Raises
         ------
@@ -108,20 +117,28 @@ class Playback:
             If the file has no more measured steps.
         """
         step = self._step()
-        self._clock.sleep(exposure_s)
-        self._next = step + 1
+        until_s = self._clock.now_s() + exposure_s
+        whole = True
+        while whole and (left_s := until_s - self._clock.now_s()) > 0:
+            self._clock.sleep(min(left_s, MEANWHILE_S))
+            whole = left_s <= MEANWHILE_S or not meanwhile()
+        self._next = step + whole
         live_s = float(self._scan.live_time_s[step])
         warnings: tuple[str, ...] = ()
         if abs(live_s - exposure_s) > 1e-3 * exposure_s:
             warnings = (f"the file that is played was exposed for {live_s:g} s, not {exposure_s:g} s.",)
         counts = self._scan.counts(range(step, step + 1))[0]
-        return PlayedExposure(counts.astype(np.uint32, copy=False), live_s, warnings)
+        return PlayedExposure(counts.astype(np.uint32, copy=False), live_s, warnings, whole)
 
     def rates(self) -> PlayedRates:
-        """Return the sync rate of the laser that the file names, and the count rate of the next step."""
+        """Return the sync rate of the laser that the file names, and the count rate of the next step.
+
+        After the last step it is that of the last.
+        """
         config = self._scan.config
         sync_hz = config.laser.repetition_hz if config else 1.0
-        step = self._step()
+        measured = np.flatnonzero(self._scan.done)
+        step = int(measured[min(int(np.searchsorted(measured, self._next)), len(measured) - 1)])
         live_s = float(self._scan.live_time_s[step])
         photons = float(self._scan.counts(range(step, step + 1)).sum(dtype=np.float64))
         return PlayedRates(sync_hz, photons / live_s if live_s > 0 else 0.0)

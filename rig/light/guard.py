@@ -1,0 +1,220 @@
+"""The guard of the laser's light, as a machine of states; who runs it is said elsewhere.
+
+::
+
+             arm                emit, and the laser confirms it
+    DARK ---------> ARMED ------------------------------------> LIT
+     ^  ^             | stop                                     |  stop asked; no word from the
+     |  '-------------'                                          |  program in time; the laser dark
+     |                                                           |  by itself; switched off by
+     |            dark by two fresh answers                      |  somebody
+     '-----------------------------------------------------------+
+     |                                                           |  it cannot be made dark,
+     |            tried again until it is                        v  or cannot be asked
+     '-------------------------------------------------------- ALARM
+
+Every way out of LIT goes through the same act: emission off, and two fresh answers that agree. Light never
+comes back from DARK or ALARM by itself: `arm` and `emit` have to be asked for anew.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum
+
+from drivers.errors import DeviceError, RefusedError
+from rig.model.devices import Clock, Laser, Settings
+
+#: How often a laser that is lit is looked at.
+LOOK_S = 0.2
+
+#: The longest time for which a program may say that all is well.
+LONGEST_LEASE_S = 20.0
+
+
+class Light(Enum):
+    """What the guard knows of the light."""
+
+    DARK = "dark"
+    ARMED = "armed"
+    LIT = "lit"
+    ALARM = "emitting, or not to be asked"
+
+
+@dataclass(frozen=True)
+class Lost:
+    """The light was put out, or found out, without the program's wish.
+
+    Attributes
+    ----------
+    reason
+        Why, as a sentence.
+    dark
+        Whether the laser has confirmed that it is dark.
+    trip
+        Whether a person has to look at the rig before there is light again.
+    """
+
+    reason: str
+    dark: bool
+    trip: bool
+
+
+class Guard:
+    """Lights a laser for a program, watches it, and puts it out.
+
+    `turn` is to be called several times in `LOOK_S` while there may be light.
+
+    Parameters
+    ----------
+    laser
+        The laser itself, open.
+    clock
+        The time to watch by.
+    tell
+        Called when the light was lost, and again when a laser that could not be made dark is dark at last.
+    """
+
+    def __init__(self, laser: Laser, clock: Clock, tell: Callable[[Lost], None]) -> None:
+        self._laser = laser
+        self._clock = clock
+        self._tell = tell
+        self.light = Light.DARK
+        self._until_s = 0.0
+        self._looked_s = 0.0
+
+    def arm(self) -> None:
+        """Prepare the laser; still dark.
+
+        Raises
+        ------
+        DeviceError
+            As the laser does.
+        """
+        self._not_in_alarm("arm")
+        self._laser.arm()
+        self.light = Light.ARMED
+
+    def emit(self, until_s: float) -> None:
+        """Light the laser, until it is said again that all is well.
+
+        Raises
+        ------
+        DeviceError
+            As the laser does; it was told to stay dark.
+        """
+        self._not_in_alarm("emit")
+        self.hold(until_s)
+        try:
+            self._laser.emit()
+        except BaseException:
+            self._put_out()
+            raise
+        self.light = Light.LIT
+        self._looked_s = self._clock.now_s()
+        self.hold(max(until_s, self._looked_s + LOOK_S))  # the laser took its time, the program did not
+
+    def hold(self, until_s: float) -> None:
+        """Take it that all is well until a time of the clock."""
+        self._until_s = min(until_s, self._clock.now_s() + LONGEST_LEASE_S)
+
+    def emitting(self) -> bool:
+        """Ask the laser now; light that is gone is lost.
+
+        Raises
+        ------
+        DeviceError
+            As the laser does.
+        """
+        emitting = self._laser.emitting()
+        self._looked_s = self._clock.now_s()
+        if self.light is Light.LIT and not emitting:
+            self._gone()
+        return emitting
+
+    def stop(self) -> None:
+        """Put the light out, because it is no longer wanted.
+
+        Raises
+        ------
+        DeviceError
+            If the laser does not confirm that it is dark; the guard goes on trying.
+        """
+        if problem := self._put_out():
+            raise problem
+
+    def settings(self) -> Settings:
+        """Return what the laser says of itself."""
+        return self._laser.settings()
+
+    def lose(self, reason: str, *, trip: bool) -> None:
+        """Put the light out without the program's wish, and tell it."""
+        problem = self._put_out()
+        if problem:
+            reason = f"{reason}. {problem}"
+        self._tell(Lost(reason, problem is None, trip or problem is not None))
+
+    def turn(self) -> None:
+        """Look whether anything has to be done, and do it."""
+        if self.light is Light.ALARM:
+            self._try_again()
+        elif self.light is Light.LIT:
+            now_s = self._clock.now_s()
+            if now_s > self._until_s:
+                self.lose("the program did not say in time that all is well", trip=False)
+            elif now_s - self._looked_s >= LOOK_S:
+                self._look()
+
+    def take(self, laser: Laser) -> None:
+        """Go on with a laser that was opened anew, which has put it out."""
+        self._laser = laser
+        self._try_again(at_once=True)
+
+    def _look(self) -> None:
+        try:
+            self.emitting()
+        except DeviceError as first:
+            try:  # a garbled answer is no reason to end a scan
+                self.emitting()
+            except DeviceError:
+                self.lose(f"the laser could not be asked whether it emits ({first.answered})", trip=False)
+
+    def _gone(self) -> None:
+        self.lose(
+            "the laser went dark by itself: check interlock and key, and that nobody is in the beam's way",
+            trip=True,
+        )
+
+    def _try_again(self, *, at_once: bool = False) -> None:
+        now_s = self._clock.now_s()
+        if now_s - self._looked_s < LOOK_S and not at_once:
+            return
+        self._looked_s = now_s
+        if self._put_out() is None:
+            self._tell(Lost("the laser is dark at last", True, True))
+
+    def _put_out(self) -> DeviceError | None:
+        """Make the laser dark; return why that is not confirmed, if it is not."""
+        self.light = Light.ALARM  # until it is known better
+        self._until_s = 0.0
+        try:
+            self._laser.stop()
+        except DeviceError as problem:
+            self._looked_s = self._clock.now_s()
+            return problem
+        except BaseException:
+            with suppress(DeviceError):  # an interrupt does not end this
+                self._laser.stop()
+                self.light = Light.DARK
+            raise
+        self.light = Light.DARK
+        return None
+
+    def _not_in_alarm(self, asked: str) -> None:
+        if self.light is Light.ALARM:
+            raise RefusedError(
+                "laser",
+                asked,
+                "it could not be made dark, or could not be asked",
+                "Treat the laser as EMITTING: turn its key off by hand, and find out why.",
+            )
