@@ -1,11 +1,12 @@
 """The composition root: opens the devices that a configuration names, real or simulated at their wires."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
+from drivers.errors import DeviceNotFoundError
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from drivers.video_camera import VideoCamera
@@ -44,7 +45,10 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         If a device is missing, is another one, or fails.
     """
     with ExitStack() as stack:
-        wires = stack.enter_context(_simulated(config))[0] if config.simulated else _real(config)
+        if config.simulated:
+            wires, _ = stack.enter_context(_simulated(config))
+        else:
+            wires = stack.enter_context(_by_address(config))
         yield _open(config, wires, stack, first)
 
 
@@ -65,21 +69,70 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
             operator, cameras = simulated_operator(bench)
         else:
-            wires = _real(config)
+            wires = stack.enter_context(_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(_open(config, wires, stack, 0), operator, cameras)
 
 
-def _real(config: RigConfig) -> Wires:
+@contextmanager
+def _by_address(config: RigConfig) -> Iterator[Wires]:
+    """Reach each device where the configuration says that it is: real, or served by another process."""
+
     def hhlib() -> HHLib:
         return load_library(config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None)
 
-    return Wires(
-        galvo=config.galvo.address or "",
-        laser=config.laser.address or "",
-        usb_backend=None,
-        hhlib=hhlib,
-        clock=SystemClock(),
+    with ExitStack() as stack:
+        yield Wires(
+            galvo=config.galvo.address or "",
+            laser=config.laser.address or "",
+            usb_backend=stack.enter_context(_served_detector(config)),
+            hhlib=stack.enter_context(_served_timing(config)) if config.served else hhlib,
+            clock=SystemClock(),
+        )
+
+
+@contextmanager
+def _served_detector(config: RigConfig) -> Iterator[object]:
+    """Give the USB bus on which the detector is: that of a served one, or None for the system's."""
+    address = config.detector.address
+    if address is None:
+        yield None
+        return
+    from simulators.wire.served.detector import served_detector
+
+    with ExitStack() as stack:
+        try:
+            backend = stack.enter_context(served_detector(address))
+        except OSError as problem:
+            raise _not_served("detector", address, problem) from problem
+        yield backend
+
+
+@contextmanager
+def _served_timing(config: RigConfig) -> Iterator[Callable[[], HHLib]]:
+    """Give the library of a HydraHarp that is simulated here, on a bench that another process serves."""
+    from simulators.wire.hydraharp import HydraHarpSimulator
+    from simulators.wire.served.timing import ServedBench
+
+    assert isinstance(config.tcspc, HydraHarpConfig)
+    address = config.tcspc.address or ""
+    with ExitStack() as stack:
+        try:
+            bench = stack.enter_context(ServedBench(address))
+        except OSError as problem:
+            raise _not_served("bench", address, problem) from problem
+        faults = bench.faults
+        harp = HydraHarpSimulator(bench, timing=faults.timing, count_depth=faults.count_depth)
+        yield lambda: HHLib(harp.functions)
+        harp.raise_pending()  # inside a C callback an exception is only an error code
+
+
+def _not_served(what: str, address: str, problem: OSError) -> DeviceNotFoundError:
+    return DeviceNotFoundError(
+        f"served {what} at {address}",
+        "answer",
+        f"{problem}",
+        "Start rig sim serve, and use the configuration that it writes.",
     )
 
 
