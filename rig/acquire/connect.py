@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from drivers.errors import DeviceNotFoundError
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from drivers.video_camera import VideoCamera
@@ -77,63 +77,22 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 @contextmanager
 def _by_address(config: RigConfig) -> Iterator[Wires]:
     """Reach each device where the configuration says that it is: real, or served by another process."""
+    from rig.bench.reached import detector_at, timing_at
 
-    def hhlib() -> HHLib:
-        return load_library(config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None)
-
+    detector = config.detector
+    harp = config.tcspc if isinstance(config.tcspc, HydraHarpConfig) else HydraHarpConfig()
+    hhlib: Callable[[], HHLib] = partial(load_library, harp.library)
     with ExitStack() as stack:
+        usb_backend = stack.enter_context(detector_at(detector.address)) if detector.address else None
+        if harp.address:
+            hhlib = partial(HHLib, stack.enter_context(timing_at(harp.address)))
         yield Wires(
             galvo=config.galvo.address or "",
             laser=config.laser.address or "",
-            usb_backend=stack.enter_context(_served_detector(config)),
-            hhlib=stack.enter_context(_served_timing(config)) if config.served else hhlib,
+            usb_backend=usb_backend,
+            hhlib=hhlib,
             clock=SystemClock(),
         )
-
-
-@contextmanager
-def _served_detector(config: RigConfig) -> Iterator[object]:
-    """Give the USB bus on which the detector is: that of a served one, or None for the system's."""
-    address = config.detector.address
-    if address is None:
-        yield None
-        return
-    from simulators.wire.served.detector import served_detector
-
-    with ExitStack() as stack:
-        try:
-            backend = stack.enter_context(served_detector(address))
-        except OSError as problem:
-            raise _not_served("detector", address, problem) from problem
-        yield backend
-
-
-@contextmanager
-def _served_timing(config: RigConfig) -> Iterator[Callable[[], HHLib]]:
-    """Give the library of a HydraHarp that is simulated here, on a bench that another process serves."""
-    from simulators.wire.hydraharp import HydraHarpSimulator
-    from simulators.wire.served.timing import ServedBench
-
-    assert isinstance(config.tcspc, HydraHarpConfig)
-    address = config.tcspc.address or ""
-    with ExitStack() as stack:
-        try:
-            bench = stack.enter_context(ServedBench(address))
-        except OSError as problem:
-            raise _not_served("bench", address, problem) from problem
-        faults = bench.faults
-        harp = HydraHarpSimulator(bench, timing=faults.timing, count_depth=faults.count_depth)
-        yield lambda: HHLib(harp.functions)
-        harp.raise_pending()  # inside a C callback an exception is only an error code
-
-
-def _not_served(what: str, address: str, problem: OSError) -> DeviceNotFoundError:
-    return DeviceNotFoundError(
-        f"served {what} at {address}",
-        "answer",
-        f"{problem}",
-        "Start rig sim serve, and use the configuration that it writes.",
-    )
 
 
 @contextmanager

@@ -1,7 +1,11 @@
 """``rig sim serve``: the simulated devices in a process of their own."""
 
+import os
 import signal
+import sys
 import time
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +15,9 @@ from rig.commands.options import Config
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
-    from simulators.wire.served.server import BenchServer
+
+#: First line of the files that are written, by which they are known.
+HEAD = "# Written by rig sim serve: valid while that process runs."
 
 
 def serve(
@@ -40,8 +46,6 @@ def serve(
 
     A line of the log is `time_s device what value`, e.g. `12.481 laser emission 1`.
     """
-    import os
-
     from rig.bench.served import configuration, served
     from rig.commands import console
     from rig.errors import UsageError
@@ -55,33 +59,50 @@ def serve(
     rig_config = load(config) if config else built_in()
     if not rig_config.simulated:
         raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
+    if write_config:
+        _refuse_foreign(write_config)
     with served(rig_config, log) as server:
+        _end_in_order(server.stop)
         if write_config:
             _write(configuration(rig_config, server.addresses), write_config)
-        _print(server, log, write_config)
+        files = {"log": str(log) if log else None, "config": str(write_config) if write_config else None}
+        began_unix_s = round(time.time() - server.now_s(), 3)
+        console.print_json(
+            {**asdict(server.addresses), **files, "pid": os.getpid(), "began_unix_s": began_unix_s}
+        )
+        sys.stdout.flush()
         console.say("Serving; Ctrl-C ends it.")
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: server.stop())
         server.run()
 
 
-def _print(server: "BenchServer", log: Path | None, config: Path | None) -> None:
-    import os
-    import sys
-    from dataclasses import asdict
+def _end_in_order(stop: Callable[[], None]) -> None:
+    """Let Ctrl-C, SIGTERM and a closed terminal end the server; with nohup it outlives its terminal."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: stop())
 
-    from rig.commands import console
 
-    files = {"log": str(log) if log else None, "config": str(config) if config else None}
-    began = round(time.time() - server.now_s(), 3)
-    console.print_json({**asdict(server.addresses), **files, "pid": os.getpid(), "began_unix_s": began})
-    sys.stdout.flush()
+def _refuse_foreign(target: Path) -> None:
+    """Refuse to write over a file that no earlier server wrote.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If such a file is there.
+    """
+    from rig.errors import UsageError
+
+    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(HEAD):
+        raise UsageError(f"{target} exists and is not overwritten; give another --write-config")
 
 
 def _write(config: "RigConfig", target: Path) -> None:
     from rig.atomic import appearing
+    from rig.errors import UsageError
     from rig.model.written import as_toml
 
-    head = "# Written by rig sim serve: valid while that process runs.\n\n"
-    with appearing(target) as partial:
-        partial.write_text(head + as_toml(config), encoding="utf-8")
+    try:
+        with appearing(target) as partial:
+            partial.write_text(f"{HEAD}\n\n{as_toml(config)}", encoding="utf-8")
+    except OSError as problem:
+        raise UsageError(f"{target} cannot be written ({problem.strerror}); give another name") from None

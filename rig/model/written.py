@@ -18,7 +18,7 @@ def as_toml(config: RigConfig) -> str:
     Numbers are written in SI units with all their digits.
     """
     top, tables = _lines(config, "")
-    return "\n".join([*top, *tables]) + "\n"
+    return "\n".join([*top, *tables]).lstrip() + "\n"
 
 
 def _lines(section: BaseModel, name: str) -> tuple[list[str], list[str]]:
@@ -51,5 +51,5 @@ def _value(value: Any, field: str) -> str:
     unit = next((unit for ending, unit in _UNITS.items() if field.endswith(ending)), None)
     if isinstance(value, float) and unit:
         value = f"{value!r} {unit}"
-    # JSON's strings, numbers, true and false are also TOML's, if no character is escaped beyond U+FFFF
-    return json.dumps(str(value) if isinstance(value, Path) else value, ensure_ascii=False)
+    text = json.dumps(str(value) if isinstance(value, Path) else value, ensure_ascii=False)
+    return text.replace("\x7f", "\\u007f")  # else JSON's strings, numbers, true and false are also TOML's

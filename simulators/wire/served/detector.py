@@ -26,6 +26,7 @@ from usb.core import USBError
 
 from simulators.clock import BenchClock
 from simulators.wire.lines import LineFirmware
+from simulators.wire.served import NO_REQUEST
 from simulators.wire.tmc import Identity, StallError, TmcInterface
 from simulators.wire.usb import UsbBackend
 
@@ -59,7 +60,7 @@ class DetectorLine(LineFirmware):
             told = self._obey(request)
         except StallError:
             told = {"stall": True}
-        except (ValueError, LookupError, TypeError):
+        except NO_REQUEST:
             return self.junk()
         return json.dumps({"id": number, **told}).encode("ascii") + b"\n"
 

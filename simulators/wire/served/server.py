@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -131,18 +132,16 @@ class BenchServer:
         with suppress(OSError):  # it may have gone again already
             connection = _Connection(self._listener.accept()[0], self._answers)
             self._connections.add(connection)
-            self._watch(connection.socket, lambda: self._serve(connection))
+            self._watch(connection.socket, partial(self._serve, connection))
 
     def _serve(self, connection: "_Connection") -> None:
-        if connection not in self._connections:
-            return
         try:
             connection.serve()
         except OSError:
             self._drop(connection)
             return
         events = selectors.EVENT_WRITE if connection.unsent else selectors.EVENT_READ
-        self._selector.modify(connection.socket, events, lambda: self._serve(connection))
+        self._selector.modify(connection.socket, events, partial(self._serve, connection))
 
     def _drop(self, connection: "_Connection") -> None:
         self._connections.discard(connection)

@@ -23,6 +23,7 @@ import numpy as np
 
 from simulators.bench import Bench, Channel, Detections
 from simulators.wire.hydraharp import Nonlinearity, Timing
+from simulators.wire.served import NO_REQUEST
 
 #: Longest first line of a request or answer; each of a thousand channels takes about 100 bytes.
 LONGEST = 1 << 20
@@ -69,7 +70,7 @@ class TimingAnswers:
                 told: dict[str, Any] = {"photons": [len(one) for one in data]}
             else:
                 told = self._tell(request)
-        except (ValueError, LookupError, TypeError) as problem:
+        except NO_REQUEST as problem:
             told = {"error": f"{type(problem).__name__}: {problem}"}
         arrays = [array for one in data for array in (one.pulse.astype(_PULSE), one.time_s.astype(_TIME))]
         return b"".join([json.dumps(told).encode("ascii"), b"\n", *(array.tobytes() for array in arrays)])
@@ -98,7 +99,7 @@ class _ServedClock:
         self._bench = bench
 
     def now_s(self) -> float:
-        return float(self._bench.ask("now")["now_s"])
+        return self._bench.number("now_s", "now")
 
 
 class ServedBench:
@@ -151,18 +152,28 @@ class ServedBench:
 
     def sync_rate_hz(self) -> float:
         """Return the sync pulses a second, now."""
-        return float(self.ask("sync_rate")["hz"])
+        return self.number("hz", "sync_rate")
 
     def count_rate_hz(self, channel: int) -> float:
         """Return the expected detections a second of a channel, by its number, now."""
-        return float(self.ask("count_rate", channel=channel)["hz"])
+        return self.number("hz", "count_rate", channel=channel)
 
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times."""
-        photons = self.ask("detections", start_s=start_s, stop_s=stop_s)["photons"]
-        if len(photons) != len(self.channels) or not all(0 <= int(n) < MOST_PHOTONS for n in photons):
-            raise ConnectionError(f"{photons} are no numbers of photons of {len(self.channels)} channels")
-        return tuple(self._record(int(number)) for number in photons)
+        told = self.ask("detections", start_s=start_s, stop_s=stop_s)
+        photons = told.get("photons")
+        if not isinstance(photons, list) or len(photons) != len(self.channels):
+            raise ConnectionError(f"{told} has no numbers of photons of {len(self.channels)} channels")
+        if not all(isinstance(one, int) and 0 <= one < MOST_PHOTONS for one in photons):
+            raise ConnectionError(f"{photons} are no numbers of photons")
+        return tuple(self._record(number) for number in photons)
+
+    def number(self, name: str, what: str, **values: Any) -> float:
+        """Return the number of this name in the answer to a request."""
+        told = self.ask(what, **values)
+        if not isinstance(told.get(name), int | float):
+            raise ConnectionError(f"the served bench was asked for {what}, but answered {told}")
+        return float(told[name])
 
     def ask(self, what: str, **values: Any) -> dict[str, Any]:
         """Return the answer to a request, without the arrays that may follow it."""
