@@ -30,7 +30,9 @@ def serve(
         Path | None,
         typer.Option(metavar="FILE", help="Write a configuration with which rig scan uses these devices."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="The result is one JSON document anyway.")] = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="No change: the result is one JSON document anyway.")
+    ] = False,
 ) -> None:
     """Serve the simulated galvo, laser and detector to other programs, until Ctrl-C or SIGTERM.
 
