@@ -4,7 +4,7 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import dist, radians, tan
@@ -231,6 +231,11 @@ class Bench:
     clock
         The one clock; by default it runs as fast as the computer can.
 
+    Attributes
+    ----------
+    watchers
+        Called with the bench time [s] after each change of light or mirror.
+
     Raises
     ------
     ValueError
@@ -254,21 +259,36 @@ class Bench:
         self.seed = seed
         self.clock = clock or BenchClock()
         self.mirror = SteeringMirror()
+        self.watchers: list[Callable[[float], None]] = []
         self._light = [(0.0, LightState())]
         self._visits: dict[tuple[float, float], int] = {}
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The detector's channels."""
+        return self.geometry.channels
 
     @property
     def light(self) -> LightState:
         """The state in force now."""
         return self._light[-1][1]
 
+    @property
+    def known_from_s(self) -> float:
+        """The earliest time whose light and mirror are known."""
+        return max(self._light[0][0], self.mirror.known_from_s)
+
     def change_light(self, **changes: bool | float) -> None:
         """Change fields of `LightState` from now on."""
-        self._light.append((self.clock.now_s(), replace(self.light, **changes)))  # type: ignore[arg-type]
+        now_s = self.clock.now_s()
+        self._light.append((now_s, replace(self.light, **changes)))  # type: ignore[arg-type]
+        self._tell(now_s)
 
     def steer(self, x_rad: float, y_rad: float) -> None:
         """Command the mirror to optical angles, from now on."""
-        self.mirror.command(x_rad, y_rad, self.clock.now_s())
+        now_s = self.clock.now_s()
+        self.mirror.command(x_rad, y_rad, now_s)
+        self._tell(now_s)
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
@@ -291,8 +311,18 @@ class Bench:
                 self.photons, self.geometry.channels, self._generators(), strict=True
             )
         )
-        self._forget_before(start_s)
+        self.forget_before(start_s)
         return seen
+
+    def forget_before(self, at_s: float) -> None:
+        """Drop what was changed before a time that nobody will ask about again."""
+        self.mirror.forget_before(at_s)
+        while len(self._light) > 1 and self._light[1][0] <= at_s:
+            del self._light[0]
+
+    def _tell(self, now_s: float) -> None:
+        for watcher in self.watchers:
+            watcher(now_s)
 
     def _generators(self) -> list[np.random.Generator]:
         """Return the random numbers of each channel for the present visit to the mirror's target."""
@@ -321,11 +351,6 @@ class Bench:
 
     def _light_at(self, at_s: float) -> LightState:
         return next(light for since, light in reversed(self._light) if since <= at_s)
-
-    def _forget_before(self, at_s: float) -> None:
-        self.mirror.forget_before(at_s)
-        while len(self._light) > 1 and self._light[1][0] <= at_s:
-            del self._light[0]
 
     def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
         """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP_RAD` in each piece."""

@@ -118,7 +118,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         channels=state.channels,
         plan=plan,
         state=state,
-        simulated=config.simulated or config.tcspc.kind == "playback",
+        simulated=config.rehearsed,
         command=" ".join(["rig", *sys.argv[1:]]),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,

@@ -9,7 +9,7 @@ from drivers.hydraharp.library import HHLib
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
 from rig.devices.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
-from rig.devices.wires import real_wires
+from rig.devices.wires import wires_by_address
 from rig.light.guarded import GuardedHere
 from rig.light.remote import GuardedElsewhere
 from rig.model.config import RigConfig
@@ -45,7 +45,10 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         If a device is missing, is another one, or fails.
     """
     with ExitStack() as stack:
-        wires = stack.enter_context(_simulated(config))[0] if config.simulated else real_wires(config)
+        if config.simulated:
+            wires, _ = stack.enter_context(_simulated(config))
+        else:
+            wires = stack.enter_context(wires_by_address(config))
         yield _open(config, wires, stack, first)
 
 
@@ -66,7 +69,7 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
             operator, cameras = simulated_operator(bench)
         else:
-            wires = real_wires(config)
+            wires = stack.enter_context(wires_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(_open(config, wires, stack, 0), operator, cameras)
 

@@ -74,7 +74,17 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
             )
 
 
+def _served(what: str, address: str) -> Finding:
+    if Path(address).exists():
+        return Finding(what, "ok", "there; it is tried when a scan opens it")
+    remedy = "Start rig sim serve, and use the configuration that it writes"
+    return Finding(what, "missing", "nothing is there", remedy)
+
+
 def _detector(config: RigConfig) -> Finding:
+    if config.detector.address:
+        return _served(f"served detector at {config.detector.address}", config.detector.address)
+
     from drivers.errors import DeviceError
     from drivers.id120 import ID120
     from drivers.lines.usb_finder import find_instrument
@@ -100,6 +110,8 @@ def _timing_library(config: RigConfig) -> Finding:
 
     if not isinstance(config.tcspc, HydraHarpConfig):
         return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")
+    if config.tcspc.address:
+        return _served(f"served bench at {config.tcspc.address}", config.tcspc.address)
     try:
         library = load_library(config.tcspc.library)
     except DeviceError as error:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
+    from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
 
 #: The mean rate is taken over so many laser spots along x and y.
@@ -29,22 +30,42 @@ def simulated_instruments(config: RigConfig) -> "tuple[Bench, SimulatedInstrumen
     ConfigError
         If there is no such scene, or it cannot be made as bright as wanted.
     """
-    from simulators.bench import Bench
-    from simulators.clock import BenchClock
-    from simulators.wire.hydraharp import Nonlinearity, Timing
     from simulators.wire.instruments import SimulatedInstruments
 
     simulation = config.simulation or SimulationConfig()
-    faults = simulation.faults
+    bench = simulated_bench(config, real_time=simulation.real_time)
+    depth = simulation.faults.largest_count
+    return bench, SimulatedInstruments(bench, timing=timing_faults(config), count_depth=depth)
+
+
+def simulated_bench(config: RigConfig, *, real_time: bool) -> "Bench":
+    """Build the bench.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scene, or it cannot be made as bright as wanted.
+    """
+    from simulators.bench import Bench
+    from simulators.clock import BenchClock
+
+    simulation = config.simulation or SimulationConfig()
     geometry = true_geometry(config)
-    clock = BenchClock(real_time=simulation.real_time)
-    bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
-    timing = Timing(
+    clock = BenchClock(real_time=real_time)
+    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
+
+
+def timing_faults(config: RigConfig) -> "Timing":
+    """Return what the clock of the timing instrument does wrong."""
+    from simulators.wire.hydraharp import Nonlinearity, Timing
+
+    simulation = config.simulation or SimulationConfig()
+    faults = simulation.faults
+    return Timing(
         dead_time_s=faults.dead_time_s,
         nonlinearity=Nonlinearity(rms=faults.nonlinearity, seed=simulation.seed),
         drift_s_per_s=faults.drift_per_minute_s / 60,
     )
-    return bench, SimulatedInstruments(bench, timing=timing, count_depth=faults.largest_count)
 
 
 def true_geometry(config: RigConfig) -> "BenchGeometry":

@@ -17,6 +17,7 @@ from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.resume import resume
 from rig.commands.scan import scan
+from rig.commands.serve import serve
 from rig.commands.sim import sim
 from rig.commands.stats import stats
 
@@ -66,4 +67,5 @@ app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("doctor")(doctor)
+sim.command("serve")(serve)
 app.add_typer(sim, name="sim")

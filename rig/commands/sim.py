@@ -62,11 +62,11 @@ def render(
     """
     import time
 
-    from rig.devices.kinds import time_axis
     from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
+    from rig.devices.kinds import time_axis
     from rig.errors import UsageError
     from rig.model.config import built_in_with, load
     from rig.model.plan import ScanPlan

@@ -1,18 +1,50 @@
-"""The wires of a real rig, as its configuration names them."""
+"""The wires of a rig whose devices have addresses: real ones, or served by another process."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
 
 from drivers.clock import Clock, SystemClock
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
-from rig.devices.kinds import Wires
+from rig.bench.reached import detector_at, timing_at
+from rig.devices.kinds import DETECTORS, LASERS, Wires
 from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.devices import GatedSpad, Laser
 
 
-def real_wires(config: RigConfig, clock: Clock | None = None) -> Wires:
-    """Return where the drivers find the devices of a real rig; nothing is opened yet."""
+@contextmanager
+def wires_by_address(config: RigConfig) -> Iterator[Wires]:
+    """Reach each device where the configuration says that it is; none is opened yet."""
+    harp = config.tcspc
+    with ExitStack() as stack:
+        wires = _wires(config)
+        if config.detector.address:
+            wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
+        if isinstance(harp, HydraHarpConfig) and harp.address:
+            wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
+        yield wires
 
-    def hhlib() -> HHLib:
-        return load_library(config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None)
 
+def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractContextManager[Laser]:
+    """Return the laser alone, to be entered."""
+    return LASERS[config.laser.kind](config.laser, _wires(config, clock))
+
+
+@contextmanager
+def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
+    """Open the detector alone."""
+    detector, wires = config.detector, _wires(config)
+    with ExitStack() as stack:
+        if detector.address:
+            wires = replace(wires, usb_backend=stack.enter_context(detector_at(detector.address)))
+        yield stack.enter_context(DETECTORS[detector.kind](detector, wires))
+
+
+def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
+    library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
+    hhlib: Callable[[], HHLib] = partial(load_library, library)
     return Wires(
         galvo=config.galvo.address or "",
         laser=config.laser.address or "",

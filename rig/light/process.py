@@ -19,8 +19,7 @@ from typing import Any, TextIO
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
-from rig.devices.kinds import DETECTORS, LASERS
-from rig.devices.wires import real_wires
+from rig.devices.wires import detector_by_address, laser_by_address
 from rig.light.guard import Guard, Light, Lost
 from rig.light.guarded import in_words
 from rig.light.switch import Switch
@@ -138,9 +137,7 @@ class GuardProcess:
             self._laser_stack.close()
 
     def _open(self) -> Laser:
-        wires = real_wires(self._config, self._clock)
-        laser = LASERS[self._config.laser.kind](self._config.laser, wires)
-        self._laser = self._laser_stack.enter_context(laser)
+        self._laser = self._laser_stack.enter_context(laser_by_address(self._config, self._clock))
         return self._laser
 
     def _obey(self, message: dict[str, Any]) -> None:
@@ -217,11 +214,9 @@ class GuardProcess:
             self._watch()
 
     def _take_bias(self) -> None:
-        detector = self._config.detector
         try:
-            # opening takes the bias away, and leaving does so again
-            with DETECTORS[detector.kind](detector, real_wires(self._config)):
-                pass
+            with detector_by_address(self._config):
+                pass  # opening takes the bias away, and leaving does so again
         except DeviceError as problem:
             shout(f"the detector may still be BIASED: {problem}")
 

@@ -175,13 +175,11 @@ class GuardedElsewhere:
 
     def _guard_is_gone(self) -> None:
         """Put the light out without the guard, which was killed, and raise."""
-        from rig.devices.kinds import LASERS
-        from rig.devices.wires import real_wires
+        from rig.devices.wires import laser_by_address
 
         self._hang_up()
-        opened = LASERS[self._config.laser.kind](self._config.laser, real_wires(self._config))
         try:
-            with opened:
+            with laser_by_address(self._config):
                 found = "the laser was dark"
         except DeviceError as problem:
             found = str(problem)

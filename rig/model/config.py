@@ -84,6 +84,8 @@ class Id120Config(_Section):
     kind: Literal["id120"] = "id120"
     serial: str | None = None
     """Serial number, when several detectors are connected."""
+    address: str | None = None
+    """Pseudo-terminal of a simulated detector that ``rig sim serve`` serves; None: one on USB."""
     position_m: Point = (0.15, 0.0, 2.5)
     """The detector's lens."""
     gated: bool = True
@@ -118,6 +120,8 @@ class HydraHarpConfig(_Section):
     kind: Literal["hydraharp"] = "hydraharp"
     library: Path | None = None
     """The vendor's library; by default it is searched for in the usual places."""
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, to simulate the instrument on; None: a real one."""
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
@@ -331,8 +335,18 @@ class RigConfig(_Section):
 
     @property
     def simulated(self) -> bool:
-        """Whether the devices are simulated."""
+        """Whether all devices are simulated in this process, so that nothing outside of it can be harmed."""
         return self.simulation is not None
+
+    @property
+    def served(self) -> bool:
+        """Whether the photons are those of a simulated bench that another process serves."""
+        return isinstance(self.tcspc, HydraHarpConfig) and self.tcspc.address is not None
+
+    @property
+    def rehearsed(self) -> bool:
+        """Whether the counts say nothing of a real rig: they are simulated, or played from a file."""
+        return self.simulated or self.served or self.tcspc.kind == "playback"
 
     def differences(self, other: "RigConfig") -> list[str]:
         """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
@@ -358,8 +372,10 @@ _NOT_MEASURED_WITH = (
     "laser.max_power",
     "detector.max_count_rate",
     "detector.serial",
+    "detector.address",
     "tcspc.library",
     "tcspc.serial",
+    "tcspc.address",
     "tcspc.readout_time_s",
     "tcspc.file",
     "scan.",

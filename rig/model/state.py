@@ -100,7 +100,7 @@ class RigState:
         if identities and known and not any(one.strangers(dict(identities)) for one in known):
             return self
         store = CalibrationStore(self.config.calibration.folder)
-        chosen = choose(store, self.config.name, self.config.simulated, identities)
+        chosen = choose(store, self.config.name, self.config.rehearsed, identities)
         return RigState(self.config, chosen)
 
     @property

@@ -40,6 +40,11 @@ class SteeringMirror:
         """The last commanded angles [rad]."""
         return self._moves[-1].target
 
+    @property
+    def known_from_s(self) -> float:
+        """The earliest time at which the position is known."""
+        return self._moves[0].start_s
+
     def command(self, x: float, y: float, now_s: float) -> None:
         """Start moving to the angles (x, y) [rad] at time ``now_s``, from wherever the mirror is by then."""
         (px, py), (vx, vy) = self._state(self._moves[-1], now_s)

@@ -25,8 +25,8 @@ class StallError(Exception):
     """Raised when the device answers a transfer by stalling the endpoint."""
 
 
-class Instrument(Protocol):
-    """What stands behind a USBTMC interface: messages in, bytes of answer out."""
+class Identity(Protocol):
+    """What an instrument says of itself on the bus, and the clock that passes while it is waited for."""
 
     vendor_id: int
     product_id: int
@@ -34,10 +34,35 @@ class Instrument(Protocol):
     product: str
     serial_number: str
     clock: BenchClock
+
+
+class Instrument(Identity, Protocol):
+    """What stands behind a USBTMC interface: messages in, bytes of answer out."""
+
     output: bytearray
 
     def receive(self, data: bytes) -> None:
         """Take one whole message."""
+        ...
+
+
+class Interface(Protocol):
+    """What a bus does to a USBTMC interface; see `TmcInterface`."""
+
+    def bulk_out(self, transfer: bytes) -> None:
+        """Take one bulk-out transfer."""
+        ...
+
+    def bulk_in(self, most: int) -> bytes | None:
+        """Return at most ``most`` bytes, or None if there is nothing to say."""
+        ...
+
+    def control(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
+        """Answer a class request."""
+        ...
+
+    def clear_halt(self) -> None:
+        """End a stall."""
         ...
 
 
@@ -94,6 +119,10 @@ class TmcInterface:
         piece = bytes(self._frame[:most])
         del self._frame[:most]
         return piece
+
+    def clear_halt(self) -> None:
+        """End a stall."""
+        self.halted = False
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int) -> bytes:
         """Answer a class request.

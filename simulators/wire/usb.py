@@ -7,14 +7,15 @@ instruments is there.
 import errno
 import struct
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import Any
 
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
 
-from simulators.wire.tmc import BULK_IN, BULK_OUT, Instrument, StallError, TmcInterface
+from simulators.wire.tmc import BULK_IN, BULK_OUT, Identity, Interface, StallError, TmcInterface
 
 #: USB class of test and measurement, and its USB488 protocol.
 INTERFACE_CLASS = (0xFE, 0x03, 0x01)
@@ -27,10 +28,10 @@ GET_DESCRIPTOR, STRING = 0x06, 0x03
 class _Plug:
     """One instrument on the bus, and what the computer has done to it."""
 
-    def __init__(self, instrument: Instrument, address: int) -> None:
+    def __init__(self, instrument: Identity, tmc: Interface, address: int) -> None:
         self.instrument = instrument
         self.address = address
-        self.tmc = TmcInterface(instrument)
+        self.tmc = tmc
         self.plugged = True
         self.kernel_driver = True  # as on Linux, where the module usbtmc takes such devices
         self.configured = 1
@@ -70,13 +71,17 @@ class UsbBackend(IBackend):
     ----------
     instruments
         What is plugged in.
+    interface
+        Makes the USBTMC interface in front of an instrument.
     """
 
-    def __init__(self, instruments: Sequence[Instrument]) -> None:
+    def __init__(
+        self, instruments: Sequence[Identity], interface: Callable[[Any], Interface] = TmcInterface
+    ) -> None:
         super().__init__()
-        self._plugs = [_Plug(instrument, 1 + i) for i, instrument in enumerate(instruments)]
+        self._plugs = [_Plug(one, interface(one), 1 + i) for i, one in enumerate(instruments)]
 
-    def unplug(self, instrument: Instrument) -> None:
+    def unplug(self, instrument: Identity) -> None:
         """Pull an instrument's plug, also in the middle of a conversation."""
         for plug in self._plugs:
             if plug.instrument is instrument:
@@ -195,7 +200,7 @@ class UsbBackend(IBackend):
 
     def clear_halt(self, dev_handle: _Plug, ep: int) -> None:
         """End a stall."""
-        _there(dev_handle).tmc.halted = False
+        _there(dev_handle).tmc.clear_halt()
 
     def bulk_write(self, dev_handle: _Plug, ep: int, intf: int, data: "array[int]", timeout: int) -> int:
         """Write one transfer."""

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from rig.errors import ConfigError
-from rig.model.config import built_in, load, recorded
+from rig.model.config import built_in, built_in_with, load, recorded
+from rig.model.written import as_toml
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -94,3 +95,18 @@ def test_a_file_of_an_older_program_is_read_as_it_was_meant(tmp_path):
 def test_what_a_scan_holds_is_read_back():
     config = load(CONFIGS / "misaligned.toml")
     assert recorded(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_what_is_written_is_read_back_to_the_same_values(tmp_path, path):
+    config = load(path)
+    again = tmp_path / "again.toml"
+    again.write_text(as_toml(config), encoding="utf-8")
+    assert load(again) == config
+
+
+def test_texts_of_all_characters_are_written_so_that_they_are_read_back(tmp_path):
+    config = built_in_with({"name": 'a "b" \\ \t \x7f \x01 ü 😀\n'})
+    path = tmp_path / "again.toml"
+    path.write_text(as_toml(config), encoding="utf-8", newline="")
+    assert load(path) == config

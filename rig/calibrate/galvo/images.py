@@ -70,7 +70,7 @@ def writing(
     """Open a new file of pictures; it appears when the block ends well."""
     with appearing(path) as partial, h5py.File(partial, "w") as file:
         write_root(file, FORMAT, VERSION)
-        write_origin(file, config, devices, config.simulated, " ".join(["rig", *sys.argv[1:]]))
+        write_origin(file, config, devices, config.rehearsed, " ".join(["rig", *sys.argv[1:]]))
         used = config.cameras
         file.create_group("board").attrs.update(
             columns=used.board_columns,

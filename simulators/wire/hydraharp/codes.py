@@ -87,6 +87,7 @@ class Code(IntEnum):
     INVALID_MEMORY = -20
     NOT_INITIALIZED = -22
     NOT_CALIBRATED = -23
+    USB_VCMD_FAIL = -36
     #: Not a code of the vendor: a Python exception was remembered, see `HydraHarpSimulator.raise_pending`.
     EXCEPTION = -99
 

@@ -63,6 +63,8 @@ def _guarded(
             function(first, *arguments)
         except Answer as answer:
             return answer.code
+        except ConnectionError:  # the bench was in another process, and is gone
+            return int(Code.USB_VCMD_FAIL)
         except BaseException as error:  # Ctrl-C too: whatever leaves a callback is lost
             remember(error)
             return int(Code.EXCEPTION)

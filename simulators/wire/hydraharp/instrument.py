@@ -1,11 +1,13 @@
 """The instrument behind the functions: its settings and what a measurement does. No C, no error codes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import Bench, Detections
+from simulators.bench import Channel, Detections
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
 from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
 from simulators.wire.hydraharp.timing import Timing
@@ -15,6 +17,40 @@ RATE_GATE_S = 0.1
 #: Highest divided sync rate, and highest sum of input rates over USB [Hz] (source: manual).
 HIGHEST_SYNC_HZ = 12.5e6
 HIGHEST_TAGGED_HZ = 9e6
+
+
+class Time(Protocol):
+    """The time of a bench."""
+
+    def now_s(self) -> float:
+        """Return the bench time in seconds."""
+        ...
+
+
+class MeasuredBench(Protocol):
+    """What the instrument needs of a bench, here or in another process; see `simulators.bench.Bench`."""
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """The detector's channels."""
+        ...
+
+    @property
+    def clock(self) -> Time:
+        """The bench's clock."""
+        ...
+
+    def sync_rate_hz(self) -> float:
+        """Return the sync pulses a second, now."""
+        ...
+
+    def count_rate_hz(self, channel: int) -> float:
+        """Return the expected detections a second of a channel, by its number, now."""
+        ...
+
+    def detections(self, start_s: float, stop_s: float) -> Sequence[Detections]:
+        """Draw what each channel saw between two bench times."""
+        ...
 
 
 @dataclass
@@ -69,12 +105,12 @@ class Instrument:
         Faults of its clock.
     """
 
-    def __init__(self, bench: Bench, inputs: int, count_depth: int, timing: Timing) -> None:
+    def __init__(self, bench: MeasuredBench, inputs: int, count_depth: int, timing: Timing) -> None:
         self.bench = bench
         self.timing = timing
         self.inputs = inputs
         self.memories = [HistogramMemory(count_depth) for _ in range(inputs)]
-        self._channel_at = {one.input: number for number, one in enumerate(bench.geometry.channels)}
+        self._channel_at = {one.input: number for number, one in enumerate(bench.channels)}
         self.initialize(Mode.HISTOGRAM, external_reference=False)
         self.initialized = False
 

@@ -2,11 +2,10 @@
 
 from types import SimpleNamespace
 
-from simulators.bench import Bench
 from simulators.wire.hydraharp import information, measuring, setting
 from simulators.wire.hydraharp.connection import Connection
 from simulators.wire.hydraharp.exports import Exports, as_c_functions
-from simulators.wire.hydraharp.instrument import Instrument
+from simulators.wire.hydraharp.instrument import Instrument, MeasuredBench
 from simulators.wire.hydraharp.timing import Timing
 
 
@@ -40,7 +39,7 @@ class HydraHarpSimulator:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: MeasuredBench,
         *,
         serial: str = "1000001",
         inputs: int | None = None,
@@ -50,7 +49,7 @@ class HydraHarpSimulator:
     ) -> None:
         if len(serial) > 7:
             raise ValueError(f"serial {serial!r} is longer than 7 characters")
-        needed = 1 + max((channel.input for channel in bench.geometry.channels), default=0)
+        needed = 1 + max((channel.input for channel in bench.channels), default=0)
         inputs = max(needed, 2) if inputs is None else inputs
         if inputs < needed:
             raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")

@@ -1,0 +1,57 @@
+"""The other side of a served bench: how the program that scans reaches what another process serves."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from drivers.errors import DeviceNotFoundError, LinkError
+
+
+@contextmanager
+def detector_at(address: str) -> Iterator[object]:
+    """Give a pyusb backend on whose bus the served detector is plugged in.
+
+    Raises
+    ------
+    DeviceNotFoundError, LinkError
+        If it is not there, or another program has it.
+    """
+    from simulators.wire.served.detector import served_detector
+
+    with ExitStack() as stack:
+        try:
+            backend = stack.enter_context(served_detector(address))
+        except OSError as problem:
+            raise _not_reached(f"served detector at {address}", problem) from problem
+        yield backend
+
+
+@contextmanager
+def timing_at(address: str) -> Iterator[object]:
+    """Give the functions of HHLib with one HydraHarp connected, simulated here on the served bench.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If no bench is served there.
+    """
+    from simulators.wire.hydraharp import HydraHarpSimulator
+    from simulators.wire.served.timing import ServedBench
+
+    with ExitStack() as stack:
+        try:
+            bench = stack.enter_context(ServedBench(address))
+        except OSError as problem:
+            raise _not_reached(f"served bench at {address}", problem) from problem
+        harp = HydraHarpSimulator(bench, timing=bench.faults.timing, count_depth=bench.faults.count_depth)
+        try:
+            yield harp.functions
+        finally:
+            harp.raise_pending()  # inside a C callback an exception is only an error code
+
+
+def _not_reached(what: str, problem: OSError) -> DeviceNotFoundError | LinkError:
+    if problem.errno in (errno.EAGAIN, errno.EBUSY):
+        return LinkError(what, "open the port", "another program has it", "Close the other program.")
+    remedy = "Start rig sim serve, and use the configuration that it writes."
+    return DeviceNotFoundError(what, "answer", str(problem), remedy)

@@ -1,0 +1,85 @@
+"""The simulated bench in a process of its own, with devices that other programs open."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rig.bench.simulated import simulated_bench, timing_faults
+from rig.errors import UsageError
+from rig.model.config import RigConfig, SimulationConfig
+
+if TYPE_CHECKING:
+    from simulators.bench import Bench
+    from simulators.wire.served.server import Addresses, BenchServer
+
+#: Length of the exposures that are drawn before anybody asks [s].
+REHEARSAL_S = 1e-3
+
+
+@contextmanager
+def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]":
+    """Build the simulated bench and put its devices where other programs find them.
+
+    Its clock runs in real time. Nothing is answered before `BenchServer.run` is called.
+
+    Parameters
+    ----------
+    config
+        A simulated rig.
+    log
+        A file to which each change of emission, power, bias and mirror is appended, see
+        `simulators.wire.served.change_log.ChangeLog`.
+
+    Raises
+    ------
+    UsageError
+        If the log cannot be written.
+    rig.errors.ConfigError
+        If there is no such scene, or it cannot be made as bright as wanted.
+    """
+    from simulators.wire.served.change_log import ChangeLog
+    from simulators.wire.served.server import BenchServer
+    from simulators.wire.served.timing import TimingFaults
+
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(log.open("a", encoding="ascii")) if log else None
+        except OSError as problem:
+            raise UsageError(f"{log} cannot be written ({problem.strerror}); give another --log") from None
+        bench = simulated_bench(config, real_time=True)
+        _rehearse(bench)
+        faults = TimingFaults(
+            timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
+        )
+        server = stack.enter_context(BenchServer(bench, faults))
+        if file:
+            ChangeLog(bench, file)
+        yield server
+
+
+def _rehearse(bench: "Bench") -> None:
+    """Let each channel draw a few photons, so that what is compiled is compiled before anybody waits."""
+    import numpy as np
+
+    from simulators.bench import LightState
+
+    light = LightState(emitting=True, biased=True, gated=True)
+    for photons in bench.photons:
+        photons.detections((0.5, 0.5, 0.0), light, REHEARSAL_S, np.random.default_rng(0))
+
+
+def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
+    """Return the configuration with which the served devices of ``config`` are scanned.
+
+    It has no simulation: for a program that scans, galvo and laser are devices at addresses as real ones are,
+    and are guarded as such.
+    """
+    places = {
+        "galvo": addresses.galvo,
+        "laser": addresses.laser,
+        "detector": addresses.detector,
+        "tcspc": addresses.timing,
+    }
+    sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}
+    return config.model_copy(update={**sections, "simulation": None})

@@ -1,0 +1,50 @@
+"""A line for each change of what matters for safety: emission, power, bias and mirror."""
+
+from typing import TextIO
+
+from simulators.bench import Bench
+
+
+class ChangeLog:
+    """Writes ``time_s device what value`` whenever a value is another one than before.
+
+    ::
+
+        12.481 galvo mirror -0.012345 0.001000      optical angles x and y that are commanded [rad]
+        12.502 laser power 5.00                     in the laser's own scale, 0 to 10
+        12.553 laser emission 1                     0 or 1
+        12.655 detector bias 1                      0 or 1
+
+    The time is that of the bench, in seconds from when it was built; each line is flushed at once. The state
+    in which the log begins is not written.
+
+    Parameters
+    ----------
+    bench
+        What is watched.
+    file
+        Open for writing.
+    """
+
+    def __init__(self, bench: Bench, file: TextIO) -> None:
+        self._bench = bench
+        self._file = file
+        self._known = self._values()
+        bench.watchers.append(self._changed)
+
+    def _changed(self, now_s: float) -> None:
+        values = self._values()
+        for what, value in values.items():
+            if value != self._known[what]:
+                self._file.write(f"{now_s:.3f} {what} {value}\n")
+                self._file.flush()
+        self._known = values
+
+    def _values(self) -> dict[str, str]:
+        light, (x_rad, y_rad) = self._bench.light, self._bench.mirror.target
+        return {
+            "galvo mirror": f"{x_rad:.6f} {y_rad:.6f}",
+            "laser power": f"{10 * light.power:.2f}",
+            "laser emission": str(int(light.emitting)),
+            "detector bias": str(int(light.biased)),
+        }
