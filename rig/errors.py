@@ -40,7 +40,7 @@ class RefusedError(RigError):
 
 
 class DoubtError(RefusedError):
-    """Raised when the rig is no longer as it was: what was measured since it was last seen so may be wrong."""
+    """Raised when the rig is no longer as it was: what was measured since the last look may be wrong."""
 
 
 class LightLostError(DoubtError):

@@ -30,7 +30,7 @@ LATE_S = 1.0
 CLOCK_ERROR = 1e-3
 
 #: How often the caller is asked during an exposure whether it shall go on.
-MEANWHILE_S = 0.1
+MEANWHILE_S = 0.05
 
 
 @dataclass(frozen=True)

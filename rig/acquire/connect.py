@@ -11,6 +11,7 @@ from rig.acquire.engine import Devices
 from rig.devices.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
 from rig.devices.wires import wires_by_address
 from rig.light.guarded import GuardedHere
+from rig.light.lock import locked
 from rig.light.remote import GuardedElsewhere
 from rig.model.config import RigConfig
 from rig.model.devices import GatedSpad, GuardedLaser, Operator, WallCamera
@@ -48,6 +49,7 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         if config.simulated:
             wires, _ = stack.enter_context(_simulated(config))
         else:
+            stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
         yield _open(config, wires, stack, first)
 
@@ -69,6 +71,7 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
             operator, cameras = simulated_operator(bench)
         else:
+            stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(_open(config, wires, stack, 0), operator, cameras)

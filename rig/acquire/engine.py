@@ -436,8 +436,8 @@ class ScanEngine:
             return  # the laser itself has said twice that it is dark
         if sync_hz > 0:
             raise RefusedError(
-                f"the laser says that it is dark, but the timing instrument still counts {sync_hz:.3g} of its "
-                "pulses a second. Treat the laser as EMITTING: turn its key off by hand, now"
+                f"the laser says that it is dark, but the timing instrument still counts {sync_hz:.3g} of "
+                "its pulses a second. Treat the laser as EMITTING: turn its key off by hand, now"
             )
 
     def _wait(self, duration_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Being asked to stop: every signal sets a flag, which is looked at where it is safe; none raises anywhere."""
+"""Being asked to stop: every signal sets a flag, which is looked at where it is safe; none raises."""
 
 import signal
 from collections.abc import Callable

@@ -2,8 +2,8 @@
 
 What a file says of power, rate, gate and bias is read back once. It is true of all positions only if nothing
 changes afterwards; so everything is read back again with every line. What is seen here ends the scan or is
-told. A device that lies without a trace cannot be seen: a mirror without read-back that says it has moved, and
-has not.
+told. A device that lies without a trace cannot be seen: a mirror without read-back that says it has moved,
+and has not.
 """
 
 from collections.abc import Mapping
@@ -185,8 +185,8 @@ class Vigil:
     def _require_sync(self, rates: Rates) -> None:
         if not isclose(rates.sync_hz, self._sync_hz, rel_tol=SYNC_WITHIN):
             raise DoubtError(
-                f"the sync rate is {show(rates.sync_hz, 'Hz')}, and was {show(self._sync_hz, 'Hz')}: check the "
-                "laser's repetition rate and the sync cable."
+                f"the sync rate is {show(rates.sync_hz, 'Hz')}, and was {show(self._sync_hz, 'Hz')}: check "
+                "the laser's repetition rate and the sync cable."
             )
 
     def _require_photons(self, rates: Rates) -> None:

@@ -1,5 +1,6 @@
 """Who takes the place of the person and the cameras when a calibration runs on the simulated rig."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,12 +57,15 @@ class SimulatedOperator:
         self.board = None
         self.bench.change_light(**{**_AS_FOR_A_SCAN, **_LIGHT[preparation]})
 
-    def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
+    def aim_at(
+        self, galvo: Galvo, mark_m: tuple[float, float], meanwhile: Callable[[], None]
+    ) -> tuple[float, float]:
         """Steer the beam onto a mark; return the angles [rad]."""
         self.board = None
         wanted_m = np.array(mark_m) + AIMING_ERROR_M * self._rng.standard_normal(2)
         angles = np.zeros(2)
         for _ in range(30):  # as a person does: look where the spot is, correct, look again
+            meanwhile()
             seen_m = self._spot_m(galvo, angles)
             moved_m = [self._spot_m(galvo, angles + nudge) - seen_m for nudge in 1e-3 * np.eye(2)]
             step = np.linalg.solve(np.array(moved_m).T / 1e-3, wanted_m - seen_m)

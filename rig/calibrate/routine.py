@@ -1,7 +1,7 @@
 """What a calibration routine is: it measures through the devices, fits what it measured, and shows it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
+from rig.acquire.engine import ASKING_LEASE_S
 from rig.acquire.preflight import check
-from rig.errors import UsageError
+from rig.errors import InterruptedScanError, UsageError
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
-from rig.model.devices import Galvo, Laser
+from rig.model.devices import Galvo
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -113,14 +114,27 @@ def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watc
 
 
 @contextmanager
-def beam(station: Station, config: RigConfig, angle: tuple[float, float]) -> Iterator[tuple[Galvo, Laser]]:
-    """Light the beam, aimed before it is lit; it is dark again after the block, however that ends."""
+def beam(
+    station: Station, config: RigConfig, angle: tuple[float, float], watch: Watch
+) -> Iterator[tuple[Galvo, Callable[[], None]]]:
+    """Light the beam, aimed before it is lit; it is dark again after the block, however that ends.
+
+    Gives the mirror, and what has to be called before each step in the light: it says that all is well, and
+    raises when the light is lost or a stop was asked for.
+    """
     galvo, laser = station.devices.galvo, station.devices.laser
+
+    def goes_on() -> None:
+        laser.beat(ASKING_LEASE_S)
+        if watch.should_stop():
+            raise InterruptedScanError("the calibration was stopped, nothing was stored")
+
     galvo.point(*angle)
     galvo.wait_settled(config.galvo.settle_timeout_s)
     try:
         laser.arm()
         laser.emit()
-        yield galvo, laser
+        goes_on()
+        yield galvo, goes_on
     finally:
         laser.stop()

@@ -12,6 +12,7 @@ from rig.commands.compare import compare
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
+from rig.commands.laser import laser
 from rig.commands.measure import measure
 from rig.commands.plot import plot
 from rig.commands.recon import recon
@@ -68,4 +69,5 @@ app.command("import")(import_)
 app.command("export")(export)
 app.command("doctor")(doctor)
 sim.command("serve")(serve)
+app.add_typer(laser, name="laser")
 app.add_typer(sim, name="sim")

@@ -6,6 +6,7 @@ import typer
 
 from rig.commands.calibrate import ROUTINES, Method
 from rig.commands.calibrate_run import Keep, calibrated, configuration
+from rig.commands.consent import Yes
 from rig.commands.options import AsJson, Config, Seed
 
 
@@ -19,6 +20,7 @@ def all_(
             "--without-cameras", help="Calibrate the galvo by times of flight and marks on the wall."
         ),
     ] = False,
+    yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure everything, in the order in which one builds on another.
@@ -27,11 +29,13 @@ def all_(
     other options, see its own help.
     """
     from rig.commands import console
+    from rig.commands.consent import require_consent
     from rig.errors import RigError
     from rig.model.calibrations.headlines import headline
     from rig.model.calibrations.kinds import KINDS
 
     rig_config = configuration(config, seed)
+    require_consent(rig_config, yes=yes)
     options = {"galvo": {"method": Method.FLIGHT}} if without_cameras else {}
     kinds, found = list(KINDS), {}
     for number, kind in enumerate(kinds, 1):

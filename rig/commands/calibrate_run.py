@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rig.commands.consent import Yes
 from rig.commands.options import AsJson, Config, Seed
 
 if TYPE_CHECKING:
@@ -30,13 +31,18 @@ def run(
     seed: Seed = None,
     recorded: From = None,
     keep: Keep = None,
+    yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure or read, fit, store and tell."""
     from rig.commands import console
+    from rig.commands.consent import require_consent
     from rig.model.calibrations.headlines import headline
 
-    result = calibrated(routine, configuration(config, seed), recorded, keep)
+    rig = configuration(config, seed)
+    if not recorded:
+        require_consent(rig, yes=yes)
+    result = calibrated(routine, rig, recorded, keep)
     content = result.calibration.model_dump(mode="json")
     for warning in content.get("warnings", []):
         console.warn(warning)

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 
-from rig.acquire.engine import Ended, Event, PhaseChanged, Ready, StepDone
+from rig.acquire.engine import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
@@ -118,8 +118,10 @@ class ScanProgress:
         self._drawn_s = 0.0
         self._tenth = 0
         self._phase = ""
+        self._light = ""
         self._bar = Progress(
             SpinnerColumn(),
+            TextColumn("{task.fields[light]}"),
             TextColumn("{task.fields[phase]:>14}"),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
@@ -130,7 +132,7 @@ class ScanProgress:
             auto_refresh=False,
             disable=not err.is_terminal,
         )
-        self._task = self._bar.add_task("", total=positions, phase="", rate="", left="")
+        self._task = self._bar.add_task("", total=positions, light="", phase="", rate="", left="")
 
     def __call__(self, event: Event) -> None:
         """Show what happened."""
@@ -147,6 +149,10 @@ class ScanProgress:
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
                     warn(sentence)
+            case LightChanged():
+                self._light = tell_light(event)
+            case Noticed(sentence=sentence, first=first, last=last):
+                warn(f"{sentence} (positions {first} to {last})")
             case StepDone(step=step, exposure=exposure):
                 self._measured += 1
                 self._photons += exposure.photons
@@ -167,7 +173,9 @@ class ScanProgress:
 
     def _draw(self, done: int | None) -> None:
         left = self._left(done) if done else ""
-        self._bar.update(self._task, completed=done, phase=self._phase, rate=self._rate(), left=left)
+        self._bar.update(
+            self._task, completed=done, light=self._light, phase=self._phase, rate=self._rate(), left=left
+        )
         self._bar.refresh()
 
     def _rate(self) -> str:
@@ -176,6 +184,22 @@ class ScanProgress:
     def _left(self, done: int) -> str:
         each_s = (time.monotonic() - self._since_s) / self._measured
         return f"~{show_duration(round(each_s * (self._positions - done)))} left"
+
+
+def tell_light(event: LightChanged) -> str:
+    """Tell what is known of the light, and return it in short."""
+    time_of_day = event.when[11:19]
+    if event.on is None:
+        err.print(
+            f"[bold white on red] {time_of_day} THE LASER CANNOT BE CONFIRMED DARK: "
+            "TURN ITS KEY OFF BY HAND, NOW [/]"
+        )
+        return "[bold red]LASER ?[/]"
+    if event.on:
+        err.print(f"[bold red]LASER ON[/] since {time_of_day}")
+        return "[bold red]LASER ON[/]"
+    err.print(f"laser dark, read back {time_of_day}")
+    return "dark"
 
 
 class Counting:
@@ -206,6 +230,10 @@ class Counting:
             case StepDone():
                 self._positions += 1
                 self._status.update(f"{self._what}: {self._positions} positions")
+            case LightChanged():
+                tell_light(event)
+            case Noticed(sentence=sentence):
+                warn(sentence)
             case Ready(warnings=warnings):
                 for sentence in warnings:
                     warn(sentence)

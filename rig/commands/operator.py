@@ -1,6 +1,8 @@
 """The person at a real rig, asked through the terminal."""
 
 import sys
+import threading
+from collections.abc import Callable
 from math import radians
 
 from rich.prompt import Prompt
@@ -41,12 +43,14 @@ class ConsoleOperator:
             )
         _ask(f"Hold the {what} {where}. Then press Enter")
 
-    def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
+    def aim_at(
+        self, galvo: Galvo, mark_m: tuple[float, float], meanwhile: Callable[[], None]
+    ) -> tuple[float, float]:
         """Let the person type angles until the beam is on the mark."""
         angles = (0.0, 0.0)
         console.say(f"Steer the beam onto the mark at x = {mark_m[0]:g} m, y = {mark_m[1]:g} m.")
         while True:
-            text = _ask("Optical angles 'x y' in degrees, or Enter when the beam is on the mark")
+            text = _ask("Optical angles 'x y' in degrees, or Enter when the beam is on the mark", meanwhile)
             if not text.strip():
                 return angles
             try:
@@ -58,7 +62,20 @@ class ConsoleOperator:
             galvo.point(*angles)
 
 
-def _ask(question: str) -> str:
+def _ask(question: str, meanwhile: Callable[[], None] = lambda: None) -> str:
+    """Return what the person types; ``meanwhile`` is called until then, and may raise."""
     if not sys.stdin.isatty():
         raise UsageError(f"somebody has to be at the rig: '{question}'. Run this in a terminal")
-    return Prompt.ask(question, console=console.err, default="", show_default=False)
+    typed: list[str] = []
+
+    def ask() -> None:
+        typed.append(Prompt.ask(question, console=console.err, default="", show_default=False))
+
+    person = threading.Thread(target=ask, daemon=True)
+    person.start()
+    while person.is_alive():
+        meanwhile()
+        person.join(0.1)
+    if not typed:
+        raise UsageError(f"nobody answered: '{question}'. Run this in a terminal")
+    return typed[0]

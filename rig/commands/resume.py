@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.consent import Yes
 from rig.commands.options import AsJson
 
 
@@ -16,6 +17,7 @@ def resume(
             "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
         ),
     ] = None,
+    yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
     """Take up an interrupted scan where it stopped, with the plan and the settings that its file holds.
@@ -26,9 +28,11 @@ def resume(
     """
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
+    from rig.commands.consent import require_consent
     from rig.commands.running import run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
+    require_consent(state.config, yes=yes)
     run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json)

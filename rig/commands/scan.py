@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.consent import Yes
 from rig.commands.options import AsJson, Config, Grid, Seed, Spacing
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
+    yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
     """Scan the relay wall and store the photons of each position.
@@ -62,6 +64,7 @@ def scan(
     from rig.acquire.acquisition import acquire
     from rig.acquire.preflight import check
     from rig.commands import console
+    from rig.commands.consent import require_consent
     from rig.commands.running import run
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
@@ -88,6 +91,7 @@ def scan(
         return
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
+    require_consent(state.config, yes=yes)
     run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json)
 
 

@@ -64,6 +64,11 @@ def trip_of(config: RigConfig) -> Trip | None:
     return next(_read([path], Trip), Trip("at an unknown time", config.name, f"{path} cannot be read"))
 
 
+def trips() -> list[Trip]:
+    """Return all trips of this user's rigs that nobody has acknowledged."""
+    return list(_read(sorted(folder().glob("trip-*.json")), Trip))
+
+
 def forget_trip(config: RigConfig) -> None:
     """Take the trip away, because a person has acknowledged it."""
     _trip_file(config).unlink(missing_ok=True)

@@ -238,8 +238,13 @@ class Operator(Protocol):
         """Return when the rig is prepared so, and only so."""
         ...
 
-    def aim_at(self, galvo: Galvo, mark_m: tuple[float, float]) -> tuple[float, float]:
-        """Steer the beam onto a mark (x, y) on the wall, and return the commanded optical angles."""
+    def aim_at(
+        self, galvo: Galvo, mark_m: tuple[float, float], meanwhile: Callable[[], None]
+    ) -> tuple[float, float]:
+        """Steer the beam onto a mark (x, y) on the wall, and return the commanded optical angles.
+
+        ``meanwhile`` is called several times a second: it keeps the beam on, or raises.
+        """
         ...
 
     def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:

@@ -47,7 +47,7 @@ def test_each_preparation_is_asked_for_once(typed, capsys):
 def test_the_beam_goes_where_the_person_says(typed, capsys):
     typed("3.25 -1.5\nleft\n3.5 -1.25\n\n")
     with open_devices(built_in()) as devices:
-        angles = ConsoleOperator().aim_at(devices.galvo, (0.3, -0.1))
+        angles = ConsoleOperator().aim_at(devices.galvo, (0.3, -0.1), lambda: None)
         settings = devices.galvo.settings()
     assert np.degrees(angles) == pytest.approx((3.5, -1.25))
     assert np.degrees([settings["angle_x_rad"], settings["angle_y_rad"]]) == pytest.approx((3.5, -1.25))

@@ -61,11 +61,10 @@ class FlightRoutine(FirstBounceRoutine[GalvoModel]):
         """Let a person steer the beam onto marks, then scan."""
         marks = []
         station.operator.prepare(Preparation.ATTENUATE)
-        with beam(station, state.config, (0.0, 0.0)) as (galvo, _):
+        with beam(station, state.config, (0.0, 0.0), watch) as (galvo, goes_on):
             for mark_m in wall_marks_m(state.config):
-                marks.append(Mark(mark_m=mark_m, mirror_rad=station.operator.aim_at(galvo, mark_m)))
-                if watch.should_stop():
-                    return []
+                mirror_rad = station.operator.aim_at(galvo, mark_m, goes_on)
+                marks.append(Mark(mark_m=mark_m, mirror_rad=mirror_rad))
         marks_path = folder / "galvo-marks.json"
         with appearing(marks_path) as partial:
             content = WallMarks(galvo=galvo.identity, marks=marks)

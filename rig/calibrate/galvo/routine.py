@@ -81,15 +81,14 @@ class CameraRoutine(Routine[GalvoModel]):
 
     def _lit(self, station: Station, config: RigConfig, writer: ImagesWriter, watch: Watch) -> None:
         angles = mirror_angles_rad(config, self.columns, self.rows)
-        with beam(station, config, angles[0]) as (galvo, laser):
+        with beam(station, config, angles[0], watch) as (galvo, goes_on):
             for angle in angles:
-                if watch.should_stop():
-                    break
+                goes_on()
                 galvo.point(*angle)
                 galvo.wait_settled(config.galvo.settle_timeout_s)
                 writer.take("lit", angle)
             require(
-                laser.emitting(),
+                station.devices.laser.emitting(),
                 "the laser went dark while spots were measured: check its interlock, and begin anew",
             )
 

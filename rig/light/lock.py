@@ -1,0 +1,73 @@
+"""One program at a time has a rig: scans and calibrations alike.
+
+The lock is the system's own, on a file: it is gone with the program that holds it, so that none is left.
+What the file says is only for people.
+"""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from rig.errors import RefusedError
+from rig.light.state import folder, key, now
+from rig.model.config import RigConfig
+
+
+@contextmanager
+def locked(config: RigConfig) -> Iterator[None]:
+    """Have a rig alone.
+
+    Raises
+    ------
+    RefusedError
+        If another program has it, which is named.
+    """
+    path = folder() / f"rig-{key(config)}.lock"
+    with path.open("a+", encoding="utf-8") as file:
+        if not _lock(file):
+            holder = _holder(path)
+            raise RefusedError(
+                f"{config.name} is in use by {holder}. Wait for its end, or stop it; rig laser off puts its "
+                "light out"
+            )
+        file.truncate(0)
+        file.write(f"{' '.join(['rig', *sys.argv[1:]])!r}, process {os.getpid()}, since {now()}")
+        file.flush()
+        try:
+            yield
+        finally:
+            file.truncate(0)
+
+
+def _holder(path: Path) -> str:
+    with suppress(OSError):
+        return path.read_text(encoding="utf-8", errors="replace") or "another program"
+    return "another program"
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    #: Bytes that are locked lie far behind the text, so that others can read it.
+    _BEYOND = 1 << 20
+
+    def _lock(file: IO[str]) -> bool:
+        file.seek(_BEYOND)
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+
+else:
+    import fcntl
+
+    def _lock(file: IO[str]) -> bool:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        return True
