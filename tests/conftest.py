@@ -1,5 +1,6 @@
 """The command line as a person meets it: arguments in, exit code and both streams out."""
 
+import os
 import sys
 from dataclasses import dataclass
 
@@ -11,6 +12,12 @@ from rig.__main__ import main
 # generated input is the same in every run, and a busy machine is no failure
 hypothesis.settings.register_profile("rig", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("rig")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_state(tmp_path_factory):
+    """Keep what is remembered of rigs apart from what this computer remembers of real ones."""
+    os.environ["RIG_STATE"] = str(tmp_path_factory.mktemp("state"))
 
 
 @dataclass(frozen=True)

@@ -260,6 +260,8 @@ class HydraHarp:
                 f"the measurement still runs {late_s:.3g} s after its end",
                 "Check the USB link, and switch the HydraHarp off and on.",
             )
+        if duration_ms / 1000 > MEANWHILE_S:
+            meanwhile()  # a long exposure may take long to read, too
         return True
 
     def rates(self) -> Rates:

@@ -9,6 +9,7 @@ from enum import Enum
 from drivers.errors import DeviceError, LimitError
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
+from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,
     Device,
@@ -28,12 +29,6 @@ from rig.model.state import RigState
 #: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
-
-#: For so long the light may stay without a word while a timing instrument is called, which may never return;
-#: while the mirror or the detector are asked, whose lines have time limits; and while files are written.
-EXPOSURE_LEASE_S = 0.6
-ASKING_LEASE_S = 4.0
-FILE_LEASE_S = 15.0
 
 #: An exposure with more than this left is cut when a stop is asked for; a shorter one is finished.
 WORTH_CUTTING_S = 0.3
@@ -375,11 +370,11 @@ class ScanEngine:
         until_s = devices.clock.now_s() + step.exposure_s
 
         def meanwhile() -> bool:
-            devices.laser.beat(EXPOSURE_LEASE_S)
+            devices.laser.beat(LIBRARY_LEASE_S)
             self._vigil.look()
             return until_s - devices.clock.now_s() > WORTH_CUTTING_S and self._should_stop()
 
-        devices.laser.beat(EXPOSURE_LEASE_S)
+        devices.laser.beat(LIBRARY_LEASE_S)
         exposure = devices.tcspc.measure(step.exposure_s, meanwhile)
         if not exposure.whole:
             self._tell(StepCut(step, exposure))
@@ -442,9 +437,9 @@ class ScanEngine:
 
     def _wait(self, duration_s: float) -> None:
         """Wait with the light on."""
-        self._devices.laser.beat(duration_s + EXPOSURE_LEASE_S)
+        self._devices.laser.beat(duration_s + LIBRARY_LEASE_S)
         self._devices.clock.sleep(duration_s)
-        self._devices.laser.beat(EXPOSURE_LEASE_S)
+        self._devices.laser.beat(LIBRARY_LEASE_S)
 
     def _tell(self, event: Event) -> None:
         """Tell consumers with the light on; a slow disk may take its time, but not for ever."""

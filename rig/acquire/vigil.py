@@ -12,6 +12,7 @@ from typing import Protocol
 
 from drivers.errors import DeviceError
 from rig.errors import DoubtError, LightLostError
+from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import Clock, Exposure, GuardedLaser, Rates, Settings, Tcspc
 from rig.model.quantities import show
 from rig.model.state import RigState
@@ -147,7 +148,9 @@ class Vigil:
             If something is not as it was; `rig.errors.LightLostError` if it is the light.
         """
         self._require_light()
+        self._rig.laser.beat(ASKING_LEASE_S)
         self._require_settings()
+        self._rig.laser.beat(LIBRARY_LEASE_S)
         rates = self._rig.tcspc.rates()
         self._bright(rates)
         self._require_sync(rates)
@@ -163,7 +166,7 @@ class Vigil:
             emitting = laser.emitting()
         except DeviceError:  # one garbled answer is no reason to end a scan
             emitting = laser.emitting()
-        laser.beat(LOOK_S + 1.0)  # tells why, where the guard knows
+        laser.beat(ASKING_LEASE_S)  # tells why, where the guard knows
         if not emitting:
             raise LightLostError("the laser went dark by itself: check interlock and key.")
 

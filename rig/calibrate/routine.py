@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
-from rig.acquire.engine import ASKING_LEASE_S
 from rig.acquire.preflight import check
 from rig.errors import InterruptedScanError, UsageError
+from rig.light.guard import ASKING_LEASE_S
 from rig.model.calibrations.base import Calibration
 from rig.model.config import HydraHarpConfig, RigConfig
 from rig.model.devices import Galvo

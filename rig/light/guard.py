@@ -28,6 +28,12 @@ from rig.model.devices import Clock, Laser, Settings
 #: How often a laser that is lit is looked at.
 LOOK_S = 0.2
 
+#: For so long the light may stay without a word while a vendor's library is called, which may never return;
+#: while mirror and detector are asked, whose lines have time limits; and while files are written.
+LIBRARY_LEASE_S = 0.8
+ASKING_LEASE_S = 4.0
+FILE_LEASE_S = 15.0
+
 #: The longest time for which a program may say that all is well.
 LONGEST_LEASE_S = 20.0
 

@@ -34,8 +34,8 @@ PAUSE_S = 0.05
 REOPEN_S = 2.0
 TELL_AGAIN_S = 30.0
 
-#: After so long, a guard whose program is gone gives up on a laser that cannot be made dark.
-GIVE_UP_S = 3600.0
+#: After so long, a guard whose program has ended gives up on a laser that cannot be made dark.
+GIVE_UP_S = 600.0
 
 
 class Inbox:
@@ -126,12 +126,14 @@ class GuardProcess:
             self._say({"id": number, "answer": self._laser.identity})
             while (message := self._inbox.get(PAUSE_S)) is not None:
                 if message.get("do") == "end":
+                    self._alone = True
                     self._answer(message, self._guard.stop)
                     break
                 self._obey(message)
                 self._watch()
             else:
                 self._program_is_gone()
+            self._try_on()
         finally:
             switch.close()
             self._laser_stack.close()
@@ -208,6 +210,16 @@ class GuardProcess:
             with suppress(DeviceError):
                 self._guard.stop()
         self._take_bias()
+
+    def _try_on(self) -> None:
+        """Go on for a while with a laser that could not be made dark: its plug may be put back."""
+        if self._guard.light is not Light.ALARM:
+            return
+        shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
+        if not sys.stderr.isatty():
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, sys.stderr.fileno())  # who waits for the end of what the program says gets it
+            os.dup2(silent, self._replies.fileno())
         began_s = time.monotonic()
         while self._guard.light is Light.ALARM and time.monotonic() - began_s < GIVE_UP_S:
             time.sleep(PAUSE_S)

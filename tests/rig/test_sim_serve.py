@@ -33,7 +33,7 @@ def bench(tmp_path_factory):
 
 
 def scan(rig, bench, name):
-    done = rig("scan", "--config", bench.config, *GRID, "--out", name, "--json")
+    done = rig("scan", "--config", bench.config, *GRID, "--out", name, "--json", "--yes")
     assert done.code == 0, done.err
     return json.loads(done.out)
 
@@ -68,9 +68,9 @@ def test_a_scan_is_told_in_the_log(rig, bench, tmp_path):
     assert [at for at, _, _ in changes] == sorted(at for at, _, _ in changes)
     switched = [(what, value) for _, what, value in changes if what != "galvo mirror"]
     assert switched == [
+        ("detector bias", "1"),
         ("laser power", "10.00"),
         ("laser emission", "1"),
-        ("detector bias", "1"),
         ("laser emission", "0"),
         ("detector bias", "0"),
         ("laser power", "0.00"),
@@ -129,9 +129,9 @@ def test_light_that_another_program_switches_off_is_missing_in_the_counts(bench)
     assert least * whole - 5 * sigma < part < most * whole + background + 5 * sigma
 
 
-def test_a_killed_client_changes_nothing_and_the_next_can_connect(rig, bench):
+def test_after_a_killed_client_the_next_can_connect(rig, bench):
     lit = len(bench.values("laser emission"))
-    command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--out")
+    command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes", "--out")
     with subprocess.Popen([*command, bench.log.parent / "killed.h5"], stderr=subprocess.PIPE) as client:
         wait_for(lambda: len(bench.values("laser emission")) > lit)
         client.kill()
@@ -140,22 +140,21 @@ def test_a_killed_client_changes_nothing_and_the_next_can_connect(rig, bench):
         with serial.Serial(bench.told[device], timeout=5) as port:
             port.write(question)
             assert port.readline()
-    # a laser that is found emitting is switched off and the connection refused, once
-    codes = [rig("scan", "--config", bench.config, *GRID, "--out", f"after{n}.h5").code for n in range(2)]
+    codes = [rig("scan", "--config", bench.config, *GRID, "--yes", "--out", f"after{n}.h5").code for n in range(2)]
     assert codes[-1] == 0
     assert bench.values("laser emission")[-1] == "0"
 
 
 def test_an_interrupted_scan_is_resumed(rig, bench, tmp_path):
     lit = len(bench.values("laser emission"))
-    command = rig_command("scan", "--config", bench.config, "--grid", "12x9", "--spacing", "15cm")
+    command = rig_command("scan", "--config", bench.config, "--grid", "12x9", "--spacing", "15cm", "--yes")
     with subprocess.Popen([*command, "--out", "a.h5"], cwd=tmp_path, stderr=subprocess.PIPE) as client:
         wait_for(lambda: len(bench.values("laser emission")) > lit)
         client.send_signal(signal.SIGINT)
         client.communicate(timeout=30)
     assert client.returncode == 6
     assert rig("resume", "a.h5").code == 2  # which devices are opened is not taken from a file
-    resumed = rig("resume", "a.h5", "--config", bench.config)
+    resumed = rig("resume", "a.h5", "--config", bench.config, "--yes")
     assert resumed.code == 0, resumed.err
 
 
@@ -183,16 +182,16 @@ def test_an_idle_server_sleeps(bench):
 
 def test_a_server_that_goes_away_ends_a_scan_in_words(rig, tmp_path):
     with served(tmp_path) as bench:
-        command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm")
+        command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes")
         with subprocess.Popen([*command, "--out", "a.h5"], cwd=tmp_path, stderr=subprocess.PIPE) as client:
             wait_for(lambda: len(bench.values("galvo mirror")) > 20)
             bench.process.send_signal(signal.SIGTERM)
             _, said = client.communicate(timeout=60)
         assert bench.process.wait(20) == 0
-        assert client.returncode == 3
+        assert client.returncode in (3, 4)  # whichever is noticed first: a device, or the light
         assert b"Traceback" not in said
         assert not Path(bench.told["timing"]).parent.exists()
-        gone = rig("scan", "--config", bench.config, *GRID, "--out", "b.h5")
+        gone = rig("scan", "--config", bench.config, *GRID, "--yes", "--out", "b.h5")
         assert gone.code == 3
         assert "rig sim serve" in gone.err
         with h5py.File(tmp_path / "a.h5") as file:
