@@ -15,7 +15,7 @@ hypothesis.settings.load_profile("rig")
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _own_state(tmp_path_factory):
+def own_state(tmp_path_factory):
     """Keep what is remembered of rigs apart from what this computer remembers of real ones."""
     os.environ["RIG_STATE"] = str(tmp_path_factory.mktemp("state"))
 

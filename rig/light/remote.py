@@ -67,7 +67,8 @@ class GuardedElsewhere:
             text=True,
             **options,
         )
-        threading.Thread(target=self._hear, daemon=True).start()
+        self._hearing = threading.Thread(target=self._hear, daemon=True)
+        self._hearing.start()
         try:
             self._identity = str(self._ask("open", config=self._config.model_dump_json()))
         except BaseException:
@@ -164,8 +165,8 @@ class GuardedElsewhere:
     def _hear(self) -> None:
         """Take in what the guard says, in a thread of its own."""
         assert self._process.stdout is not None
-        with suppress(OSError, ValueError):
-            for line in self._process.stdout:
+        with suppress(OSError, ValueError), self._process.stdout as lines:
+            for line in lines:
                 said = json.loads(line)
                 if "lost" in said:
                     self._lost.append(Lost(**said["lost"]))
@@ -208,7 +209,8 @@ class GuardedElsewhere:
             assert self._process.stdin is not None
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(1.0)
+            self._process.wait(2.0)
+            self._hearing.join(2.0)
 
 
 def _quietly(act: Callable[[], None]) -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import LinkError, RefusedError
-from rig.light.guard import LOOK_S, LONGEST_LEASE_S, Guard, Light
+from rig.light.guard import LONGEST_LEASE_S, LOOK_S, Guard, Light
 from rig.light.words import as_error, from_words
 
 

@@ -53,7 +53,9 @@ def dark(bench):
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGSEGV"])
-def test_a_program_that_dies_leaves_laser_and_detector_off_and_can_be_resumed(rig, bench, lit, tmp_path, name):
+def test_a_program_that_dies_leaves_laser_and_detector_off_and_can_be_resumed(
+    rig, bench, lit, tmp_path, name
+):
     lit.send_signal(getattr(signal, name))
     wait_for(lambda: dark(bench))
     wait_for(lambda: bench.values("detector bias")[-1] == "0")

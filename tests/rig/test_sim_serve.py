@@ -25,6 +25,9 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are
 #: 12 positions of 10 ms, each of some 2 000 photons.
 GRID = ("--grid", "4x3", "--spacing", "40cm", "--exposure", "10ms")
 
+#: Long enough to be in the middle of.
+MANY = ("--grid", "40x40", "--spacing", "2cm", "--yes")
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
@@ -131,7 +134,9 @@ def test_light_that_another_program_switches_off_is_missing_in_the_counts(bench)
 
 def test_after_a_killed_client_the_next_can_connect(rig, bench):
     lit = len(bench.values("laser emission"))
-    command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes", "--out")
+    command = rig_command(
+        "scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes", "--out"
+    )
     with subprocess.Popen([*command, bench.log.parent / "killed.h5"], stderr=subprocess.PIPE) as client:
         wait_for(lambda: len(bench.values("laser emission")) > lit)
         client.kill()
@@ -140,7 +145,9 @@ def test_after_a_killed_client_the_next_can_connect(rig, bench):
         with serial.Serial(bench.told[device], timeout=5) as port:
             port.write(question)
             assert port.readline()
-    codes = [rig("scan", "--config", bench.config, *GRID, "--yes", "--out", f"after{n}.h5").code for n in range(2)]
+    codes = [
+        rig("scan", "--config", bench.config, *GRID, "--yes", "--out", f"after{n}.h5").code for n in range(2)
+    ]
     assert codes[-1] == 0
     assert bench.values("laser emission")[-1] == "0"
 
@@ -182,7 +189,9 @@ def test_an_idle_server_sleeps(bench):
 
 def test_a_server_that_goes_away_ends_a_scan_in_words(rig, tmp_path):
     with served(tmp_path) as bench:
-        command = rig_command("scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes")
+        command = rig_command(
+            "scan", "--config", bench.config, "--grid", "40x40", "--spacing", "2cm", "--yes"
+        )
         with subprocess.Popen([*command, "--out", "a.h5"], cwd=tmp_path, stderr=subprocess.PIPE) as client:
             wait_for(lambda: len(bench.values("galvo mirror")) > 20)
             bench.process.send_signal(signal.SIGTERM)
