@@ -148,7 +148,7 @@ def test_a_killed_client_changes_nothing_and_the_next_can_connect(rig, bench):
 
 def test_an_interrupted_scan_is_resumed(rig, bench, tmp_path):
     lit = len(bench.values("laser emission"))
-    command = rig_command("scan", "--config", bench.config, "--grid", "12x9", "--spacing", "15cm")
+    command = rig_command("scan", "--config", bench.config, "--grid", "8x6", "--spacing", "20cm")
     with subprocess.Popen([*command, "--out", "a.h5"], cwd=tmp_path, stderr=subprocess.PIPE) as client:
         wait_for(lambda: len(bench.values("laser emission")) > lit)
         client.send_signal(signal.SIGINT)
@@ -218,6 +218,18 @@ def test_a_log_that_cannot_be_written_is_refused(rig):
     refused = rig("sim", "serve", "--log", "missing/changes.log")
     assert refused.code == 2
     assert "missing/changes.log" in refused.err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_under_the_log_is_told_in_words(tmp_path):
+    (tmp_path / "changes.log").symlink_to("/dev/full")
+    with served(tmp_path) as bench:
+        with serial.Serial(bench.told["galvo"], timeout=5) as port:
+            port.write(b"X=0.1\r\n")
+        assert bench.process.wait(20) == 2
+    said = (tmp_path / "server.txt").read_text()
+    assert "No space left" in said
+    assert "Traceback" not in said
 
 
 def wait_for(happened):
