@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rig.bench.simulated import simulated_bench, timing_faults
 from rig.errors import UsageError
-from rig.model.config import RigConfig, SimulationConfig
+from rig.model.config import HydraHarpConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -95,11 +95,8 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
     It has no simulation: for a program that scans, galvo and laser are devices at addresses as real ones are,
     and are guarded as such.
     """
-    places = {
-        "galvo": addresses.galvo,
-        "laser": addresses.laser,
-        "detector": addresses.detector,
-        "tcspc": addresses.timing,
-    }
+    places = {"galvo": addresses.galvo, "laser": addresses.laser, "detector": addresses.detector}
+    if isinstance(config.tcspc, HydraHarpConfig):  # a file that is played needs no bench
+        places["tcspc"] = addresses.timing
     sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}
     return config.model_copy(update={**sections, "simulation": None})
