@@ -304,15 +304,16 @@ class Bench:
 
         At each change, and at each step of a moving mirror, the detector begins anew, ready.
         """
-        stretches = self._stretches(start_s, stop_s)
-        seen = tuple(
-            _drawn(photons, channel.delay_s, stretches, rng)
-            for photons, channel, rng in zip(
-                self.photons, self.geometry.channels, self._generators(), strict=True
-            )
-        )
+        return self.drawing(start_s, stop_s)()
+
+    def drawing(self, start_s: float, stop_s: float) -> Callable[[], tuple[Detections, ...]]:
+        """Take down all that `detections` follows; return what then draws, at any time and in any thread."""
+        stretches, generators = self._stretches(start_s, stop_s), self._generators()
         self.forget_before(start_s)
-        return seen
+        channels = tuple(zip(self.photons, self.channels, generators, strict=True))
+        return lambda: tuple(
+            _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
+        )
 
     def forget_before(self, at_s: float) -> None:
         """Drop what was changed before a time that nobody will ask about again."""

@@ -1,13 +1,13 @@
 """The simulated bench in a process of its own, with devices that other programs open."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.bench.simulated import simulated_bench, timing_faults
 from rig.errors import UsageError
-from rig.model.config import RigConfig, SimulationConfig
+from rig.model.config import HydraHarpConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -34,7 +34,7 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
     Raises
     ------
     UsageError
-        If the log cannot be written.
+        If the log cannot be written, now or later.
     rig.errors.ConfigError
         If there is no such scene, or it cannot be made as bright as wanted.
     """
@@ -43,19 +43,39 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
     from simulators.wire.served.timing import TimingFaults
 
     with ExitStack() as stack:
-        try:
-            file = stack.enter_context(log.open("a", encoding="ascii")) if log else None
-        except OSError as problem:
-            raise UsageError(f"{log} cannot be written ({problem.strerror}); give another --log") from None
+        write = stack.enter_context(_appending(log)) if log else None
         bench = simulated_bench(config, real_time=True)
         _rehearse(bench)
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
         server = stack.enter_context(BenchServer(bench, faults))
-        if file:
-            ChangeLog(bench, file)
+        if write:
+            ChangeLog(bench, write)
         yield server
+
+
+@contextmanager
+def _appending(log: Path) -> Iterator[Callable[[str], None]]:
+    """Give what appends a line to a file, at once; both raise UsageError where that is not possible."""
+
+    def failed(problem: OSError) -> UsageError:
+        return UsageError(
+            f"{log} cannot be written ({problem.strerror}); free some space or give another --log"
+        )
+
+    def write(line: str) -> None:
+        try:
+            file.write(line.encode("ascii"))
+        except OSError as problem:
+            raise failed(problem) from None
+
+    try:
+        file = log.open("ab", buffering=0)
+    except OSError as problem:
+        raise failed(problem) from None
+    with file:
+        yield write
 
 
 def _rehearse(bench: "Bench") -> None:
@@ -75,11 +95,8 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
     It has no simulation: for a program that scans, galvo and laser are devices at addresses as real ones are,
     and are guarded as such.
     """
-    places = {
-        "galvo": addresses.galvo,
-        "laser": addresses.laser,
-        "detector": addresses.detector,
-        "tcspc": addresses.timing,
-    }
+    places = {"galvo": addresses.galvo, "laser": addresses.laser, "detector": addresses.detector}
+    if isinstance(config.tcspc, HydraHarpConfig):  # a file that is played needs no bench
+        places["tcspc"] = addresses.timing
     sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}
     return config.model_copy(update={**sections, "simulation": None})

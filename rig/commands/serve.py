@@ -94,7 +94,11 @@ def _refuse_foreign(target: Path) -> None:
     """
     from rig.errors import UsageError
 
-    if target.exists() and not target.read_text(encoding="utf-8", errors="replace").startswith(HEAD):
+    try:
+        foreign = target.exists() and not target.read_bytes().startswith(HEAD.encode("ascii"))
+    except OSError:  # a folder, or nothing of ours
+        foreign = True
+    if foreign:
         raise UsageError(f"{target} exists and is not overwritten; give another --write-config")
 
 

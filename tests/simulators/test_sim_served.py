@@ -4,18 +4,22 @@ import json
 import os
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("termios", reason="pseudo-terminals are POSIX")
 
 from simulators.bench import Bench, Detections
+from simulators.clock import BenchClock
 from simulators.wire.hydraharp import Timing
 from simulators.wire.served.change_log import ChangeLog
 from simulators.wire.served.detector import DetectorLine
+from simulators.wire.served.server import BenchServer
 from simulators.wire.served.terminal import Terminal
 from simulators.wire.served.timing import ServedBench, TimingAnswers, TimingFaults
 from simulators.wire.spad import SpadInstrument
@@ -56,13 +60,13 @@ def test_every_line_to_the_detector_is_answered_with_one(line):
 
 @given(LINES)
 def test_every_line_to_the_timing_socket_is_answered(line):
-    header, _, _ = timing_answers().answer(line).partition(b"\n")
+    header, _, _ = timing_answers().take(line)().partition(b"\n")
     assert isinstance(json.loads(header), dict)
 
 
 def test_what_is_nested_too_deep_is_refused():
     assert b"error" in detector_line().answer(NESTED)
-    assert b"error" in timing_answers().answer(NESTED)
+    assert b"error" in timing_answers().take(NESTED)()
 
 
 @pytest.mark.parametrize(
@@ -72,7 +76,7 @@ def test_detections_of_unknown_times_are_refused(period):
     bench = Bench()
     bench.clock.sleep(1.0)
     request = {"ask": "detections", "start_s": period[0], "stop_s": period[1]}
-    answer = TimingAnswers(bench, TimingFaults(Timing(), 65535)).answer(json.dumps(request).encode())
+    answer = TimingAnswers(bench, TimingFaults(Timing(), 65535)).take(json.dumps(request).encode())()
     assert "error" in json.loads(answer)
 
 
@@ -91,7 +95,7 @@ def test_detections_arrive_as_they_were_drawn(tmp_path):
     bench.clock.sleep(1.0)
     faults = TimingFaults(Timing(dead_time_s=8e-8), 65535)
     with (
-        answering(tmp_path / "timing", TimingAnswers(bench, faults).answer) as path,
+        answering(tmp_path / "timing", lambda line: TimingAnswers(bench, faults).take(line)()) as path,
         ServedBench(path) as there,
     ):
         assert there.faults == faults
@@ -115,7 +119,7 @@ def test_a_server_that_talks_nonsense_is_gone(tmp_path, lie):
     honest = timing_answers()
 
     def answer(line):
-        return lie if b"detections" in line else honest.answer(line)
+        return lie if b"detections" in line else honest.take(line)()
 
     with (
         answering(tmp_path / "timing", answer) as path,
@@ -173,22 +177,55 @@ def test_a_terminal_never_waits_for_a_reader():
         terminal.close()
 
 
-def test_only_changes_are_logged(tmp_path):
-    bench = Bench()
-    with (tmp_path / "changes.log").open("w") as file:
-        ChangeLog(bench, file)
-        bench.change_light(power=0.5)
-        bench.clock.sleep(0.25)
-        bench.change_light(emitting=True)
-        bench.change_light(emitting=True, gated=True)
-        bench.steer(0.1, -0.2)
-        bench.steer(0.1, -0.2)
-        bench.change_light(emitting=False, biased=True)
-        told = (tmp_path / "changes.log").read_text()  # flushed: the file is still open
-    assert told.splitlines() == [
-        "0.000 laser power 5.00",
-        "0.250 laser emission 1",
-        "0.250 galvo mirror 0.100000 -0.200000",
-        "0.250 laser emission 0",
-        "0.250 detector bias 1",
+class Slow(Steady):
+    """Photons that are drawn only when they may be."""
+
+    def __init__(self):
+        self.begun, self.may_end = threading.Event(), threading.Event()
+
+    def detections(self, laser_spot_m, light, duration_s, rng):
+        self.begun.set()
+        assert self.may_end.wait(20)
+        return super().detections(laser_spot_m, light, duration_s, rng)
+
+
+def test_the_laser_answers_while_photons_are_drawn():
+    slow = Slow()
+    bench = Bench([slow], clock=BenchClock(real_time=True))
+    with BenchServer(bench, TimingFaults(Timing(), 65535)) as server, ThreadPoolExecutor(2) as threads:
+        running = threads.submit(server.run)
+        try:
+            with ServedBench(server.addresses.timing) as there:
+                since_s = there.clock.now_s()
+                seen = threads.submit(there.detections, since_s, there.clock.now_s())
+                assert slow.begun.wait(20)
+                with serial.Serial(server.addresses.laser, timeout=20) as port:
+                    port.write(b"leg=1\nleg?\n")
+                    assert port.readline() == b"leg status: 1\n"
+                assert not seen.done()
+                slow.may_end.set()
+                assert len(seen.result(20)[0]) == 4
+        finally:
+            slow.may_end.set()
+            server.stop()
+        running.result(20)
+
+
+def test_only_changes_are_logged():
+    bench, told = Bench(), []
+    bench.change_light(power=0.1)
+    ChangeLog(bench, told.append)
+    bench.change_light(power=0.5)
+    bench.clock.sleep(0.25)
+    bench.change_light(emitting=True)
+    bench.change_light(emitting=True, gated=True)
+    bench.steer(0.1, -0.2)
+    bench.steer(0.1, -0.2)
+    bench.change_light(emitting=False, biased=True)
+    assert told == [
+        "0.000 laser power 5.00\n",
+        "0.250 laser emission 1\n",
+        "0.250 galvo mirror 0.100000 -0.200000\n",
+        "0.250 laser emission 0\n",
+        "0.250 detector bias 1\n",
     ]

@@ -1,12 +1,12 @@
 """A line for each change of what matters for safety: emission, power, bias and mirror."""
 
-from typing import TextIO
+from collections.abc import Callable
 
 from simulators.bench import Bench
 
 
 class ChangeLog:
-    """Writes ``time_s device what value`` whenever a value is another one than before.
+    """Tells a line ``time_s device what value`` whenever a value is another one than before.
 
     ::
 
@@ -15,20 +15,20 @@ class ChangeLog:
         12.553 laser emission 1                     0 or 1
         12.655 detector bias 1                      0 or 1
 
-    The time is that of the bench, in seconds from when it was built; each line is flushed at once. The state
-    in which the log begins is not written.
+    The time is that of the bench, in seconds from when it was built. The state in which the log begins is not
+    told.
 
     Parameters
     ----------
     bench
         What is watched.
-    file
-        Open for writing.
+    tell
+        Takes each line, its end included.
     """
 
-    def __init__(self, bench: Bench, file: TextIO) -> None:
+    def __init__(self, bench: Bench, tell: Callable[[str], object]) -> None:
         self._bench = bench
-        self._file = file
+        self._tell = tell
         self._known = self._values()
         bench.watchers.append(self._changed)
 
@@ -36,8 +36,7 @@ class ChangeLog:
         values = self._values()
         for what, value in values.items():
             if value != self._known[what]:
-                self._file.write(f"{now_s:.3f} {what} {value}\n")
-                self._file.flush()
+                self._tell(f"{now_s:.3f} {what} {value}\n")
         self._known = values
 
     def _values(self) -> dict[str, str]:

@@ -4,6 +4,7 @@ import selectors
 import socket
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -45,8 +46,9 @@ class Addresses:
 class BenchServer:
     """Serves a bench while entered; POSIX only.
 
-    One loop does everything in turn, so that the bench needs no locks; it sleeps while nobody asks. A program
-    that goes away changes nothing on the bench, and the next can connect.
+    One loop does everything to the bench in turn, so that it needs no locks, and sleeps while nobody asks.
+    Only photons are drawn in a thread beside it, so that the laser answers also while many are drawn. A
+    program that goes away changes nothing on the bench, and the next can connect.
 
     Parameters
     ----------
@@ -71,7 +73,8 @@ class BenchServer:
     def __enter__(self) -> Self:
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
-        self._watch(self._woken, self._end)
+        self._watch(self._woken, self._look_round)
+        self._drawer = ThreadPoolExecutor(max_workers=1)
         galvo, laser, detector = (
             Terminal(firmware)
             for firmware in (
@@ -97,8 +100,9 @@ class BenchServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for connection in list(self._connections):
-            self._drop(connection)
+        self._drawer.shutdown(cancel_futures=True)
+        for connection in self._connections:
+            connection.socket.close()
         self._selector.close()
         for terminal in self._terminals:
             terminal.close()
@@ -120,53 +124,70 @@ class BenchServer:
 
     def stop(self) -> None:
         """End `run`; may be called from another thread or from a signal handler."""
+        self._running = False
         self._wake.send(b"\0")
 
     def _watch(self, what: "socket.socket | Terminal", serve: Callable[[], None]) -> None:
         self._selector.register(what, selectors.EVENT_READ, serve)
 
-    def _end(self) -> None:
-        self._running = False
+    def _look_round(self) -> None:
+        """Go on where an answer has been made."""
+        self._woken.recv(PIECE)
+        for connection in list(self._connections):
+            self._serve(connection)
 
     def _accept(self) -> None:
         with suppress(OSError):  # it may have gone again already
-            connection = _Connection(self._listener.accept()[0], self._answers)
+            connection = _Connection(self._listener.accept()[0], self._take)
             self._connections.add(connection)
-            self._watch(connection.socket, partial(self._serve, connection))
+            self._serve(connection)
+
+    def _take(self, line: bytes) -> "Future[bytes]":
+        made = self._drawer.submit(self._answers.take(line))
+        made.add_done_callback(lambda _: self._wake.send(b"\0"))
+        return made
 
     def _serve(self, connection: "_Connection") -> None:
+        with suppress(KeyError, ValueError):  # it may have been left out while an answer was made, or is gone
+            self._selector.unregister(connection.socket)
         try:
             connection.serve()
         except OSError:
-            self._drop(connection)
+            self._connections.discard(connection)
+            connection.socket.close()
             return
-        events = selectors.EVENT_WRITE if connection.unsent else selectors.EVENT_READ
-        self._selector.modify(connection.socket, events, partial(self._serve, connection))
-
-    def _drop(self, connection: "_Connection") -> None:
-        self._connections.discard(connection)
-        self._selector.unregister(connection.socket)
-        connection.socket.close()
+        if connection.events:
+            self._selector.register(connection.socket, connection.events, partial(self._serve, connection))
 
 
 class _Connection:
     """One timing instrument in another program; the server never waits for it.
 
-    Attributes
+    Parameters
     ----------
-    unsent
-        What it has yet to take; until then it is not listened to.
+    accepted
+        Its socket.
+    take
+        Takes a request and returns what makes the answer, which the workers do.
     """
 
-    def __init__(self, accepted: socket.socket, answers: TimingAnswers) -> None:
+    def __init__(self, accepted: socket.socket, take: "Callable[[bytes], Future[bytes]]") -> None:
         accepted.setblocking(False)
         self.socket = accepted
-        self.unsent = memoryview(b"")
-        self._answers = answers
+        self._take = take
         self._received = bytearray()
+        self._answer: Future[bytes] | None = None
+        self._unsent = memoryview(b"")
+
+    @property
+    def events(self) -> int:
+        """What is waited for at the socket; 0 while an answer is being made."""
+        if self._unsent:
+            return selectors.EVENT_WRITE
+        return 0 if self._answer else selectors.EVENT_READ
 
     def serve(self) -> None:
-        """Take what has come, answer it, and send what can be sent.
+        """Go as far as possible: take what has come, answer it, and send what can be sent.
 
         Raises
         ------
@@ -174,18 +195,23 @@ class _Connection:
             If the program is gone, or sends what can be no request.
         """
         with suppress(BlockingIOError):
-            if not self.unsent:
-                self._receive()
-            if self.unsent:
-                self.unsent = self.unsent[self.socket.send(self.unsent) :]
+            while True:
+                if self._unsent:
+                    self._unsent = self._unsent[self.socket.send(self._unsent) :]
+                elif self._answer is None:
+                    self._listen()
+                elif self._answer.done():
+                    self._unsent, self._answer = memoryview(self._answer.result()), None
+                else:
+                    return
 
-    def _receive(self) -> None:
+    def _listen(self) -> None:
+        line, newline, rest = self._received.partition(b"\n")
+        if newline:
+            self._received = rest
+            self._answer = self._take(bytes(line))
+            return
         piece = self.socket.recv(PIECE)
-        if not piece:
-            raise ConnectionResetError
-        self._received += piece
-        lines = self._received.split(b"\n")
-        self._received = lines.pop()
-        if len(self._received) > LONGEST:
+        if not piece or len(self._received) > LONGEST:
             raise ConnectionAbortedError
-        self.unsent = memoryview(b"".join(self._answers.answer(bytes(line)) for line in lines))
+        self._received += piece

@@ -14,8 +14,9 @@ What cannot be answered gives ``{"error": "..."}``. Times are the server's bench
 
 import json
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -60,20 +61,19 @@ class TimingAnswers:
         self._bench = bench
         self._faults = faults
 
-    def answer(self, line: bytes) -> bytes:
-        """Return the answer to a line."""
-        data: Sequence[Detections] = ()
+    def take(self, line: bytes) -> Callable[[], bytes]:
+        """Take a line as of now; return what makes the answer.
+
+        What is returned may take long, needs the bench no more, and may be called in another thread.
+        """
         try:
             request = json.loads(line)
             if request["ask"] == "detections":
-                data = self._detections(float(request["start_s"]), float(request["stop_s"]))
-                told: dict[str, Any] = {"photons": [len(one) for one in data]}
-            else:
-                told = self._tell(request)
+                return self._detections(float(request["start_s"]), float(request["stop_s"]))
+            told = self._tell(request)
         except NO_REQUEST as problem:
             told = {"error": f"{type(problem).__name__}: {problem}"}
-        arrays = [array for one in data for array in (one.pulse.astype(_PULSE), one.time_s.astype(_TIME))]
-        return b"".join([json.dumps(told).encode("ascii"), b"\n", *(array.tobytes() for array in arrays)])
+        return partial(_document, told)
 
     def _tell(self, request: dict[str, Any]) -> dict[str, Any]:
         ask, bench = request["ask"], self._bench
@@ -87,11 +87,23 @@ class TimingAnswers:
             return {"hz": bench.count_rate_hz(range(len(bench.channels))[int(request["channel"])])}
         raise ValueError(f"{ask!r} is no request")
 
-    def _detections(self, start_s: float, stop_s: float) -> Sequence[Detections]:
+    def _detections(self, start_s: float, stop_s: float) -> Callable[[], bytes]:
         known_s, now_s = self._bench.known_from_s, self._bench.clock.now_s()
         if not known_s <= start_s <= stop_s <= now_s:
             raise ValueError(f"{start_s} to {stop_s} s is not within {known_s} to {now_s} s")
-        return self._bench.detections(start_s, stop_s)
+        draw = self._bench.drawing(start_s, stop_s)
+
+        def answer() -> bytes:
+            seen = draw()
+            arrays = [array for one in seen for array in (one.pulse.astype(_PULSE), one.time_s.astype(_TIME))]
+            header = _document({"photons": [len(one) for one in seen]})
+            return b"".join([header, *(array.tobytes() for array in arrays)])
+
+        return answer
+
+
+def _document(told: dict[str, Any]) -> bytes:
+    return json.dumps(told).encode("ascii") + b"\n"
 
 
 class _ServedClock:
