@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Histograms
 from rig.errors import DataFileError
+from rig.files.blocks import read
 from rig.files.check import reading
 
 #: Bytes of counts in a block: a few chunks, and small beside any machine's memory.
@@ -52,7 +53,7 @@ class DenseHistograms:
             # no chunk after the last mark is touched: a killed writer may have left it half written
             wanted = self._steps[first:last] - start
             with reading(self._path):
-                counts = self._counts[start : start + wanted[-1] + 1, ..., bins]
+                counts = read(self._counts, slice(start, start + int(wanted[-1]) + 1))[..., bins]
             counts = counts if len(counts) == len(wanted) else counts[wanted]
             counts = counts.reshape(-1, counts.shape[-1])
             yield slice(given, given + len(counts)), counts
@@ -149,7 +150,7 @@ class TaggedHistograms:
         """Return the (stop - start, bins) histograms of these positions."""
         edges = self._offset[start : stop + 1]
         with reading(self._path):
-            index = self._photons[edges[0] : edges[-1]].astype(np.int64)
+            index = read(self._photons, slice(int(edges[0]), int(edges[-1]))).astype(np.int64)
         if index.size and (index.min() < 0 or index.max() >= self._bins):
             raise DataFileError(
                 f"{self._path} has a photon in bin {index.max()} of {self._bins} bins, "

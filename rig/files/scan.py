@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
+from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
@@ -130,8 +131,8 @@ class ScanFile(RecordedFile):
 
     def _read_geometry(self) -> None:
         geometry = self._file["geometry"]
-        self.laser_m: NDArray[np.float64] = geometry["laser_m"][()].astype(float)
-        self.detector_m: NDArray[np.float64] = geometry["detector_m"][()].astype(float)
+        self.laser_m: NDArray[np.float64] = read(geometry["laser_m"]).astype(float)
+        self.detector_m: NDArray[np.float64] = read(geometry["detector_m"]).astype(float)
         if self.version == 1:
             self.detector_m = self.detector_m[:, None]
         self.steps = len(self.laser_m)
@@ -159,7 +160,7 @@ class ScanFile(RecordedFile):
         self.delays: PathDelays | None = None
         self.delay_s: NDArray[np.float64] | None = None
         if self.time_origin == "laser" and "delay_s" in self._file["geometry"]:
-            self.delay_s = self._file["geometry/delay_s"][()].astype(float).reshape(self.steps, -1)
+            self.delay_s = read(self._file["geometry/delay_s"]).astype(float).reshape(self.steps, -1)
             if not np.isfinite(self.delay_s).all():
                 raise DataFileError(f"{self.path} has a delay that is not a number in /geometry/delay_s")
         elif self.time_origin == "laser":
@@ -182,9 +183,9 @@ class ScanFile(RecordedFile):
         names = (
             group["name"].asstr()[()].tolist() if "name" in group else ["spad", *map(str, range(1, count))]
         )
-        inputs = group["input"][()].tolist() if "input" in group else list(range(count))
+        inputs = read(group["input"]).tolist() if "input" in group else list(range(count))
         delay_s, response_s, dark_hz = (
-            _known(group[name][()].astype(float)) if name in group else [None] * count
+            _known(read(group[name]).astype(float)) if name in group else [None] * count
             for name in ("delay_s", "response_s", "dark_hz")
         )
         self.channels = tuple(
@@ -211,7 +212,7 @@ class ScanFile(RecordedFile):
             )
         self.done: NDArray[np.bool_] = np.ones(self.steps, bool)
         if "done" in transients:
-            self.done = transients["done"][()].astype(bool)
+            self.done = read(transients["done"]).astype(bool)
         if dense:
             self.bins = sizes["bins"]
             counts = transients["counts"]
@@ -222,7 +223,7 @@ class ScanFile(RecordedFile):
                     "processed signal"
                 )
         else:
-            photons, offset = transients["photons"], transients["photon_offset"][()].astype(np.int64)
+            photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
             if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
                 raise DataFileError(
                     f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
@@ -239,7 +240,9 @@ class ScanFile(RecordedFile):
             if "bins" in owner.attrs:
                 return int(plain(owner.attrs["bins"]))
         starts = range(0, len(photons), PHOTONS_AT_ONCE)
-        return 1 + max((int(photons[start : start + PHOTONS_AT_ONCE].max()) for start in starts), default=0)
+        return 1 + max(
+            (int(read(photons, slice(start, start + PHOTONS_AT_ONCE)).max()) for start in starts), default=0
+        )
 
     @property
     def status(self) -> str:
@@ -309,7 +312,7 @@ class ScanFile(RecordedFile):
             group = self._file.get("calibration", {})
             documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
             beside = self._file.get("calibration_data", {})
-            arrays = {name: dataset[()] for name, dataset in beside.items()}
+            arrays = {name: read(dataset) for name, dataset in beside.items()}
         return recorded_calibrations(documents, arrays, self.path)
 
     def passes(self) -> list[ScanPass]:
@@ -342,7 +345,7 @@ class ScanFile(RecordedFile):
         """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""
         with reading(self.path):
             if not self.tagged:
-                counts = self._file["transients/counts"][steps.start : steps.stop]
+                counts = read(self._file["transients/counts"], slice(steps.start, steps.stop))
                 return np.asarray(counts.reshape(len(steps), len(self.channels), self.bins))
         wanted = np.zeros(self.steps, bool)
         wanted[steps.start : steps.stop] = True
@@ -354,7 +357,7 @@ class ScanFile(RecordedFile):
         """(S, 2) commanded mirror angles; None where the file does not say."""
         with reading(self.path):
             angles = self._file.get("geometry/mirror_rad")
-            return None if angles is None else angles[()].astype(float)
+            return None if angles is None else read(angles).astype(float)
 
     @property
     def fade_from_s(self) -> float | None:
@@ -393,7 +396,7 @@ class ScanFile(RecordedFile):
         if "live_time_s" not in self._file["transients"]:
             return np.full(self.steps, np.nan, np.float32)
         with reading(self.path):
-            return self._file["transients/live_time_s"][()].astype(np.float32)
+            return read(self._file["transients/live_time_s"]).astype(np.float32)
 
     def capture(self) -> Capture:
         """Return what was measured in rectified time, as pairs of laser and detector spot.
