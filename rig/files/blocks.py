@@ -7,6 +7,7 @@ chunk.
 """
 
 import zlib
+from collections.abc import Iterator
 from itertools import product
 from math import prod
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
+from rig.files.inspection import CHUNK_BYTES
 from rig.files.trial import most_memory
 
 _SHUFFLE, _DEFLATE = h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE
@@ -33,8 +35,7 @@ def read(dataset: h5py.Dataset, *parts: slice) -> NDArray:
     taken = [part.indices(size)[:2] for part, size in zip(parts, dataset.shape, strict=False)]
     taken += [(0, size) for size in dataset.shape[len(taken) :]]
     shape = tuple(max(0, stop - start) for start, stop in taken)
-    if not parts:
-        _bounded(dataset)
+    _bounded(dataset, prod(shape))
     if dataset.chunks is None or not _ours(dataset):
         return np.asarray(dataset[tuple(slice(*one) for one in taken)])
     values = np.full(shape, dataset.fillvalue, dataset.dtype)
@@ -43,13 +44,29 @@ def read(dataset: h5py.Dataset, *parts: slice) -> NDArray:
     return values
 
 
-def _bounded(dataset: h5py.Dataset) -> None:
-    """Refuse to read a dataset whole that is far larger than its file can be worth."""
-    claimed, most = dataset.size * dataset.dtype.itemsize, most_memory(dataset.file.id.get_filesize())
+def spans(dataset: h5py.Dataset, axis: int, most_bytes: int) -> Iterator[slice]:
+    """Yield slices along an axis that together are all of it, of whole chunks, and of so many bytes at most.
+
+    One that holds one line or one line of chunks may have more bytes.
+    """
+    size = dataset.shape[axis]
+    line_bytes = max(1, dataset.dtype.itemsize * prod(dataset.shape) // max(1, size))
+    step = max(1, most_bytes // line_bytes)
+    chunk = dataset.chunks[axis] if dataset.chunks else 1
+    if chunk * line_bytes <= max(most_bytes, CHUNK_BYTES):
+        step = max(chunk, step // chunk * chunk)
+    for start in range(0, size, step):
+        yield slice(start, min(start + step, size))
+
+
+def _bounded(dataset: h5py.Dataset, values: int) -> None:
+    """Refuse to read so many values at once if they are far more than the file can be worth."""
+    claimed, most = values * dataset.dtype.itemsize, most_memory(dataset.file.id.get_filesize())
     if claimed > most:
         raise DataFileError(
-            f"{dataset.file.filename}: {dataset.name} claims {claimed / 1e9:.3g} GB in a file that can be "
-            f"worth {most / 1e9:.3g} GB; it is damaged, or not packed as measurements are: pack it less"
+            f"{dataset.file.filename}: {dataset.name} claims {claimed / 1e9:.3g} GB to be read at once, in a "
+            f"file that can be worth {most / 1e9:.3g} GB; it is damaged, or packed as no measurement is: "
+            "unpack it (h5repack -f NONE)"
         )
 
 

@@ -53,7 +53,7 @@ def inspect(path: Path) -> None:
 
 
 def problem(path: str) -> None:
-    """Raise DataFileError for what is wrong with a file; one that cannot even be opened is left to the caller."""
+    """Raise DataFileError for what is wrong with a file; one that cannot be opened is left to the caller."""
     try:
         file = h5py.File(path, "r")
     except OSError:

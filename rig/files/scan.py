@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
-from rig.files.blocks import read
+from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
@@ -239,10 +239,8 @@ class ScanFile(RecordedFile):
         for owner in (self._file["transients"], photons):
             if "bins" in owner.attrs:
                 return int(plain(owner.attrs["bins"]))
-        starts = range(0, len(photons), PHOTONS_AT_ONCE)
-        return 1 + max(
-            (int(read(photons, slice(start, start + PHOTONS_AT_ONCE)).max()) for start in starts), default=0
-        )
+        parts = spans(photons, 0, PHOTONS_AT_ONCE * photons.dtype.itemsize)
+        return 1 + max((int(read(photons, part).max()) for part in parts), default=0)
 
     @property
     def status(self) -> str:

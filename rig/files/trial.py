@@ -30,7 +30,9 @@ CPU_S, BYTES_PER_S = 5.0, 20e6
 WAIT_S = 8.0
 #: Bytes that a reader may need beside the program itself: some for any file, and some for each byte of it.
 #: Photon counts are packed 20 to 40 times smaller as a rule.
-MEMORY_BYTES, MEMORY_PER_BYTE = 256 * 2**20, 32
+MEMORY_BYTES, MEMORY_PER_BYTE = 128 * 2**20, 32
+#: How a process ends that the limit of computing time stops.
+_STOPPED = {-getattr(signal, name) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)}
 #: The longest answer: a report of names and shapes.
 _ANSWER_BYTES = 2**24
 
@@ -57,8 +59,8 @@ def tried(path: Path, function: Callable[..., Any], *arguments: str) -> Any:
     answer = _forked(function, words, size) if _can_fork() else _spawned(function, words, size)
     if isinstance(answer, str):
         raise DataFileError(
-            f"{path} cannot be read: a trial in a process of its own {answer}. The file is damaged, or made to "
-            "do this; copy it again from where it came from, and do not open it with other programs"
+            f"{path} cannot be read: a trial in a process of its own {answer}. The file is damaged, or made "
+            "to do so: copy it again from where it came from"
         )
     if "error" in answer:
         raise DataFileError(answer["error"])
@@ -79,9 +81,7 @@ def _forked(function: Callable[..., Any], words: list[str], size: int) -> dict[s
     """Answer from a copy of this process: it has all modules already, and is there in milliseconds."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", DeprecationWarning
-        )  # of native threads, which the child has no use for
+        warnings.simplefilter("ignore", DeprecationWarning)  # of native threads: the child has none
         child = os.fork()
     if child == 0:
         os.close(reading)
@@ -136,11 +136,7 @@ def _read_all(pipe: int, deadline_s: float) -> bytes | None:
 
 def _told(text: bytes | None, code: int | None) -> dict[str, Any] | str:
     """Return a child's answer, or in words why there is none."""
-    if (
-        text is None or code in {-signal.SIGXCPU, -signal.SIGKILL}
-        if hasattr(signal, "SIGXCPU")
-        else text is None
-    ):
+    if text is None or code in _STOPPED:
         return "did not come to an end"
     with suppress(ValueError, UnicodeDecodeError):
         answer = json.loads(text or b"")
