@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import isnan
+from math import isnan, prod
 from typing import Any
 
 import h5py
@@ -29,6 +29,12 @@ from rig.model.state import Channel, RigState
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
+#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that their
+#: places alone take 0.5 GB.
+MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
+#: than these that are packed far more would cost minutes and hold nothing.
+UNPACKED_BYTES, MOST_PACKED = 2**28, 512
 
 
 @dataclass(frozen=True)
@@ -222,6 +228,7 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
+            self._check_stored(counts)
         else:
             photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
             if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
@@ -233,6 +240,31 @@ class ScanFile(RecordedFile):
             self.bins = self._tagged_bins(photons)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
+        pairs = self.steps * self.detector_m.shape[1]
+        if self.bins > MOST_BINS or pairs > MOST_PAIRS:
+            raise DataFileError(
+                f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
+                f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
+            )
+
+    def _check_stored(self, counts: h5py.Dataset) -> None:
+        """Refuse counts that claim to be measured and were never written, or are packed as no counts are."""
+        if counts.chunks is None:
+            return
+        chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
+        written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
+        measured = np.count_nonzero(self.done) * prod(counts.shape[1:]) * counts.dtype.itemsize
+        if written < measured:
+            raise DataFileError(
+                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} bytes "
+                "were written; it is damaged: copy it again, or measure again"
+            )
+        if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
+            raise DataFileError(
+                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into {packed / 1e6:.3g} "
+                f"MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
+                "h5repack -f GZIP=1"
+            )
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
         """Return the number of bins of the time-tagged form: as said, or else up to the last photon."""

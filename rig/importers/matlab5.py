@@ -44,7 +44,7 @@ class Variables:
             If it does not hold numbers.
         """
         if name not in self._files:
-            raise DataFileError(f"{self._path}: '{name}' does not hold numbers, as are needed there")
+            raise DataFileError(f"{self._path}: '{name}' has a type that is not real numbers")
         values: NDArray = np.load(self._folder / self._files[name], allow_pickle=False)
         return values
 
@@ -66,7 +66,7 @@ def open_variables(path: Path) -> Iterator[Variables]:
 
 
 def take_apart(path: str, folder: str) -> list[tuple[str, tuple[int, ...] | None, str]]:
-    """Write the arrays of a file into a folder; return name, shape and file of each, no file where no numbers.
+    """Write the arrays of a file into a folder; return name, shape and file of each; '' where no numbers.
 
     Raises
     ------

@@ -23,8 +23,8 @@ class Source:
     path
         Where it is.
     shapes
-        Shape of each array by its name, ``group/name`` in a group or struct at the top level; None for groups,
-        structs and empty placeholders.
+        Shape of each array by its name, ``group/name`` in a group or struct at the top level; None for
+        groups, structs and empty placeholders.
     hdf5
         The open file, None for MATLAB v5.
     variables
