@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from rig.errors import DataFileError
+from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
 
 
@@ -19,10 +20,12 @@ def open_hdf5(path: Path) -> h5py.File:
     Raises
     ------
     DataFileError
-        If it is missing, no HDF5 file, truncated, or held by a program that writes to it.
+        If it is missing, no HDF5 file, truncated, held by a program that writes to it, or not fit to be read:
+        see `rig.files.inspection`.
     """
     if not path.is_file():
         raise DataFileError(f"{path} does not exist, or is no file; check the name")
+    inspect(path)
     try:
         return h5py.File(path, "r")
     except BlockingIOError:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Histograms
 from rig.errors import DataFileError
+from rig.files.blocks import read, spans
 from rig.files.check import reading
 
 #: Bytes of counts in a block: a few chunks, and small beside any machine's memory.
@@ -41,18 +42,15 @@ class DenseHistograms:
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (pairs, counts) in order, counts being (n, bins)."""
-        chunk = self._counts.chunks[0] if self._counts.chunks else 1
-        rows = _rows_of_a_block(self._channels * self._counts.shape[-1] * self._counts.dtype.itemsize)
-        rows = max(chunk, rows // chunk * chunk)
         given = 0
-        for start in range(0, self._counts.shape[0], rows):
-            first, last = np.searchsorted(self._steps, (start, start + rows))
+        for some in spans(self._counts, 0, BLOCK_BYTES):
+            first, last = np.searchsorted(self._steps, (some.start, some.stop))
             if first == last:
                 continue
             # no chunk after the last mark is touched: a killed writer may have left it half written
-            wanted = self._steps[first:last] - start
+            wanted = self._steps[first:last] - some.start
             with reading(self._path):
-                counts = self._counts[start : start + wanted[-1] + 1, ..., bins]
+                counts = read(self._counts, slice(some.start, some.start + int(wanted[-1]) + 1))[..., bins]
             counts = counts if len(counts) == len(wanted) else counts[wanted]
             counts = counts.reshape(-1, counts.shape[-1])
             yield slice(given, given + len(counts)), counts
@@ -149,7 +147,7 @@ class TaggedHistograms:
         """Return the (stop - start, bins) histograms of these positions."""
         edges = self._offset[start : stop + 1]
         with reading(self._path):
-            index = self._photons[edges[0] : edges[-1]].astype(np.int64)
+            index = read(self._photons, slice(int(edges[0]), int(edges[-1]))).astype(np.int64)
         if index.size and (index.min() < 0 or index.max() >= self._bins):
             raise DataFileError(
                 f"{self._path} has a photon in bin {index.max()} of {self._bins} bins, "

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import isnan
+from math import isnan, prod
 from typing import Any
 
 import h5py
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
+from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
@@ -28,6 +29,12 @@ from rig.model.state import Channel, RigState
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
+#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that their
+#: places alone take 0.5 GB.
+MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
+#: than these that are packed far more would cost minutes and hold nothing.
+UNPACKED_BYTES, MOST_PACKED = 2**28, 512
 
 
 @dataclass(frozen=True)
@@ -130,8 +137,8 @@ class ScanFile(RecordedFile):
 
     def _read_geometry(self) -> None:
         geometry = self._file["geometry"]
-        self.laser_m: NDArray[np.float64] = geometry["laser_m"][()].astype(float)
-        self.detector_m: NDArray[np.float64] = geometry["detector_m"][()].astype(float)
+        self.laser_m: NDArray[np.float64] = read(geometry["laser_m"]).astype(float)
+        self.detector_m: NDArray[np.float64] = read(geometry["detector_m"]).astype(float)
         if self.version == 1:
             self.detector_m = self.detector_m[:, None]
         self.steps = len(self.laser_m)
@@ -159,7 +166,7 @@ class ScanFile(RecordedFile):
         self.delays: PathDelays | None = None
         self.delay_s: NDArray[np.float64] | None = None
         if self.time_origin == "laser" and "delay_s" in self._file["geometry"]:
-            self.delay_s = self._file["geometry/delay_s"][()].astype(float).reshape(self.steps, -1)
+            self.delay_s = read(self._file["geometry/delay_s"]).astype(float).reshape(self.steps, -1)
             if not np.isfinite(self.delay_s).all():
                 raise DataFileError(f"{self.path} has a delay that is not a number in /geometry/delay_s")
         elif self.time_origin == "laser":
@@ -182,9 +189,9 @@ class ScanFile(RecordedFile):
         names = (
             group["name"].asstr()[()].tolist() if "name" in group else ["spad", *map(str, range(1, count))]
         )
-        inputs = group["input"][()].tolist() if "input" in group else list(range(count))
+        inputs = read(group["input"]).tolist() if "input" in group else list(range(count))
         delay_s, response_s, dark_hz = (
-            _known(group[name][()].astype(float)) if name in group else [None] * count
+            _known(read(group[name]).astype(float)) if name in group else [None] * count
             for name in ("delay_s", "response_s", "dark_hz")
         )
         self.channels = tuple(
@@ -211,7 +218,7 @@ class ScanFile(RecordedFile):
             )
         self.done: NDArray[np.bool_] = np.ones(self.steps, bool)
         if "done" in transients:
-            self.done = transients["done"][()].astype(bool)
+            self.done = read(transients["done"]).astype(bool)
         if dense:
             self.bins = sizes["bins"]
             counts = transients["counts"]
@@ -221,8 +228,9 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
+            self._check_stored(counts)
         else:
-            photons, offset = transients["photons"], transients["photon_offset"][()].astype(np.int64)
+            photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
             if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
                 raise DataFileError(
                     f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
@@ -232,14 +240,39 @@ class ScanFile(RecordedFile):
             self.bins = self._tagged_bins(photons)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
+        pairs = self.steps * self.detector_m.shape[1]
+        if self.bins > MOST_BINS or pairs > MOST_PAIRS:
+            raise DataFileError(
+                f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
+                f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
+            )
+
+    def _check_stored(self, counts: h5py.Dataset) -> None:
+        """Refuse counts that claim to be measured and were never written, or are packed as no counts are."""
+        if counts.chunks is None:
+            return
+        chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
+        written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
+        measured = np.count_nonzero(self.done) * prod(counts.shape[1:]) * counts.dtype.itemsize
+        if written < measured:
+            raise DataFileError(
+                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} bytes "
+                "were written; it is damaged: copy it again, or measure again"
+            )
+        if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
+            raise DataFileError(
+                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into {packed / 1e6:.3g} "
+                f"MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
+                "h5repack -f GZIP=1"
+            )
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
         """Return the number of bins of the time-tagged form: as said, or else up to the last photon."""
         for owner in (self._file["transients"], photons):
             if "bins" in owner.attrs:
                 return int(plain(owner.attrs["bins"]))
-        starts = range(0, len(photons), PHOTONS_AT_ONCE)
-        return 1 + max((int(photons[start : start + PHOTONS_AT_ONCE].max()) for start in starts), default=0)
+        parts = spans(photons, 0, PHOTONS_AT_ONCE * photons.dtype.itemsize)
+        return 1 + max((int(read(photons, part).max()) for part in parts), default=0)
 
     @property
     def status(self) -> str:
@@ -309,7 +342,7 @@ class ScanFile(RecordedFile):
             group = self._file.get("calibration", {})
             documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
             beside = self._file.get("calibration_data", {})
-            arrays = {name: dataset[()] for name, dataset in beside.items()}
+            arrays = {name: read(dataset) for name, dataset in beside.items()}
         return recorded_calibrations(documents, arrays, self.path)
 
     def passes(self) -> list[ScanPass]:
@@ -342,7 +375,7 @@ class ScanFile(RecordedFile):
         """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""
         with reading(self.path):
             if not self.tagged:
-                counts = self._file["transients/counts"][steps.start : steps.stop]
+                counts = read(self._file["transients/counts"], slice(steps.start, steps.stop))
                 return np.asarray(counts.reshape(len(steps), len(self.channels), self.bins))
         wanted = np.zeros(self.steps, bool)
         wanted[steps.start : steps.stop] = True
@@ -354,7 +387,7 @@ class ScanFile(RecordedFile):
         """(S, 2) commanded mirror angles; None where the file does not say."""
         with reading(self.path):
             angles = self._file.get("geometry/mirror_rad")
-            return None if angles is None else angles[()].astype(float)
+            return None if angles is None else read(angles).astype(float)
 
     @property
     def fade_from_s(self) -> float | None:
@@ -393,7 +426,7 @@ class ScanFile(RecordedFile):
         if "live_time_s" not in self._file["transients"]:
             return np.full(self.steps, np.nan, np.float32)
         with reading(self.path):
-            return self._file["transients/live_time_s"][()].astype(np.float32)
+            return read(self._file["transients/live_time_s"]).astype(np.float32)
 
     def capture(self) -> Capture:
         """Return what was measured in rectified time, as pairs of laser and detector spot.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.errors import DataFileError, RigError, UsageError
+from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.layout import VOLUME, VOLUME_VERSION
 from rig.files.start import describe, write_root
@@ -144,13 +145,13 @@ def read_volume(path: str | Path) -> Volume:
         check_layout(path, file, VOLUME)
         group = file["volume"]
         volume = Volume(
-            intensity=group["intensity"][()].astype(np.float32, copy=False),
-            x_m=group["x_m"][()].astype(float),
-            y_m=group["y_m"][()].astype(float),
-            z_m=group["z_m"][()].astype(float),
+            intensity=read(group["intensity"]).astype(np.float32, copy=False),
+            x_m=read(group["x_m"]).astype(float),
+            y_m=read(group["y_m"]).astype(float),
+            z_m=read(group["z_m"]).astype(float),
             depth_m=_maybe(group, "depth_m"),
             confidence=_maybe(group, "confidence"),
-            t_s=group["t_s"][()].astype(float) if "t_s" in group else None,
+            t_s=read(group["t_s"]).astype(float) if "t_s" in group else None,
             parameters=json.loads(plain(file.attrs.get("parameters", "{}"))),
             scan=plain(file.attrs.get("scan", "")),
             scan_digest=plain(file.attrs.get("scan_digest", "")),
@@ -161,7 +162,7 @@ def read_volume(path: str | Path) -> Volume:
 
 
 def _maybe(group: h5py.Group, name: str) -> NDArray[np.float32] | None:
-    return group[name][()].astype(np.float32) if name in group else None
+    return read(group[name]).astype(np.float32) if name in group else None
 
 
 def is_volume(path: Path) -> bool:

@@ -6,8 +6,6 @@ wall. Of a spot's coordinates the first points up and the second along -x: the f
 so are the published digits legible.
 """
 
-from typing import Any
-
 import numpy as np
 
 from recon.capture import C_M_PER_S
@@ -35,13 +33,13 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If the struct lacks a field, or its arrays do not fit together.
     """
-    struct = np.asarray(source.read("NLOSDATA"))
     needed = ("transient", "l", "s", "times", "delta")
-    missing = [name for name in needed if name not in (struct.dtype.names or ())]
-    if missing or struct.size != 1:
-        raise DataFileError(f"{source.path}: NLOSDATA lacks {', '.join(missing) or 'its one element'}")
+    if missing := [name for name in needed if not source.has(f"NLOSDATA/{name}")]:
+        raise DataFileError(
+            f"{source.path}: NLOSDATA lacks {', '.join(missing)}, or is no struct of one element"
+        )
     transient, laser, sensor, times_m, delta_m = (
-        _numbers(source, struct, name, finite=name not in {"l", "s"}) for name in needed
+        _numbers(source, name, finite=name not in {"l", "s"}) for name in needed
     )
     bins, spots = times_m.size, len(laser)
     fits = transient.ndim == 3 and transient.shape[0] * transient.shape[1] == spots and delta_m.size == 1
@@ -70,8 +68,8 @@ def read(source: Source, options: Options) -> Content:
     )
 
 
-def _numbers(source: Source, struct: Any, name: str, finite: bool) -> np.ndarray:
-    value = np.asarray(struct[name].ravel()[0])
+def _numbers(source: Source, name: str, finite: bool) -> np.ndarray:
+    value = source.matlab_array(f"NLOSDATA/{name}")
     if value.dtype.kind not in "uif" or value.size == 0 or (finite and not np.isfinite(value).all()):
         raise DataFileError(f"{source.path}: NLOSDATA.{name} does not hold finite numbers")
     return value

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
+from rig.files.blocks import read, spans
 from rig.files.check import reading
 from rig.importers.content import as_counts, stored_dtype
 from rig.importers.source import Source
@@ -51,9 +52,7 @@ def cube_blocks(source: Source, name: str) -> tuple[np.dtype, Iterator[NDArray]]
 
 def _lines(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
     """Yield lines along the cube's second axis; HDF5 shows MATLAB's axes reversed, (t, b, a)."""
-    bins, inner, outer = dataset.shape
-    step = max(1, _BLOCK_BYTES // (bins * inner * dataset.dtype.itemsize))
-    for start in range(0, outer, step):
+    for some in spans(dataset, 2, _BLOCK_BYTES):
         with reading(source.path):
-            block = dataset[:, :, start : start + step]
-        yield block.transpose(2, 1, 0).reshape(-1, bins)
+            block = read(dataset, slice(None), slice(None), some)
+        yield block.transpose(2, 1, 0).reshape(-1, len(block))

@@ -62,13 +62,7 @@ def read(source: Source, options: Options) -> Content:
 
 def _field(source: Source, name: str) -> NDArray:
     """Return a field of the struct in MATLAB's order, wherever it was saved."""
-    if source.has("nlos") and source.matlab5:
-        struct = np.asarray(source.read("nlos"))
-        if struct.size != 1 or name not in (struct.dtype.names or ()):
-            raise DataFileError(f"{source.path}: nlos is no struct with the field {name}")
-        value = np.asarray(struct[name].ravel()[0])
-    else:
-        value = source.matlab_array(f"nlos/{name}" if source.has("nlos") else name)
+    value = source.matlab_array(f"nlos/{name}" if source.has("nlos") else name)
     if value.dtype.kind not in "uifb":
         raise DataFileError(f"{source.path}: {name} has type {value.dtype}, not real numbers")
     return value

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
+from rig.files.blocks import read as read_part
+from rig.files.blocks import spans
 from rig.files.check import reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
@@ -88,9 +90,7 @@ def _points(source: Source, name: str) -> NDArray[np.float64]:
 
 
 def _blocks(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
-    bins, _, spots = dataset.shape
-    step = max(1, _BLOCK_BYTES // (bins * dataset.dtype.itemsize))
-    for start in range(0, spots, step):
+    for some in spans(dataset, 2, _BLOCK_BYTES):
         with reading(source.path):
-            block = dataset[:, 0, start : start + step]
-        yield block.T
+            block = read_part(dataset, slice(None), slice(0, 1), some)
+        yield block[:, 0].T

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
+from rig.files.blocks import read as read_part
+from rig.files.blocks import spans
 from rig.files.check import reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.flight import given_flights
@@ -28,7 +30,8 @@ from rig.model.delays import PathDelays
 NAME = "neutral HDF5"
 SIGN = "HDF5 with counts or transient (positions, bins), laser_position_m, detector_position_m, time_s"
 PARTS = ("laser_position_m", "counts or transient", "detector_position_m", "time_s")
-_BLOCK_POSITIONS = 256
+#: Bytes of the counts read at once.
+_BLOCK_BYTES = 2**24
 #: What the attribute time_origin holds where time is rectified, and where it is not.
 _ORIGINS = (
     r"^\W*wall\W*$|pulse (is on|is at|on|at|hits|reaches) [^;,.]*wall",
@@ -145,7 +148,7 @@ def _time_origin(source: Source, options: Options) -> tuple[str, tuple[str, ...]
 
 
 def _blocks(source: Source, dataset: h5py.Dataset) -> Iterator[NDArray]:
-    for start in range(0, len(dataset), _BLOCK_POSITIONS):
+    for some in spans(dataset, 0, _BLOCK_BYTES):
         with reading(source.path):
-            block = dataset[start : start + _BLOCK_POSITIONS]
+            block = read_part(dataset, some)
         yield block

@@ -7,11 +7,12 @@ from typing import Any
 
 import h5py
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
+from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
+from rig.importers.matlab5 import Variables, open_variables
 
 
 class Source:
@@ -22,16 +23,25 @@ class Source:
     path
         Where it is.
     shapes
-        Shape of each array by its name, ``group/name`` in a group at the top level; None for groups, structs
-        and empty placeholders.
+        Shape of each array by its name, ``group/name`` in a group or struct at the top level; None for
+        groups, structs and empty placeholders.
     hdf5
         The open file, None for MATLAB v5.
+    variables
+        Of MATLAB v5, None for HDF5.
     """
 
-    def __init__(self, path: Path, shapes: dict[str, tuple[int, ...] | None], hdf5: h5py.File | None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        shapes: dict[str, tuple[int, ...] | None],
+        hdf5: h5py.File | None = None,
+        variables: Variables | None = None,
+    ) -> None:
         self.path = path
         self.shapes = shapes
         self.hdf5 = hdf5
+        self.variables = variables
 
     @property
     def matlab5(self) -> bool:
@@ -65,11 +75,11 @@ class Source:
         """
         if name not in self.shapes:
             raise DataFileError(f"{self.path} lacks '{name}'; it holds {self.contents()}")
-        if self.hdf5 is not None:
-            with reading(self.path):
-                return None if self.shapes[name] is None else self.hdf5[name][()]
-        with reading_matlab(self.path):
-            return scipy.io.loadmat(self.path, variable_names=[name])[name]
+        if self.variables is not None:
+            return self.variables.read(name)
+        assert self.hdf5 is not None
+        with reading(self.path):
+            return None if self.shapes[name] is None else read(self.hdf5[name])
 
     def matlab_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
@@ -179,30 +189,18 @@ def open_source(path: Path) -> Iterator[Source]:
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"MATLAB 5.0"):
-        with reading_matlab(path):
-            names = scipy.io.whosmat(path)
-        yield Source(path, {name: None if kind == "struct" else shape for name, shape, kind in names}, None)
+        with open_variables(path) as variables:
+            yield Source(path, variables.shapes, variables=variables)
     elif h5py.is_hdf5(path):
         with open_hdf5(path) as hdf5:
             with reading(path):
                 shapes = dict(_members(hdf5))
-            yield Source(path, shapes, hdf5)
+            yield Source(path, shapes, hdf5=hdf5)
     else:
         raise DataFileError(
             f"{path} is neither HDF5 nor MATLAB: it begins with {head[:12]!r}. "
             "Photon records of other kinds need the plan of the scan that made them"
         )
-
-
-@contextmanager
-def reading_matlab(path: Path) -> Iterator[None]:
-    """Turn what scipy raises on a damaged file, which may be anything, into an error that names the file."""
-    try:
-        yield
-    except DataFileError:
-        raise
-    except Exception as error:
-        raise DataFileError(f"{path} is a damaged MATLAB file: {error}; copy it again") from error
 
 
 def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
+from rig.files.blocks import read as read_part
+from rig.files.blocks import spans
 from rig.files.check import plain, reading
 from rig.importers.content import Content, stored_dtype
 from rig.importers.options import Options
@@ -172,10 +174,7 @@ def _optional(source: Source, name: str, *shape: int) -> NDArray[np.float64] | N
 
 
 def _blocks(source: Source, dataset: h5py.Dataset, stokes: bool) -> Iterator[NDArray]:
-    bins, lines = dataset.shape[:2]
-    line_bytes = dataset.dtype.itemsize * int(np.prod(dataset.shape)) // lines
-    step = max(1, _BLOCK_BYTES // line_bytes)
-    for start in range(0, lines, step):
+    for some in spans(dataset, 1, _BLOCK_BYTES):
         with reading(source.path):
-            block = dataset[:, start : start + step, ..., 0] if stokes else dataset[:, start : start + step]
-        yield block.reshape(bins, -1).T
+            block = read_part(dataset, slice(None), some)
+        yield (block[..., 0] if stokes else block).reshape(len(block), -1).T

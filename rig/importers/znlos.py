@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError, UsageError
+from rig.files.blocks import read as read_part
+from rig.files.blocks import spans
 from rig.files.check import reading
 from rig.importers.content import Content
 from rig.importers.options import Options
@@ -154,15 +156,10 @@ class _Signal:
         """Yield the signal of some of the sensor grid's lines."""
         assert self.source.hdf5 is not None
         dataset: h5py.Dataset = self.source.hdf5["data"]
-        lines = dataset.shape[-4] if self.reversed else dataset.shape[3]
-        line_bytes = dataset.size // lines * dataset.dtype.itemsize
-        step = max(1, _BLOCK_BYTES // line_bytes)
-        for start in range(0, lines, step):
-            some = slice(start, start + step)
+        axis = dataset.ndim - 4 if self.reversed else 3
+        for some in spans(dataset, axis, _BLOCK_BYTES):
             with reading(self.source.path):
-                if self.reversed:
-                    block = dataset[(..., some, slice(None), slice(None), slice(None))].T
-                else:
-                    block = dataset[:, :, :, some]
+                block = read_part(dataset, *[slice(None)] * axis, some)
+            block = block.T if self.reversed else block
             summed = block[:, :, list(self.bounces)].sum(axis=(0, 2), dtype=np.float64)
             yield summed.reshape(len(summed), -1).T

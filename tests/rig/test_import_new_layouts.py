@@ -102,7 +102,7 @@ def test_the_struct_of_dlct(rig, tmp_path, form):
         ({"CameraGridSize": [0.6, 0.7]}, "side of a square"),
         ({"Data": np.ones((4, 5))}, r"\(4, 5\)"),
         ({"Data": "none"}, "not real numbers"),
-        ({"CameraGridSize": None}, "no struct with the field CameraGridSize"),
+        ({"CameraGridSize": None}, "lacks 'nlos/CameraGridSize'"),
     ],
 )
 def test_a_struct_of_dlct_that_does_not_fit_is_refused(tmp_path, changes, said):

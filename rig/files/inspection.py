@@ -1,0 +1,210 @@
+"""Walking through an HDF5 file from outside: what leads out of it, and what claims more than it can hold.
+
+Nothing here reads measurements. All objects, attributes, filters and the index of chunks are looked at, so
+that a library that crashes or loops on them does so in the trial (`rig.files.trial`), not in the program.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice, product
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from rig.errors import DataFileError
+from rig.files.trial import tried
+
+#: Objects of a file, attributes of an object, groups in groups, axes of an array. A scan has about 50 objects
+#: of at most 3 axes; MATLAB keeps each cell as an object; rendered transients have up to 7 axes.
+OBJECTS, ATTRIBUTES, DEPTH, AXES = 100_000, 1000, 16, 8
+#: Bytes of one attribute or text; a plan that lists 200,000 positions has 10 MB.
+TEXT_BYTES = 64 * 2**20
+#: Bytes of one chunk, unpacked: it is the least that can be read at once.
+CHUNK_BYTES = 64 * 2**20
+#: deflate packs 258 bytes into 2 bits at best; `zlib.net/zlib_tech.html` gives 1032:1. LZF packs less.
+PACKED = 1032
+#: Filters by HDF5's number. Others are libraries that would have to be found and loaded, and are not.
+FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
+_PACKING = {1, 32000}
+
+_inspected: dict[tuple[str, int, int, int], str] = {}
+
+
+def inspect(path: Path) -> None:
+    """Walk through a file in a process of its own; a file that has not changed is walked through once.
+
+    Raises
+    ------
+    DataFileError
+        If something in it leads to another file, claims more than the file can hold, or breaks the library.
+    """
+    stat = path.stat()
+    key = (str(path.absolute()), stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    if key not in _inspected:
+        try:
+            tried(path, problem)
+            _inspected[key] = ""
+        except DataFileError as error:
+            _inspected[key] = str(error)
+    if _inspected[key]:
+        raise DataFileError(_inspected[key])
+
+
+def problem(path: str) -> None:
+    """Raise DataFileError for what is wrong with a file; one that cannot be opened is left to the caller."""
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        return
+    with file:
+        for place, group, depth in _groups(path, file):
+            if depth > DEPTH:
+                raise _refused(path, place, f"lies more than {DEPTH} groups deep")
+            _attributes(path, place, group)
+
+
+def _refused(path: str, place: str, what: str) -> DataFileError:
+    return DataFileError(f"{path} is refused: {place} {what}. Nothing of it was read; see docs/threats.md")
+
+
+def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]:
+    """Yield all groups of a file once, after looking at their links and datasets."""
+    waiting: list[tuple[str, h5py.Group, int]] = [("", file, 0)]
+    seen = {h5py.h5o.get_info(file.id).addr}
+    while waiting:
+        prefix, group, depth = waiting.pop()
+        yield prefix or "/", group, depth
+        for name in _names(path, prefix, group):
+            place = f"{prefix}/{name.decode('utf-8', 'replace')}"
+            if not _is_here(path, place, group, name):
+                continue
+            with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+                info = h5py.h5o.get_info(group.id, name)
+                if info.addr in seen:
+                    continue
+                seen.add(info.addr)
+                if len(seen) > OBJECTS:
+                    raise _refused(path, prefix, f"and the rest hold more than {OBJECTS} objects")
+                found = h5py.h5o.open(group.id, name)
+                if isinstance(found, h5py.h5g.GroupID):
+                    waiting.append((place, h5py.Group(found), depth + 1))
+                elif isinstance(found, h5py.h5d.DatasetID):
+                    _dataset(path, place, found)
+                    _attributes(path, place, h5py.Dataset(found))
+
+
+def _names(path: str, place: str, group: h5py.Group) -> list[bytes]:
+    if group.id.get_num_objs() > OBJECTS:
+        raise _refused(path, place or "/", f"has more than {OBJECTS} members")
+    try:
+        return list(group.id)
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise DataFileError(
+            f"{path} is damaged: the members of {place or '/'} cannot be listed ({error}); copy it again"
+        ) from None
+
+
+def _is_here(path: str, place: str, group: h5py.Group, name: bytes) -> bool:
+    """Return whether a name is that of an object of its own; refuse one that leads out of the file."""
+    try:
+        kind = group.id.links.get_info(name).type
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise DataFileError(f"{path} is damaged: {place} cannot be found ({error}); copy it again") from None
+    if kind == h5py.h5l.TYPE_HARD:
+        return True
+    if kind == h5py.h5l.TYPE_SOFT:  # another name of what is in the file, or of nothing
+        return False
+    raise _refused(path, place, "is a link to another file")
+
+
+def _attributes(path: str, place: str, owner: Any) -> None:
+    """Refuse attributes that are too many or too large; one that cannot be read is left to who needs it."""
+    with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+        if h5py.h5a.get_num_attrs(owner.id) > ATTRIBUTES:
+            raise _refused(path, place, f"has more than {ATTRIBUTES} attributes")
+        for number in range(h5py.h5a.get_num_attrs(owner.id)):
+            attribute = h5py.h5a.open(owner.id, index=number)
+            name = attribute.name.decode("utf-8", "replace")
+            if attribute.get_storage_size() > TEXT_BYTES:
+                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+            with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+                value = owner.attrs[name]
+                if isinstance(value, str | bytes) and len(value) > TEXT_BYTES:
+                    raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+
+
+def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:
+    """Refuse a dataset whose values lie in other files, or that claims more than it can hold."""
+    plist = dataset.get_create_plist()
+    if plist.get_external_count():
+        raise _refused(path, place, "keeps its values in another file")
+    if plist.get_layout() == h5py.h5d.VIRTUAL:
+        raise _refused(path, place, "is put together from other files (a virtual dataset)")
+    if dataset.rank > AXES:
+        raise _refused(path, place, f"has {dataset.rank} axes, more than {AXES}")
+    filters = [plist.get_filter(number)[0] for number in range(plist.get_nfilters())]
+    unknown = [number for number in filters if number not in FILTERS]
+    if unknown or len(set(filters)) < len(filters):
+        raise _refused(
+            path,
+            place,
+            f"is packed by the filters {filters}; known are {', '.join(FILTERS.values())}, each once. "
+            "Pack it again with h5repack -f GZIP=1",
+        )
+    whole_bytes = prod(dataset.shape) * dataset.get_type().get_size()
+    text = any(map(dataset.get_type().detect_class, (h5py.h5t.VLEN, h5py.h5t.STRING, h5py.h5t.REFERENCE)))
+    if text and whole_bytes > TEXT_BYTES:
+        raise _refused(path, place, f"claims {whole_bytes} bytes of text")
+    if plist.get_layout() == h5py.h5d.CHUNKED:
+        _chunks(path, place, dataset, plist.get_chunk(), filters)
+    elif not text and dataset.get_storage_size() not in {0, whole_bytes}:
+        raise _refused(
+            path, place, f"claims {whole_bytes} bytes, but {dataset.get_storage_size()} are stored"
+        )
+    if text or not {3, 32000}.isdisjoint(filters):  # what the library alone can unpack
+        _read_all(dataset)
+
+
+def _chunks(
+    path: str, place: str, dataset: h5py.h5d.DatasetID, chunk: tuple[int, ...], filters: list[int]
+) -> None:
+    """Refuse chunks that are too large, or say that they hold more than can be packed into what is stored."""
+    chunk_bytes = prod(chunk) * dataset.get_type().get_size()
+    if chunk_bytes > CHUNK_BYTES:
+        raise _refused(path, place, f"has chunks of {chunk_bytes} bytes, more than {CHUNK_BYTES}")
+    packed = not _PACKING.isdisjoint(filters)
+
+    def holds(info: Any) -> None:
+        most = info.size * PACKED if packed else info.size
+        if most < chunk_bytes or info.size > 2 * chunk_bytes + 1024:
+            raise _refused(
+                path, place, f"has a chunk of {info.size} bytes that claims to hold {chunk_bytes} bytes"
+            )
+
+    try:
+        dataset.chunk_iter(holds)
+    except (OSError, RuntimeError, KeyError, ValueError):
+        # a killed writer leaves an index that knows chunks which never came: those before them are good
+        for offset in islice(_offsets(dataset.shape, chunk), OBJECTS):
+            with suppress(OSError, RuntimeError, KeyError, ValueError):
+                info = dataset.get_chunk_info_by_coord(offset)
+                if info.byte_offset is not None:
+                    holds(info)
+
+
+def _offsets(shape: tuple[int, ...], chunk: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Yield where the chunks of a dataset begin, in order."""
+    return product(*(range(0, size, step) for size, step in zip(shape, chunk, strict=True)))
+
+
+def _read_all(dataset: h5py.h5d.DatasetID) -> None:
+    """Read a dataset, a chunk or a row at a time: only whether the library survives it is of interest."""
+    values = h5py.Dataset(dataset)
+    if values.ndim == 0:
+        values[()]
+        return
+    step = values.chunks[0] if values.chunks else len(values)
+    for start in range(0, len(values), max(1, step)):
+        values[start : start + step]

@@ -1,0 +1,205 @@
+"""Attack the readers: ``python -m attacks.files --parser scan --number 100000``, with ``tests`` on the path.
+
+Each input follows from its seed. It is read by a worker process with limits; a reader may read it, or refuse
+it with an error of this program. Anything else is told, with the seed: another exception, a death, more than
+ten seconds, or more than 1 GB.
+"""
+
+import argparse
+import multiprocessing
+import tempfile
+import time
+import traceback
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+from attacks.mutants import by_bytes, by_structure
+
+from recon.errors import ReconError
+from rig.errors import RigError
+
+#: Seconds and bytes that one input may cost; a busy machine is given twice the time.
+DEADLINE_S, MEMORY_BYTES = 20.0, 2**30
+
+
+def scan_file(folder: Path) -> Path:
+    from rig.files import ScanDescription, ScanWriter
+    from rig.model.config import built_in
+    from rig.model.plan import ScanPlan
+    from rig.model.state import RigState
+
+    config = built_in()
+    plan = ScanPlan.grid(config, columns=8, rows=5, skip_m=0.0)
+    laser_m = np.random.default_rng(5).normal(size=(40, 3))
+    described = ScanDescription(
+        laser_m, np.zeros((1, 3)), 400, 16e-12, 0.0, plan=plan, state=RigState(config)
+    )
+    with ScanWriter.create(folder / "good.h5", described) as writer:
+        for step in range(40):
+            writer.append(np.random.default_rng([7, step]).poisson(0.5, 400).astype("u4"), 0.01)
+        writer.close("interrupted", "stopped")
+    return folder / "good.h5"
+
+
+def volume_file(folder: Path) -> Path:
+    from rig.files import Volume, write_volume
+
+    axes = np.linspace(-0.3, 0.3, 9), np.linspace(-0.2, 0.2, 7), np.linspace(0.5, 1.0, 6)
+    values = np.random.default_rng(5).random((6, 7, 9), np.float32)
+    write_volume(
+        folder / "good.h5",
+        Volume(values, *axes, depth_m=np.full((7, 9), 0.8, np.float32), parameters={"wavelength_m": 0.04}),
+    )
+    return folder / "good.h5"
+
+
+def matlab_file(folder: Path) -> Path:
+    cube = np.random.default_rng(3).poisson(3.0, (6, 6, 40)).astype(float)
+    scipy.io.savemat(folder / "good.mat", {"sig": cube, "width": 0.3}, do_compression=True)
+    return folder / "good.mat"
+
+
+def read_scan(path: Path) -> None:
+    from rig.acquire.acquisition import interrupted
+    from rig.files import ScanFile
+    from rig.show.statistics import tally
+
+    with ScanFile(path) as scan:
+        str(scan)
+        _ = scan.state, scan.devices, scan.mirror_rad, scan.passes()
+        tally(scan.capture(), 0.0)
+    interrupted(path)
+
+
+def read_volume(path: Path) -> None:
+    from rig.files import read_volume
+    from rig.image.measures import measure
+
+    measure(read_volume(path), None, None)
+
+
+def import_any(path: Path) -> None:
+    from rig.importers import import_scan
+
+    import_scan(path, path.with_suffix(".imported"), bin_width_s=32e-12, wall_size_m=0.5, time_origin="wall")
+
+
+#: By name: what makes a good file, and what reads any.
+PARSERS = {
+    "scan": (scan_file, read_scan),
+    "volume": (volume_file, read_volume),
+    "import": (matlab_file, import_any),
+    "import-scan": (scan_file, import_any),
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What a reader may not do."""
+
+    seed: int
+    what: str
+
+
+def write_input(good: Path, target: Path, seed: int) -> None:
+    """Write the file of a seed: even ones are mutated by bytes, odd ones by structure where it is HDF5."""
+    if seed % 2 and good.suffix == ".h5":
+        target.write_bytes(good.read_bytes())
+        with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError):
+            by_structure(target, seed)  # what the library does not write, it need not read
+    else:
+        target.write_bytes(by_bytes(good.read_bytes(), seed))
+
+
+def _outcome(read, path: Path) -> str:
+    try:
+        read(path)
+    except (RigError, ReconError) as error:
+        said = str(error)
+        return "refused" if path.name in said or "\n" not in said else f"said: {said}"
+    except BaseException as error:
+        where = traceback.extract_tb(error.__traceback__)
+        ours = [one for one in where if "/rig/" in one.filename or "/recon/" in one.filename] or list(where)
+        return f"{type(error).__name__}: {str(error)[:80]} at {ours[-1].filename}:{ours[-1].lineno}"
+    return "read"
+
+
+def _work(parser: str, seeds: range, pipe) -> None:
+    import resource
+
+    pages = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    make, read = PARSERS[parser]
+    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+        good = make(Path(folder))
+        most = pages + MEMORY_BYTES + 2**30  # address space: libraries that are loaded later take some
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        for seed in seeds:
+            with tempfile.TemporaryDirectory() as one:
+                path = Path(one) / f"input{good.suffix}"
+                write_input(good, path, seed)
+                pipe.send((seed, ""))
+                pipe.send((seed, _outcome(read, path)))
+    pipe.send((-1, "end"))
+
+
+def attack(parser: str, number: int, first: int = 0, told: Counter | None = None) -> list[Fault]:
+    """Read the files of so many seeds; return the faults."""
+    faults: list[Fault] = []
+    told = Counter() if told is None else told
+    context = multiprocessing.get_context("fork")
+    seed, stop = first, first + number
+    while seed < stop:
+        ours, theirs = context.Pipe(duplex=False)
+        worker = context.Process(target=_work, args=(parser, range(seed, stop), theirs))
+        worker.start()
+        theirs.close()
+        now, outcome = seed, ""
+        try:
+            while ours.poll(DEADLINE_S):
+                now, outcome = ours.recv()
+                if outcome == "end":
+                    break
+                if outcome:
+                    told[outcome if outcome in {"read", "refused"} else "fault"] += 1
+                    if outcome not in {"read", "refused"}:
+                        faults.append(Fault(now, outcome))
+            else:
+                faults.append(Fault(now, f"longer than {DEADLINE_S} s"))
+        except EOFError:
+            worker.join()
+            faults.append(Fault(now, f"the process died: {worker.exitcode}"))
+        worker.kill()
+        worker.join()
+        seed = stop if outcome == "end" else now + 1
+    return faults
+
+
+def main() -> None:
+    """Run the attack that the command line asks for."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--parser", choices=list(PARSERS), required=True)
+    asked.add_argument("--number", type=int, default=1000)
+    asked.add_argument("--first", type=int, default=0)
+    given = asked.parse_args()
+    told: Counter = Counter()
+    began_s = time.monotonic()
+    faults = attack(given.parser, given.number, given.first, told)
+    for what, seeds in _alike(faults).items():
+        print(f"{len(seeds):6}  {what}  seeds {seeds[:5]}")
+    print(f"{given.parser}: {dict(told)}, {len(faults)} faults, {time.monotonic() - began_s:.0f} s")
+    raise SystemExit(bool(faults))
+
+
+def _alike(faults: list[Fault]) -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    for fault in faults:
+        found.setdefault(fault.what, []).append(fault.seed)
+    return found
+
+
+if __name__ == "__main__":
+    main()
