@@ -72,7 +72,6 @@ class Recorder:
 
     def __init__(self, writer: ScanWriter) -> None:
         self._writer = writer
-        self._warnings: dict[str, None] = {}  # a set that keeps its order
         self.photons = 0
         self.live_time_s = 0.0
 
@@ -91,10 +90,13 @@ class Recorder:
                 self._writer.checkpoint()
             case Ended(outcome=outcome, steps_done=trusted, reason=reason):
                 self._writer.withdraw(trusted)
-                self._writer.close(outcome.value, reason, list(self._warnings))
+                self._writer.close(outcome.value, reason)
 
     def _note(self, warnings: tuple[str, ...]) -> None:
-        self._warnings.update(dict.fromkeys(warnings))
+        """Note what is said of the step at hand."""
+        step = min(self._writer.appended, self._writer.steps - 1)
+        for sentence in warnings:
+            self._writer.note(sentence, step, step)
 
 
 def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 import rig
+from rig.files.content import create_events
 from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
 from rig.model.config import RigConfig
@@ -83,6 +84,8 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     counts.attrs["kind"] = "expectation" if counts.dtype.kind == "f" else "photons"
     transients.create_dataset("done", data=np.zeros(steps, bool))
     transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"))
+    transients["checksum"] = np.zeros(-(-steps // counts.chunks[0]), "<u4")
+    create_events(file)
     describe(file, SCAN)
 
 
