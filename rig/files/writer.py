@@ -61,7 +61,9 @@ class ScanWriter:
         self.appended = 0
         self._journaled = self._written = self._marked = 0  # steps: in the journal, in the HDF5 file, marked
         self._notes: list[Note] = []
+        self._newest: dict[tuple[str, str], int] = {}  # kind and sentence: the newest row that says it
         self._unsaid: set[int] = set()  # rows of notes that the journal does not hold as they are
+        self.safe = 0  # steps that are on disk, whatever happens now
         self._broken = False
         self._lost = ""  # what became of the files, if somebody moved or deleted them
         self._saved_as: Path | None = None  # where a deleted file is saved
@@ -158,7 +160,8 @@ class ScanWriter:
             self._photons[rows] = _photons(self._buffer[: rows.stop - first])
             self._first = first
         self._notes = content.read_events(self._file)
-        self.appended = self._journaled = self._marked = measured
+        self._newest = {(note.kind, note.sentence): row for row, note in enumerate(self._notes)}
+        self.appended = self._journaled = self._marked = self.safe = measured
         whole = measured in {self._first + size, self.steps}
         self._written = measured if whole else self._first  # a part of a chunk will be written again
         self._unmark()
@@ -210,14 +213,17 @@ class ScanWriter:
         kind
             ``warning``, or what else it is.
         """
-        for row, note in enumerate(self._notes):
-            same = (note.kind, note.sentence) == (kind, sentence)
-            if same and note.first <= first <= note.last + 1:
+        row = self._newest.get((kind, sentence), len(self._notes))
+        if row < len(self._notes):
+            note = self._notes[row]
+            if note.first <= first <= note.last + 1:
                 self._unsaid.add(row)
                 self._notes[row] = replace(note, last=max(last, note.last))
                 return
-        self._unsaid.add(len(self._notes))
+            row = len(self._notes)
+        self._unsaid.add(row)
         self._notes.append(Note(utc_now(), first, last, kind, sentence))
+        self._newest[kind, sentence] = row
 
     def record_devices(self, devices: Mapping[str, Settings], pass_index: int = 0) -> None:
         """Write what each device says of itself and its settings before a pass, in place of what was there.
@@ -291,11 +297,12 @@ class ScanWriter:
         self._keep(last=last)
         with self._writing():
             self._unmark()
-            notes = [(row, self._notes[row]) for row in sorted(self._unsaid)]
+            notes = [(row, self._notes[row]) for row in sorted(self._unsaid) if row < len(self._notes)]
             if self._journal is not None:
                 for row, note in notes:
                     self._journal.say(Kind.EVENT, (row, asdict(note)))
                 self._journal.sync()
+            self.safe = self.appended
             self._file.flush()
             if self._marked < self._written:
                 content.mark(self._file, self._marked, self._live[self._marked : self._written])
@@ -346,6 +353,7 @@ class ScanWriter:
         """
         if self._file is None:
             return
+        whole = False
         try:
             self._look_for_files()
             if not self._broken:
@@ -353,8 +361,9 @@ class ScanWriter:
                     self.note(sentence, max(self.appended - 1, 0), max(self.appended - 1, 0))
                 self._save(last=True)
                 self._stop(status, reason)
+                whole = True
         finally:
-            self._shut()
+            self._shut(whole)
 
     def _stop(self, status: Status, reason: str) -> None:
         assert self._file is not None
@@ -373,14 +382,14 @@ class ScanWriter:
             content.write_stop(self._file, said)
             self._file.flush()
 
-    def _shut(self) -> None:
-        """Close the files; the journal goes if all is in the HDF5 file, and can be read there."""
+    def _shut(self, whole: bool) -> None:
+        """Close the files; the journal goes if all was written to the HDF5 file, and can be read there."""
         file, self._file = self._file, None
         journal, self._journal = self._journal, None
         try:
             if file is not None:
                 self._close_file(file)
-            if journal is not None and not self._broken:
+            if journal is not None and whole:
                 if self._saved_as is None:
                     self._read_back()
                 else:
@@ -448,10 +457,16 @@ class ScanWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Write to the file; a failure is told by its name, and is the last thing that is tried."""
+        """Write to the files; a failure is told by its name, and is the last thing that is tried."""
         try:
-            with _named(self.path, "write"):
-                yield
+            yield
+        except (OSError, RuntimeError) as error:
+            self._broken = True
+            raise DataFileError(
+                f"cannot write {self.path}: {_reason(error)}. Nothing more is written to it; its first "
+                f"{self.safe} of {self.steps} positions are safe. Look after free space, quota and "
+                f"permissions, and go on with rig resume {self.path}"
+            ) from error
         except Exception:
             self._broken = True
             raise
