@@ -88,7 +88,8 @@ def scan(
         return
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json)
+    needed = None if state.config.simulated else config
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed)
 
 
 def _show_presets(as_json: bool) -> None:

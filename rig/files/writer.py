@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -51,6 +52,8 @@ class ScanWriter:
         self._file: h5py.File | None = file
         self._journal = journal
         self._counts = file["transients/counts"]
+        # HDF5 writes when the last handle of a dataset goes, and crashes later if it cannot: they stay open
+        self._open = [*file["transients"].values(), *filter(None, [file.get("events")])]
         self.steps, *self._shape = self._counts.shape  # in version 1 there is no axis of channels
         size = self._counts.chunks[0]
         self._checksum = np.zeros(-(-self.steps // size), np.uint32)
@@ -572,6 +575,8 @@ def _named(path: Path, what: str) -> Iterator[None]:
 def _reason(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
+    if told := re.search(r"errno = (\d+)", str(error)):  # HDF5 wraps the system's reason in its own words
+        return os.strerror(int(told[1]))
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
@@ -581,13 +586,32 @@ def _photons(rows: NDArray) -> NDArray:
 
 
 def _let_go(file: h5py.File) -> None:
-    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory."""
-    with suppress(OSError, RuntimeError):
+    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory.
+
+    A file that HDF5 could not close makes it crash later. So a limit on the size of files, which holds for
+    memory too, is lifted meanwhile.
+    """
+    with suppress(OSError, RuntimeError), _no_limit():
         elsewhere = os.memfd_create("rig") if hasattr(os, "memfd_create") else os.open(os.devnull, os.O_RDWR)
         os.dup2(elsewhere, file.id.get_vfd_handle())
         os.close(elsewhere)
-    with suppress(OSError, RuntimeError):
         file.close()
+
+
+@contextmanager
+def _no_limit() -> Iterator[None]:
+    """Lift the limit on the size of files as far as the system allows it."""
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        yield
+        return
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (usual[1], usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
 
 
 def _fresh_name(path: Path) -> Path:

@@ -180,11 +180,11 @@ def test_a_file_that_may_not_grow_ends_the_scan_with_what_was_measured(tmp_path)
         assert error == "" or re.search("cannot write .*File too large.*rig resume", error)
         assert (error == "") == (not journal_of(path).exists())
         kept.append(measured_and_right(path))
-        assert kept[-1] % LINE == 0 or kept[-1] == POSITIONS
+        if error:  # as much as was promised; more where a chunk filled up since
+            assert int(re.search(r"first (\d+) of 40 positions are safe", error)[1]) <= kept[-1]
         assert_right(path)
     assert kept == sorted(kept)
-    assert kept[0] == 0
-    assert 0 < kept[len(kept) // 3] < kept[-1] == POSITIONS
+    assert kept[0] < kept[len(kept) // 2] < kept[-1] == POSITIONS
 
 
 class Unplugged:
