@@ -224,7 +224,7 @@ class ScanWriter:
                 self._notes[row] = replace(note, last=max(last, note.last))
                 return
             row = len(self._notes)
-        self._unsaid.add(row)
+        self._unsaid.add(row)  # before: a note that is there is written
         self._notes.append(Note(utc_now(), first, last, kind, sentence))
         self._newest[kind, sentence] = row
 
@@ -300,30 +300,33 @@ class ScanWriter:
         self._keep(last=last)
         with self._writing():
             self._unmark()
-            notes = [(row, self._notes[row]) for row in sorted(self._unsaid) if row < len(self._notes)]
             if self._journal is not None:
-                for row, note in notes:
-                    self._journal.say(Kind.EVENT, (row, asdict(note)))
                 self._journal.sync()
             self.safe = self.appended
             self._file.flush()
             if self._marked < self._written:
                 content.mark(self._file, self._marked, self._live[self._marked : self._written])
-            for row, note in notes:
+            for row, note in self._news():
                 content.write_event(self._file, row, note)
             self._file.flush()
             self._marked = self._written
             self._unsaid.clear()
 
     def _keep(self, *, last: bool = False) -> None:
-        """Write the buffer to the journal, and to the HDF5 file if it is whole or the last."""
+        """Write notes and the buffer to the journal, the buffer to the HDF5 file if it is whole or the last.
+
+        Notes go first: what was noted of a step is never lost while its counts are there.
+        """
         assert self._file is not None
         rows = self.appended - self._first
         whole = last or rows == len(self._buffer) or self.appended == self.steps
-        if self._journaled == self.appended and not (whole and self._written < self.appended):
-            return
-        chunk = Chunk(self._first, self._live[self._first : self.appended], self._packed())
         with self._writing():
+            if self._journal is not None:
+                for row, note in self._news():
+                    self._journal.say(Kind.EVENT, (row, asdict(note)))
+            if self._journaled == self.appended and not (whole and self._written < self.appended):
+                return
+            chunk = Chunk(self._first, self._live[self._first : self.appended], self._packed())
             if self._journal is not None and self._journaled < self.appended:
                 self._journal.add(Kind.CHUNK, chunk.to_bytes())
             self._journaled = self.appended
@@ -331,6 +334,10 @@ class ScanWriter:
                 content.write_counts(self._file, chunk)
                 self._checksum[self._first // len(self._buffer)] = zlib.crc32(chunk.packed)
                 self._written = self.appended
+
+    def _news(self) -> list[tuple[int, Note]]:
+        """Return the notes that are new or longer since the last checkpoint, with their rows."""
+        return [(row, self._notes[row]) for row in sorted(self._unsaid) if row < len(self._notes)]
 
     def _packed(self) -> bytes:
         """Return the buffer as HDF5's own filters would: shuffled and deflated, in nearly half their time."""
@@ -408,11 +415,12 @@ class ScanWriter:
             _let_go(file)
             return
         with _named(self.path, "close"):
-            os.fsync(file.id.get_vfd_handle())
             file.close()
 
     def _read_back(self) -> None:
-        """Raise DataFileError unless the closed file holds what was measured."""
+        """Make the closed file permanent, and raise DataFileError unless it holds what was measured."""
+        with _named(self.path, "write"), self.path.open("rb+") as closed:
+            os.fsync(closed.fileno())
         with _named(self.path, "read back"), h5py.File(self.path, "r") as file:
             marked = file["transients/done"][()]
             right = marked[: self.appended].all() and not marked[self.appended :].any()
