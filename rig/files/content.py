@@ -1,9 +1,12 @@
 """What is written into a scan file: by the writer, and again where it is made from its journal."""
 
 import json
+import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -161,3 +164,61 @@ def _stored_crc(counts: h5py.Dataset, first: int) -> int | None:
         return zlib.crc32(counts.id.read_direct_chunk((first, *(0 for _ in counts.shape[1:])))[1])
     except (OSError, RuntimeError, ValueError, KeyError):
         return None
+
+
+def datasets(file: h5py.File) -> list[h5py.Dataset]:
+    """Return the datasets that are written to, to be held as long as the file is open.
+
+    HDF5 writes when the last handle of a dataset goes; if it cannot write then, it crashes later.
+    """
+    return [*file["transients"].values(), *(file[name] for name in ("events",) if name in file)]
+
+
+@contextmanager
+def written(path: Path) -> Iterator[h5py.File]:
+    """Open a file to be written to; after a failure nothing more is written.
+
+    Raises
+    ------
+    OSError, RuntimeError
+        If it cannot be written.
+    """
+    file = h5py.File(path, "r+")
+    try:
+        held = datasets(file)
+        yield file
+        file.flush()
+        held.clear()
+    except BaseException:
+        let_go(file)
+        raise
+    file.close()
+
+
+def let_go(file: h5py.File) -> None:
+    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory.
+
+    A file that HDF5 could not close makes it crash later. So a limit on the size of files, which holds for
+    memory too, is lifted meanwhile.
+    """
+    with suppress(OSError, RuntimeError), _no_limit():
+        elsewhere = os.memfd_create("rig") if hasattr(os, "memfd_create") else os.open(os.devnull, os.O_RDWR)
+        os.dup2(elsewhere, file.id.get_vfd_handle())
+        os.close(elsewhere)
+        file.close()
+
+
+@contextmanager
+def _no_limit() -> Iterator[None]:
+    """Lift the limit on the size of files as far as the system allows it."""
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        yield
+        return
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (usual[1], usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)

@@ -96,7 +96,7 @@ def rebuild(journal: Journal, target: Path) -> None:
     records = list(journal.records())
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     target.write_bytes(journal.payload(head))
-    with h5py.File(target, "r+") as file:
+    with content.written(target) as file:
         for record, rows in _measured(journal, records).values():
             chunk = Chunk.from_bytes(journal.payload(record))
             content.write_counts(file, chunk)

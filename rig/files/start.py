@@ -1,5 +1,6 @@
 """Writing what a scan file says before its first photon."""
 
+import io
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -24,8 +25,16 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def write_start(file: h5py.File, description: ScanDescription) -> None:
-    """Write all groups and datasets of a new scan file, the photons still to come."""
+def start_of(description: ScanDescription) -> bytes:
+    """Return a new scan file, the photons still to come, byte by byte."""
+    with io.BytesIO() as memory:
+        with h5py.File(memory, "w") as file:
+            _write_start(file, description)
+        return memory.getvalue()
+
+
+def _write_start(file: h5py.File, description: ScanDescription) -> None:
+    """Write all groups and datasets of a new scan file."""
     steps, channels, bins = description.steps, description.channel_count, description.bins
     write_root(file, "rig-scan", SCAN_VERSION)
     state = description.state

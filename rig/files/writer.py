@@ -5,8 +5,8 @@ import os
 import re
 import shutil
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from itertools import count
 from math import prod
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files import content, mend
-from rig.files.content import Note
+from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
-from rig.files.start import COMPRESSION, utc_now, write_start
+from rig.files.start import COMPRESSION, start_of, utc_now
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -52,8 +52,7 @@ class ScanWriter:
         self._file: h5py.File | None = file
         self._journal = journal
         self._counts = file["transients/counts"]
-        # HDF5 writes when the last handle of a dataset goes, and crashes later if it cannot: they stay open
-        self._open = [*file["transients"].values(), *filter(None, [file.get("events")])]
+        self._held = content.datasets(file)
         self.steps, *self._shape = self._counts.shape  # in version 1 there is no axis of channels
         size = self._counts.chunks[0]
         self._checksum = np.zeros(-(-self.steps // size), np.uint32)
@@ -88,33 +87,33 @@ class ScanWriter:
             If the file or its journal exists, or cannot be created where it was asked for.
         """
         path = Path(path)
+        if journal_of(path).exists():
+            raise UsageError(
+                f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
+                f"Go on with rig resume {path}, or move it away"
+            )
+        head = start_of(description)
         try:
-            if journal_of(path).exists():
-                raise UsageError(
-                    f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
-                    f"Go on with rig resume {path}, or move it away"
-                )
-            file = h5py.File(path, "x")
+            with path.open("xb") as new:
+                new.write(head)
         except FileExistsError:
             raise UsageError(
                 f"{path} exists and is not overwritten; give another name, or move the file away"
             ) from None
         except OSError as error:
+            path.unlink(missing_ok=True)
             raise UsageError(f"cannot create {path}: {_reason(error)}") from None
         journal = None
         try:
-            write_start(file, description)
-            file.flush()
             if journaled:
                 journal = Journal(journal_of(path), new=True)
-                _begin(journal, file)
-            return cls(path, file, journal)
+                _begin(journal, head)
+            return cls(path, h5py.File(path, "r+"), journal)
         except BaseException as error:
             if journal is not None:
                 journal.remove()
-            file.close()
             path.unlink()
-            if isinstance(error, OSError):
+            if isinstance(error, OSError | RuntimeError):
                 raise UsageError(f"cannot create {path}: {_reason(error)}") from None
             raise
 
@@ -412,7 +411,7 @@ class ScanWriter:
 
     def _close_file(self, file: h5py.File) -> None:
         if self._broken:
-            _let_go(file)
+            let_go(file)
             return
         with _named(self.path, "close"):
             file.close()
@@ -521,10 +520,10 @@ def finish(path: Path) -> None:
         journal.close()
 
 
-def _begin(journal: Journal, file: h5py.File, measured: int = 0, notes: Sequence[Note] = ()) -> None:
+def _begin(journal: Journal, head: bytes, chunks: Iterable[Chunk] = (), notes: Sequence[Note] = ()) -> None:
     """Put into a new journal all that a scan file holds; from then on the journal stands for it."""
-    journal.add(Kind.HEAD, mend.head_of(file))
-    for chunk in mend.chunks_of(file, measured):
+    journal.add(Kind.HEAD, head)
+    for chunk in chunks:
         journal.add(Kind.CHUNK, chunk.to_bytes())
     for row, note in enumerate(notes):
         journal.say(Kind.EVENT, (row, asdict(note)))
@@ -561,7 +560,7 @@ def _journal_of(path: Path) -> Journal:
         mend.require_room(path, 2 * path.stat().st_size)
         journal = Journal(journal_of(path), new=True)
         try:
-            _begin(journal, file, measured, notes)
+            _begin(journal, mend.head_of(file), mend.chunks_of(file, measured), notes)
         except BaseException:
             journal.remove()
             raise
@@ -591,35 +590,6 @@ def _reason(error: BaseException) -> str:
 def _photons(rows: NDArray) -> NDArray:
     """Return the sum of the counts of each step."""
     return rows.reshape(len(rows), -1).sum(axis=1, dtype=np.float64 if rows.dtype.kind == "f" else np.uint64)
-
-
-def _let_go(file: h5py.File) -> None:
-    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory.
-
-    A file that HDF5 could not close makes it crash later. So a limit on the size of files, which holds for
-    memory too, is lifted meanwhile.
-    """
-    with suppress(OSError, RuntimeError), _no_limit():
-        elsewhere = os.memfd_create("rig") if hasattr(os, "memfd_create") else os.open(os.devnull, os.O_RDWR)
-        os.dup2(elsewhere, file.id.get_vfd_handle())
-        os.close(elsewhere)
-        file.close()
-
-
-@contextmanager
-def _no_limit() -> Iterator[None]:
-    """Lift the limit on the size of files as far as the system allows it."""
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        yield
-        return
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (usual[1], usual[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
 
 
 def _fresh_name(path: Path) -> Path:
