@@ -19,10 +19,11 @@ from rig.acquire.engine import (
     ScanEngine,
     StepDone,
 )
+from rig.acquire.log import ScanLog, log_of
 from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
-from rig.files.writer import ScanWriter
+from rig.files.writer import ScanWriter, finish
 from rig.model.config import RigConfig
 from rig.model.devices import Operator
 from rig.model.plan import ScanPlan
@@ -72,7 +73,6 @@ class Recorder:
 
     def __init__(self, writer: ScanWriter) -> None:
         self._writer = writer
-        self._warnings: dict[str, None] = {}  # a set that keeps its order
         self.photons = 0
         self.live_time_s = 0.0
 
@@ -91,10 +91,13 @@ class Recorder:
                 self._writer.checkpoint()
             case Ended(outcome=outcome, steps_done=trusted, reason=reason):
                 self._writer.withdraw(trusted)
-                self._writer.close(outcome.value, reason, list(self._warnings))
+                self._writer.close(outcome.value, reason)
 
     def _note(self, warnings: tuple[str, ...]) -> None:
-        self._warnings.update(dict.fromkeys(warnings))
+        """Note what is said of the step at hand."""
+        step = min(self._writer.appended, self._writer.steps - 1)
+        for sentence in warnings:
+            self._writer.note(sentence, step, step)
 
 
 def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
@@ -180,8 +183,9 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
     rig.errors.RefusedError
         If the scan was set otherwise than ``mine``.
     """
+    finish(target)
     with ScanFile(target) as scan:
-        if scan.status == "complete":
+        if scan.status == "complete" and not scan.altered.any():
             raise UsageError(f"{target} is complete: there is nothing to resume")
         if scan.plan is None or scan.state is None:
             raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
@@ -242,7 +246,8 @@ def _run(
     operator: Operator | None,
 ) -> ScanResult:
     recorder = Recorder(writer)
-    everyone: tuple[Consumer, ...] = (recorder, *watch.consumers)
+    log = ScanLog(log_of(writer.path), plan, writer.appended)
+    everyone: tuple[Consumer, ...] = (log, recorder, *watch.consumers)
     doubts = list(state.doubts)
 
     def consume(event: Event) -> None:
@@ -253,7 +258,8 @@ def _run(
             consumer(event)
 
     engine = ScanEngine(devices, plan, state, first=writer.appended, operator=operator)
-    ended = engine.run(consume, watch.should_stop)
+    with log:
+        ended = engine.run(consume, watch.should_stop)
     return ScanResult(ended, recorder.photons, recorder.live_time_s)
 
 

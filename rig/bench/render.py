@@ -85,7 +85,7 @@ def render(
         dtype="<f4",
     )
     photons = 0.0
-    with appearing(target) as partial, ScanWriter.create(partial, description) as writer:
+    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
         for block in _blocks(plan, config, axis):
             for row in block:
                 writer.append(row)

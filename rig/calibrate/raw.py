@@ -123,6 +123,7 @@ def reading(files: Sequence[Path], *, whole: bool = True) -> Iterator[tuple[list
 
 def _refuse_unsound(scan: ScanFile) -> None:
     require(scan.status == "complete", f"{scan.path} is not complete ({scan.reason}): measure it again")
+    require(not scan.altered.any(), f"{'; '.join(scan.doubts)}")
     for warning in scan.warnings:
         spoilt = any(sign in warning for sign in SPOILT)
         require(not spoilt, f"{scan.path}: {warning} Mend that and measure it again")

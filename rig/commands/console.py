@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rig.acquire.doctor import Finding
+    from rig.files.scan import ScanFile
 
 
 class _Stderr:
@@ -53,6 +54,12 @@ def say(message: str) -> None:
 def warn(message: str) -> None:
     """Warn the person."""
     err.print(f"[yellow]warning:[/yellow] {message}")
+
+
+def warn_of(scan: "ScanFile") -> None:
+    """Warn of a scan file that is not, or no longer, as its program left it."""
+    for sentence in scan.doubts:
+        warn(escape(sentence))
 
 
 def print_facts(title: str, facts: dict[str, str]) -> None:

@@ -44,6 +44,7 @@ def plot(
 
 
 def _figure(files: list[Path]) -> "Figure":
+    from rig.commands import console
     from rig.errors import UsageError
     from rig.files.scan import ScanFile
     from rig.files.volume import is_volume, read_volume
@@ -57,9 +58,11 @@ def _figure(files: list[Path]) -> "Figure":
         return volume_figure(read_volume(files[0]), files[0].name)
     if len(files) == 1:
         with ScanFile(files[0]) as scan:
+            console.warn_of(scan)
             return scan_figure(files[0].name, scan.capture())
     views = []
     for path in files:
         with ScanFile(path) as scan:
+            console.warn_of(scan)
             views.append(raw_view(path.name, scan.capture()))
     return comparison_figure(views)

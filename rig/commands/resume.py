@@ -35,4 +35,4 @@ def resume(
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config)

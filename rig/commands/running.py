@@ -4,19 +4,36 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from rig.acquire.acquisition import ScanResult, Watch
 from rig.acquire.engine import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
-from rig.errors import InterruptedScanError
+from rig.errors import DataFileError, InterruptedScanError, UsageError
+from rig.files.journal import journal_of
+from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_duration
 
 Acquisition = Callable[[Watch], ScanResult]
 
 
-def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -> None:
+def run(
+    acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool, config: Path | None = None
+) -> None:
     """Run a scan into ``target`` and tell how it went.
+
+    Parameters
+    ----------
+    acquisition
+        Runs it.
+    plan, target
+        What is measured, and the scan file.
+    as_json
+        Whether the result is printed as a document.
+    config
+        The rig's configuration, if it takes one to go on with the scan.
 
     Raises
     ------
@@ -24,14 +41,36 @@ def run(acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool) -
         If the person stopped it after a position.
     """
     began_s = time.monotonic()
-    with StopRequest(console.say) as stop:
-        result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
+    here = target.exists() or journal_of(target).exists()  # before: a refusal leaves it as it was
+    try:
+        with StopRequest(console.say) as stop:
+            result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
+    except UsageError:  # nothing was begun, or gone on with
+        raise
+    except Exception:
+        if not here and not target.exists() and not journal_of(target).exists():
+            console.say("Nothing was measured, and no scan file was made.")
+        else:
+            console.say(_safe(target, config))
+        raise
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if result.ended.outcome is not Outcome.COMPLETE:
-        raise InterruptedScanError(
-            f"{target}: the scan was stopped after {result.ended.steps_done} of {len(plan)} "
-            f"positions; these are safe in the file and can be imaged. Go on with: rig resume {target}"
-        )
+        raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
+
+
+def _safe(target: Path, config: Path | None) -> str:
+    """Say how much of a scan that ended early can be read back from its file, and how to go on."""
+    again = f"rig resume {target}" + (f" --config {config}" if config else "")
+    try:
+        with ScanFile(target) as scan:
+            measured, steps = int(np.count_nonzero(scan.done)), scan.steps
+    except DataFileError as error:
+        return f"What was measured cannot be read back now: {error}"
+    return (
+        f"{measured:,} of {steps:,} positions are safe in the file and can be imaged. Go on with: {again}"
+        if measured
+        else f"No position was measured yet: {target} is safe and empty. Go on with: {again}"
+    )
 
 
 def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_json: bool) -> None:

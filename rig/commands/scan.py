@@ -92,7 +92,8 @@ def scan(
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json)
+    needed = None if state.config.simulated else config
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed)
 
 
 def _show_presets(as_json: bool) -> None:

@@ -40,6 +40,7 @@ def stats(
     found = {}
     for path in scans:
         with ScanFile(path) as scan:
+            console.warn_of(scan)
             found[str(path)] = tally(scan.capture(), from_s).statistics
     if as_json:
         console.print_json({"scans": [{"file": name, **s.as_dict()} for name, s in found.items()]})

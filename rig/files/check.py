@@ -152,6 +152,7 @@ def _wrong_object(place: Any, entry: Entry, sizes: dict[str, int]) -> str:
         "document": "OSU",
         "texts": "OSU",
         "integer": "ui",
+        "table": "V",
     }[entry.type]
     if place.dtype.kind not in kinds:
         return f"has type {place.dtype}, not {TYPES[entry.type]}"

@@ -42,19 +42,30 @@ class DenseHistograms:
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (pairs, counts) in order, counts being (n, bins)."""
-        given = 0
+        given, chunk = 0, self._counts.chunks[0] if self._counts.chunks else 1
         for some in spans(self._counts, 0, BLOCK_BYTES):
             first, last = np.searchsorted(self._steps, (some.start, some.stop))
             if first == last:
                 continue
-            # no chunk after the last mark is touched: a killed writer may have left it half written
-            wanted = self._steps[first:last] - some.start
-            with reading(self._path):
-                counts = read(self._counts, slice(some.start, some.start + int(wanted[-1]) + 1))[..., bins]
-            counts = counts if len(counts) == len(wanted) else counts[wanted]
-            counts = counts.reshape(-1, counts.shape[-1])
+            counts = self._read(self._steps[first:last], chunk, bins).reshape(
+                -1, len(range(self.shape[1])[bins])
+            )
             yield slice(given, given + len(counts)), counts
             given += len(counts)
+
+    def _read(self, steps: NDArray[np.int64], chunk: int, bins: slice) -> NDArray:
+        """Return the counts of steps in rising order.
+
+        No chunk without a wanted step is touched, nor one after the last of them: it may be damaged, or half
+        written by a killed program.
+        """
+        parts = []
+        for run in np.split(steps, np.flatnonzero(np.diff(steps // chunk) > 1) + 1):
+            start = run[0] // chunk * chunk
+            with reading(self._path):
+                counts = read(self._counts, slice(int(start), int(run[-1]) + 1))[..., bins]
+            parts.append(counts if len(counts) == len(run) else counts[run - start])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 class RepeatedHistograms:

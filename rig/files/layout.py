@@ -21,6 +21,7 @@ TYPES = {
     "integer": "whole number",
     "texts": "text",
     "bool": "true or false",
+    "table": "table of utc, first, last, kind, sentence",
 }
 
 
@@ -195,12 +196,26 @@ SCAN: Layout = {
         "measurement time of the step as the instrument reports it [s]; NaN where unknown",
         ("steps",),
     ),
+    "/transients/checksum": Entry(
+        "unsigned",
+        "CRC-32 of each chunk of counts as it is stored; a chunk that differs was altered since, and its "
+        "steps count as not measured",
+        ("chunks",),
+    ),
+    "/events": Entry(
+        "table",
+        "what happened, as it happened: when (UTC, ISO 8601), the first and the last step that it concerns, "
+        "its kind (`warning`), and a sentence",
+        ("events",),
+    ),
     "/stop": Entry("group", "how the run ended; a file without it was interrupted"),
     "/stop@status": Entry("text", "`complete`, `interrupted` or `failed`"),
     "/stop@reason": Entry("text", "why it ended, in words"),
     "/stop@stopped": Entry("text", "when it ended, UTC, ISO 8601"),
     "/stop@photons": Entry("number", "sum of all counts"),
-    "/stop@warnings": Entry("json", "list of what went less than well, as plain sentences"),
+    "/stop@warnings": Entry(
+        "json", "list of what went less than well, as plain sentences; where it happened is in /events"
+    ),
 }
 
 _NEW_IN_2 = ("/channels", "/passes", "/calibration_data")

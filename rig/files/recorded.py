@@ -23,6 +23,8 @@ class RecordedFile(ABC):
     ----------
     path
         Where it is.
+    digested
+        The file whose bytes `digest` is made of.
 
     Raises
     ------
@@ -32,13 +34,17 @@ class RecordedFile(ABC):
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._file = open_hdf5(self.path)
+        self.digested = self.path
+        self._file = self._open()
         try:
             with reading(self.path):
                 self._read()
         except BaseException:
             self._file.close()
             raise
+
+    def _open(self) -> h5py.File:
+        return open_hdf5(self.path)
 
     @abstractmethod
     def _read(self) -> None:
@@ -92,7 +98,7 @@ class RecordedFile(ABC):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the file's bytes, hexadecimal."""
-        with self.path.open("rb") as file:
+        with self.digested.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def close(self) -> None:

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
+from rig.files import content, mend
 from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
+from rig.files.content import Note
 from rig.files.description import Settings
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.layout import SCANS
@@ -118,14 +120,31 @@ class ScanFile(RecordedFile):
     delays, delay_s
         What to subtract for rectified time: the path delays, or a measured (S, C) delay; both None where the
         file is rectified.
-    done
-        (S,) which steps were measured.
+    mended
+        What was done to read the file in spite of its program's end, in words; empty if nothing.
 
     Raises
     ------
     DataFileError
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
+
+    def _open(self) -> h5py.File:
+        self.mended = ""
+        journal = mend.open_journal(self.path, alone=False)
+        if journal is None:
+            return super()._open()
+        try:
+            self.digested = journal.path
+            self.mended = (
+                f"{self.path} was not closed by the program that wrote it: it is read from its journal, "
+                f"{journal.path}, and was not touched. rig resume {self.path} goes on with it"
+            )
+            if journal.torn_bytes:
+                self.mended += f". The journal's last {journal.torn_bytes} bytes are torn and were left out"
+            return mend.for_reading(journal, self.path)
+        finally:
+            journal.close()
 
     def _read(self) -> None:
         self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
@@ -216,9 +235,6 @@ class ScanFile(RecordedFile):
                 f"{self.path} must hold either /transients/counts, or /transients/photons with "
                 f"/transients/photon_offset; it has {found}"
             )
-        self.done: NDArray[np.bool_] = np.ones(self.steps, bool)
-        if "done" in transients:
-            self.done = read(transients["done"]).astype(bool)
         if dense:
             self.bins = sizes["bins"]
             counts = transients["counts"]
@@ -253,7 +269,7 @@ class ScanFile(RecordedFile):
             return
         chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
         written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
-        measured = np.count_nonzero(self.done) * prod(counts.shape[1:]) * counts.dtype.itemsize
+        measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
         if written < measured:
             raise DataFileError(
                 f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} bytes "
@@ -291,10 +307,50 @@ class ScanFile(RecordedFile):
         """Sum of all counts as the closing record has it; 0 without one."""
         return int(self._attribute("stop", "photons", 0))
 
+    @cached_property
+    def done(self) -> NDArray[np.bool_]:
+        """(S,) which steps were measured, and are as they were written."""
+        return self._marked & ~self.altered
+
+    @cached_property
+    def _marked(self) -> NDArray[np.bool_]:
+        """(S,) which steps are marked as measured."""
+        with reading(self.path):
+            transients = self._file["transients"]
+            return (
+                read(transients["done"]).astype(bool) if "done" in transients else np.ones(self.steps, bool)
+            )
+
+    @cached_property
+    def altered(self) -> NDArray[np.bool_]:
+        """(S,) which steps were measured, but were altered in the file since; all False without checksums."""
+        with reading(self.path):
+            if "checksum" not in self._file["transients"] or not content.written_here(self._file):
+                return np.zeros(self.steps, bool)
+            return content.altered(self._file, read(self._file["transients/checksum"]))
+
+    @property
+    def events(self) -> list[Note]:
+        """What happened during the scan, in the order in which it began."""
+        with reading(self.path):
+            return content.read_events(self._file)
+
     @property
     def warnings(self) -> list[str]:
-        """What went less than well."""
-        return list(self._json("stop", "warnings", "[]"))
+        """What went less than well, each sentence once."""
+        noted = [note.sentence for note in self.events if note.kind == "warning"]
+        return list(dict.fromkeys([*self._json("stop", "warnings", "[]"), *noted]))
+
+    @property
+    def doubts(self) -> list[str]:
+        """What a person must know who reads the file now: whether it was mended, or altered."""
+        found = [self.mended] if self.mended else []
+        if self.altered.any():
+            found.append(
+                f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} are not as they were "
+                f"written, and are left out. rig resume {self.path} measures them again"
+            )
+        return found
 
     @cached_property
     def plan(self) -> ScanPlan | None:
@@ -522,6 +578,12 @@ class ScanFile(RecordedFile):
         return None if value is None else float(value)
 
 
+def in_words(numbers: NDArray[np.int64]) -> str:
+    """Return rising numbers as ranges, e.g. ``3 to 7, 9``."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs if len(run))
+
+
 def _known(values: NDArray[np.float64]) -> list[float | None]:
     return [None if isnan(value) else value for value in values.tolist()]
 
@@ -560,6 +622,6 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         lines["source"] = ", ".join(origin)
     if scan.created:
         lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
-    if scan.warnings:
-        lines["warnings"] = "; ".join(scan.warnings)
+    if told := [*scan.doubts, *scan.warnings]:
+        lines["warnings"] = "; ".join(told)
     return lines

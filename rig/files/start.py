@@ -1,5 +1,6 @@
 """Writing what a scan file says before its first photon."""
 
+import io
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -8,6 +9,7 @@ import h5py
 import numpy as np
 
 import rig
+from rig.files.content import create_events
 from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
 from rig.model.config import RigConfig
@@ -23,8 +25,16 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def write_start(file: h5py.File, description: ScanDescription) -> None:
-    """Write all groups and datasets of a new scan file, the photons still to come."""
+def start_of(description: ScanDescription) -> bytes:
+    """Return a new scan file, the photons still to come, byte by byte."""
+    with io.BytesIO() as memory:
+        with h5py.File(memory, "w") as file:
+            _write_start(file, description)
+        return memory.getvalue()
+
+
+def _write_start(file: h5py.File, description: ScanDescription) -> None:
+    """Write all groups and datasets of a new scan file."""
     steps, channels, bins = description.steps, description.channel_count, description.bins
     write_root(file, "rig-scan", SCAN_VERSION)
     state = description.state
@@ -83,6 +93,8 @@ def write_start(file: h5py.File, description: ScanDescription) -> None:
     counts.attrs["kind"] = "expectation" if counts.dtype.kind == "f" else "photons"
     transients.create_dataset("done", data=np.zeros(steps, bool))
     transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"))
+    transients["checksum"] = np.zeros(-(-steps // counts.chunks[0]), "<u4")
+    create_events(file)
     describe(file, SCAN)
 
 

@@ -1,11 +1,14 @@
-"""Writing a scan file so that a killed program loses little and leaves nothing wrong."""
+"""Writing a scan file so that nothing measured is lost, and nothing wrong is taken for measured."""
 
 import json
 import os
+import re
 import shutil
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from itertools import count
 from math import prod
 from pathlib import Path
 from types import TracebackType
@@ -15,16 +18,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
+from rig.files import content, mend
+from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
-from rig.files.layout import SCAN
-from rig.files.salvage import salvage
-from rig.files.start import COMPRESSION, utc_now, write_start
-
-#: What is left free on the disk, so that a file can always be closed in order.
-RESERVE_BYTES = 16 * 2**20
-#: By what a file must be able to grow, beside its chunks: marks, index and closing record.
-GROWTH_BYTES = 2**20
+from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
+from rig.files.mend import RESERVE_BYTES
+from rig.files.start import COMPRESSION, start_of, utc_now
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -32,62 +33,88 @@ Status = Literal["complete", "interrupted", "failed"]
 class ScanWriter:
     """Appends steps to a scan file, in the order of acquisition.
 
-    Whole chunks go to the file as they fill. `checkpoint` makes all that was appended permanent: first the
-    counts, then, after a flush, the marks that say they are there. So a reader of a killed file finds no mark
-    without its counts. A chunk that is still partial at a checkpoint is written too, and rewritten when it is
-    full; its marks are taken back before that, since a half rewritten chunk cannot be read.
+    All goes to a journal beside the file first (`rig.files.journal`), and is permanent after `checkpoint`:
+    the journal can then be read after a kill, a full disk or a power cut. The HDF5 file follows, so that
+    other programs can read it at any time: whole chunks as they fill, and at checkpoints, after a flush, the
+    marks of their steps. `close` completes it, reads it back, and takes the journal away.
 
-    An exception may come between any two lines here, a second Ctrl-C for one. So nothing is counted before
-    it is there: the buffer keeps its chunk until that was written, and marks are taken to be in the file from
-    before they are written until after they are taken back. After a write that failed nothing more is
-    written: HDF5 cannot tell what of it reached the disk.
+    An exception may come between any two lines here, a second Ctrl-C for one. So nothing is counted as
+    written before it is, and what is written twice is written the same. After a write that failed nothing
+    more is written: HDF5 cannot tell what of it reached the disk. The journal can, and stays.
 
     Use as a context manager; leaving it without `close` records how: complete if all positions were appended,
     interrupted if not, failed if an exception passed through.
     """
 
-    def __init__(self, path: Path, file: h5py.File) -> None:
-        """Take over an open scan file. Use `create` or `resume` instead."""
+    def __init__(self, path: Path, file: h5py.File, journal: Journal | None) -> None:
+        """Take over an open scan file and its journal. Use `create` or `resume` instead."""
         self.path = path
         self._file: h5py.File | None = file
+        self._journal = journal
         self._counts = file["transients/counts"]
-        self._done = file["transients/done"]
-        self._live_time_s = file["transients/live_time_s"]
+        self._held = content.datasets(file)
         self.steps, *self._shape = self._counts.shape  # in version 1 there is no axis of channels
-        done = self._done[()]
-        self.appended = int(done.argmin()) if not done.all() else self.steps
-        self._marked = self._maybe_marked = self.appended
-        self._photons = np.zeros(self.steps)
-        self._buffer = np.zeros((self._counts.chunks[0], *self._shape), self._counts.dtype)
-        self._first = 0  # step of the buffer's first row
+        size = self._counts.chunks[0]
+        self._checksum = np.zeros(-(-self.steps // size), np.uint32)
         self._live = np.full(self.steps, np.nan, "<f4")
+        self._photons = np.zeros(self.steps)
+        self._buffer = np.zeros((size, *self._shape), self._counts.dtype)
+        self._first = 0  # step of the buffer's first row
+        self.appended = 0
+        self._journaled = self._written = self._marked = 0  # steps: in the journal, in the HDF5 file, marked
+        self._notes: list[Note] = []
+        self._newest: dict[tuple[str, str], int] = {}  # kind and sentence: the newest row that says it
+        self._unsaid: set[int] = set()  # rows of notes that the journal does not hold as they are
+        self.safe = 0  # steps that are on disk, whatever happens now
         self._broken = False
+        self._lost = ""  # what became of the files, if somebody moved or deleted them
+        self._saved_as: Path | None = None  # where a deleted file is saved
 
     @classmethod
-    def create(cls, path: str | Path, description: ScanDescription) -> Self:
+    def create(cls, path: str | Path, description: ScanDescription, *, journaled: bool = True) -> Self:
         """Create a new scan file.
+
+        Parameters
+        ----------
+        path, description
+            Where, and all that is known before the first photon.
+        journaled
+            Whether a journal keeps what was measured; not needed for a file that can be made again.
 
         Raises
         ------
         UsageError
-            If the file exists, or cannot be created where it was asked for.
+            If the file or its journal exists, or cannot be created where it was asked for.
         """
         path = Path(path)
+        if journal_of(path).exists():
+            raise UsageError(
+                f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
+                f"Go on with rig resume {path}, or move it away"
+            )
+        head = start_of(description)
         try:
-            file = h5py.File(path, "x")
+            with path.open("xb") as new:
+                new.write(head)
         except FileExistsError:
             raise UsageError(
                 f"{path} exists and is not overwritten; give another name, or move the file away"
             ) from None
         except OSError as error:
+            path.unlink(missing_ok=True)
             raise UsageError(f"cannot create {path}: {_reason(error)}") from None
+        journal = None
         try:
-            write_start(file, description)
-            file.flush()
-            return cls(path, file)
-        except BaseException:
-            file.close()
+            if journaled:
+                journal = Journal(journal_of(path), new=True)
+                _begin(journal, head)
+            return cls(path, h5py.File(path, "r+"), journal)
+        except BaseException as error:
+            if journal is not None:
+                journal.remove()
             path.unlink()
+            if isinstance(error, OSError | RuntimeError):
+                raise UsageError(f"cannot create {path}: {_reason(error)}") from None
             raise
 
     @classmethod
@@ -101,44 +128,45 @@ class ScanWriter:
         DataFileError
             If the file is not a scan file of this program, or is damaged.
         """
-        from rig.files.scan import ScanFile
-
         path = Path(path)
-        with ScanFile(path) as scan:
-            if scan.status == "complete":
-                raise UsageError(f"{path} is complete: there is nothing to resume")
-        with _named(path, "open"), h5py.File(path, "r") as file:
-            ours, closed = _written_here(file), "stop" in file
-        if not ours:
-            raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
-        if not closed:
+        finish(path)
+        journal = mend.open_journal(path, alone=True) or _journal_of(path)
+        try:
             with _named(path, "repair"):
-                salvage(path)
-        with _named(path, "open"):
-            file = h5py.File(path, "r+")
-        with _named(path, "read"):
-            writer = cls(path, file)
-            writer._take_up()
-            return writer
+                mend.require_room(path, journal.end)
+                journal.say(Kind.BEGUN, utc_now())
+                journal.sync()
+                mend.replace(journal, path)
+            with _named(path, "open"):
+                file = h5py.File(path, "r+")
+            with _named(path, "read"):
+                writer = cls(path, file, journal)
+                writer._take_up()
+                return writer
+        except BaseException:
+            journal.close()
+            raise
 
     def _take_up(self) -> None:
-        """Read back what was there, mark the partial chunk as not done, and remove the closing record."""
+        """Read back what is there."""
         assert self._file is not None
+        done = self._file["transients/done"][()]
+        measured = int(np.count_nonzero(done))
         size = len(self._buffer)
-        self._first = self.appended - self.appended % size
-        self._buffer[: self.appended - self._first] = self._counts[self._first : self.appended]
-        self._live[: self.appended] = self._live_time_s[: self.appended]
-        for first in range(0, self.appended, size):
-            rows = slice(first, min(first + size, self.appended))
-            self._photons[rows] = (
-                self._counts[rows].reshape(rows.stop - rows.start, -1).sum(axis=1, dtype=float)
-            )
-        self._unmark_from(self._first)
-        self._file.pop("stop", None)
-        start_attributes = self._file["start"].attrs
-        resumed = json.loads(start_attributes.get("resumed", "[]"))
-        start_attributes["resumed"] = json.dumps([*resumed, utc_now()])
-        self._file.flush()
+        self._live[:measured] = self._file["transients/live_time_s"][:measured]
+        for chunk in mend.chunks_of(self._file, measured):
+            self._checksum[chunk.first // size] = zlib.crc32(chunk.packed)
+        for first in range(0, measured, size):
+            rows = slice(first, min(first + size, measured))
+            self._buffer[: rows.stop - first] = self._counts[rows]
+            self._photons[rows] = _photons(self._buffer[: rows.stop - first])
+            self._first = first
+        self._notes = content.read_events(self._file)
+        self._newest = {(note.kind, note.sentence): row for row, note in enumerate(self._notes)}
+        self.appended = self._journaled = self._marked = self.safe = measured
+        whole = measured in {self._first + size, self.steps}
+        self._written = measured if whole else self._first  # a part of a chunk will be written again
+        self._unmark()
 
     def append(self, counts: NDArray, live_time_s: float = float("nan")) -> None:
         """Add the next step.
@@ -165,14 +193,39 @@ class ScanWriter:
             raise ValueError(f"counts must be {shape}, not {np.shape(counts)}")
         if self.appended - self._first == len(self._buffer):
             self._require_space()
-            self._write_chunk()
+            self._keep()
             self._first = self.appended
-        np.copyto(self._buffer[self.appended - self._first], np.reshape(counts, shape))
+        row = self.appended - self._first
+        np.copyto(self._buffer[row], np.reshape(counts, shape))
         self._live[self.appended] = live_time_s
-        self._photons[self.appended] = np.sum(
-            counts, dtype=np.float64 if self._buffer.dtype.kind == "f" else np.uint64
-        )
+        self._photons[self.appended] = _photons(self._buffer[row : row + 1])[0]
         self.appended += 1
+
+    def note(self, sentence: str, first: int, last: int, kind: str = "warning") -> None:
+        """Note what happened at some steps; it is kept with the next checkpoint.
+
+        The same sentence about the steps that follow extends the note that is there.
+
+        Parameters
+        ----------
+        sentence
+            What happened, in words.
+        first, last
+            The steps that it concerns.
+        kind
+            ``warning``, or what else it is.
+        """
+        row = self._newest.get((kind, sentence), len(self._notes))
+        if row < len(self._notes):
+            note = self._notes[row]
+            if note.first <= first <= note.last + 1:
+                self._unsaid.add(row)
+                self._notes[row] = replace(note, last=max(last, note.last))
+                return
+            row = len(self._notes)
+        self._unsaid.add(row)  # before: a note that is there is written
+        self._notes.append(Note(utc_now(), first, last, kind, sentence))
+        self._newest[kind, sentence] = row
 
     def record_devices(self, devices: Mapping[str, Settings], pass_index: int = 0) -> None:
         """Write what each device says of itself and its settings before a pass, in place of what was there.
@@ -183,13 +236,12 @@ class ScanWriter:
             If the file cannot be written.
         """
         assert self._file is not None
+        said = {name: dict(settings) for name, settings in devices.items()}
         with self._writing():
-            if pass_index:
-                group = self._file.require_group("passes").require_group(str(pass_index))
-                group.attrs.update({name: json.dumps(dict(said)) for name, said in devices.items()})
-            else:
-                for name, settings in devices.items():
-                    self._file["devices"].require_group(name).attrs.update(settings)
+            if self._journal is not None:
+                self._journal.say(Kind.DEVICES, {"devices": said, "pass_index": pass_index})
+                self._journal.sync()
+            content.write_devices(self._file, devices, pass_index)
             self._file.flush()
 
     def withdraw(self, first: int) -> None:
@@ -203,130 +255,228 @@ class ScanWriter:
         if first >= self.appended or self._broken:
             return
         with self._writing():
-            self._unmark_from(first)
-            self._live[first:] = np.nan
-            self._live_time_s[first:] = np.nan
-            if first < self._first:
-                size = len(self._buffer)
+            buffer, kept = self._buffer, self._first
+            if first < kept:
+                size = len(buffer)
                 kept = first // size * size
-                self._buffer[:] = self._counts[kept : kept + size]
-                self._first = kept
-            self.appended = first
+                buffer = self._counts[kept : kept + size]
+            journaled, written = min(self._journaled, first), min(self._written, kept)
+            # one statement without a call in it: no exception comes between its parts
+            self.appended, self._first, self._buffer, self._journaled, self._written = (
+                first, kept, buffer, journaled, written
+            )  # fmt: skip
+            if self._journal is not None:
+                self._journal.say(Kind.WITHDRAWN, first)
+                self._journal.sync()
+            self._unmark()
+
+    def _unmark(self) -> None:
+        """Take back the marks of what is not, or no longer, in the HDF5 file."""
+        assert self._file is not None
+        if self._marked > self._written:
+            content.unmark(self._file, self._written)
+            self._file.flush()
+            self._marked = self._written
 
     def checkpoint(self) -> None:
-        """Make all that was appended permanent: counts, flush, marks, flush.
+        """Make all that was appended and noted permanent.
 
         Raises
         ------
         DataFileError
-            If the file cannot be written, or its disk is nearly full.
+            If the file cannot be written, its disk is nearly full, or somebody moved or deleted it.
         """
-        if self._marked != self.appended:
+        if self._journaled != self.appended or self._unsaid:
             self._require_space()
+            self._look_for_files()
+            if self._lost:
+                raise DataFileError(self._lost)
             self._save()
 
-    def _save(self) -> None:
-        if self._marked == self.appended:
-            return
+    def _save(self, *, last: bool = False) -> None:
+        """Write what is new: to the journal; when that is on disk, to the HDF5 file."""
         assert self._file is not None
-        self._write_chunk()
+        self._keep(last=last)
         with self._writing():
-            new = slice(self._marked, self.appended)
-            self._live_time_s[new] = self._live[new]
+            self._unmark()
+            if self._journal is not None:
+                self._journal.sync()
+            self.safe = self.appended
             self._file.flush()
-            self._maybe_marked = self.appended
-            self._done[new] = True
+            if self._marked < self._written:
+                content.mark(self._file, self._marked, self._live[self._marked : self._written])
+            for row, note in self._news():
+                content.write_event(self._file, row, note)
             self._file.flush()
-            self._marked = self.appended
+            self._marked = self._written
+            self._unsaid.clear()
+
+    def _keep(self, *, last: bool = False) -> None:
+        """Write notes and the buffer to the journal, the buffer to the HDF5 file if it is whole or the last.
+
+        Notes go first: what was noted of a step is never lost while its counts are there.
+        """
+        assert self._file is not None
+        rows = self.appended - self._first
+        whole = last or rows == len(self._buffer) or self.appended == self.steps
+        with self._writing():
+            if self._journal is not None:
+                for row, note in self._news():
+                    self._journal.say(Kind.EVENT, (row, asdict(note)))
+            if self._journaled == self.appended and not (whole and self._written < self.appended):
+                return
+            chunk = Chunk(self._first, self._live[self._first : self.appended], self._packed())
+            if self._journal is not None and self._journaled < self.appended:
+                self._journal.add(Kind.CHUNK, chunk.to_bytes())
+            self._journaled = self.appended
+            if whole and rows:
+                content.write_counts(self._file, chunk)
+                self._checksum[self._first // len(self._buffer)] = zlib.crc32(chunk.packed)
+                self._written = self.appended
+
+    def _news(self) -> list[tuple[int, Note]]:
+        """Return the notes that are new or longer since the last checkpoint, with their rows."""
+        return [(row, self._notes[row]) for row in sorted(self._unsaid) if row < len(self._notes)]
+
+    def _packed(self) -> bytes:
+        """Return the buffer as HDF5's own filters would: shuffled and deflated, in nearly half their time."""
+        self._buffer[self.appended - self._first :] = 0
+        itemsize = self._buffer.itemsize
+        shuffled = np.ascontiguousarray(self._buffer.view(np.uint8).reshape(-1, itemsize).T)
+        return zlib.compress(shuffled.data, COMPRESSION)
 
     def close(self, status: Status, reason: str = "", warnings: Sequence[str] = ()) -> None:
-        """Write what is left and the closing record, and close the file.
+        """Write what is left and the closing record, close the file, and read it back.
 
         Parameters
         ----------
         status, reason
             How the run ended, and why in words.
         warnings
-            What went less than well, as plain sentences.
+            What went less than well, as plain sentences; noted of the last step.
 
         Raises
         ------
         DataFileError
-            If the file cannot be written.
+            If the file cannot be written, or is not what was written. The journal stays then.
         """
         if self._file is None:
             return
+        whole = False
         try:
+            self._look_for_files()
             if not self._broken:
-                self._save()
-                with self._writing():
-                    stop = self._file.require_group("stop")
-                    stop.attrs["description"] = SCAN["/stop"].what
-                    stop.attrs["status"] = status
-                    stop.attrs["reason"] = reason
-                    stop.attrs["stopped"] = utc_now()
-                    stop.attrs["photons"] = float(self._photons[: self.appended].sum())
-                    stop.attrs["warnings"] = json.dumps(list(warnings))
+                for sentence in warnings:
+                    self.note(sentence, max(self.appended - 1, 0), max(self.appended - 1, 0))
+                self._save(last=True)
+                self._stop(status, reason)
+                whole = True
         finally:
-            file, self._file = self._file, None
-            with _named(self.path, "close"):
-                file.close()
+            self._shut(whole)
 
-    def _write_chunk(self) -> None:
-        """Write the buffer as the chunk that holds the newest position.
-
-        Shuffled and deflated here rather than by HDF5's own filters, to the same bytes: nearly half the time.
-        """
-        self._buffer[self.appended - self._first :] = 0
-        itemsize = self._buffer.itemsize
-        shuffled = np.ascontiguousarray(self._buffer.view(np.uint8).reshape(-1, itemsize).T)
-        packed = zlib.compress(shuffled.data, COMPRESSION)
-        with self._writing():
-            self._unmark_from(self._first)
-            self._counts.id.write_direct_chunk((self._first, *(0 for _ in self._shape)), packed)
-
-    def _unmark_from(self, position: int) -> None:
+    def _stop(self, status: Status, reason: str) -> None:
         assert self._file is not None
-        if self._maybe_marked > position:
-            self._marked = min(self._marked, position)
-            self._done[position : self._maybe_marked] = False
+        sentences = dict.fromkeys(note.sentence for note in self._notes if note.kind == "warning")
+        said = {
+            "status": status,
+            "reason": reason,
+            "stopped": utc_now(),
+            "photons": float(self._photons[: self.appended].sum()),
+            "warnings": json.dumps(list(sentences)),
+        }
+        with self._writing():
+            if self._journal is not None:
+                self._journal.say(Kind.STOP, said)
+                self._journal.sync()
+            content.write_stop(self._file, said)
             self._file.flush()
-            self._maybe_marked = position
+
+    def _shut(self, whole: bool) -> None:
+        """Close the files; the journal goes if all was written to the HDF5 file, and can be read there."""
+        file, self._file = self._file, None
+        journal, self._journal = self._journal, None
+        try:
+            if file is not None:
+                self._close_file(file)
+            if journal is not None and whole:
+                if self._saved_as is None:
+                    self._read_back()
+                else:
+                    with _named(self._saved_as, "write"), appearing(self._saved_as) as partial:
+                        mend.rebuild(journal, partial)
+                journal.remove()
+        finally:
+            if journal is not None:
+                journal.close()
+
+    def _close_file(self, file: h5py.File) -> None:
+        if self._broken:
+            let_go(file)
+            return
+        with _named(self.path, "close"):
+            file.close()
+
+    def _read_back(self) -> None:
+        """Make the closed file permanent, and raise DataFileError unless it holds what was measured."""
+        with _named(self.path, "write"), self.path.open("rb+") as closed:
+            os.fsync(closed.fileno())
+        with _named(self.path, "read back"), h5py.File(self.path, "r") as file:
+            marked = file["transients/done"][()]
+            right = marked[: self.appended].all() and not marked[self.appended :].any()
+            if not right or content.altered(file, self._checksum).any():
+                raise DataFileError(
+                    f"{self.path} is not what was written to it: is its disk failing? All that was measured "
+                    f"is in {journal_of(self.path)}. Copy both to another disk; rig reads them together"
+                )
 
     def _require_space(self) -> None:
-        """Raise while there is still room to close the file in order: HDF5 does not survive a full disk."""
-        free = shutil.disk_usage(self.path.parent).free
-        if free < RESERVE_BYTES + 4 * self._buffer.nbytes:
+        """Raise while there is still room to close the file in order."""
+        free = shutil.disk_usage(self.path.absolute().parent).free
+        if free < RESERVE_BYTES + 8 * self._buffer.nbytes:  # the chunk at hand, and another, in both files
             raise DataFileError(
                 f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
                 "measured is in the file. Free some space, and go on with rig resume"
             )
-        if hasattr(os, "posix_fallocate"):
-            self._try_to_grow(GROWTH_BYTES + 4 * self._buffer.nbytes)
 
-    def _try_to_grow(self, more_bytes: int) -> None:
-        """Make the file longer for a moment: a quota, or a limit on its size, is not in the free space."""
-        assert self._file is not None
-        handle = self._file.id.get_vfd_handle()
-        size = os.fstat(handle).st_size
-        try:
-            os.posix_fallocate(handle, size, more_bytes)
-            os.ftruncate(handle, size)
-        except OSError as error:
-            with suppress(OSError):
-                os.ftruncate(handle, size)
-            raise DataFileError(
-                f"{self.path} may not grow beyond its {size / 1e6:.1f} MB ({error.strerror}): the scan ends "
-                "here, what was measured is in the file. Free some space or raise the quota, and go on with "
-                "rig resume"
-            ) from error
+    def _look_for_files(self) -> None:
+        """Notice whether somebody moved or deleted the files, and note where the data will be.
+
+        An open file does not feel it: without this look all would go to where nobody finds it.
+        """
+        if self._file is None or self._journal is None or self._lost:
+            return
+        now = present_name(self.path, self._file.id.get_vfd_handle())
+        if now is None:
+            self._saved_as = _fresh_name(self.path)
+            self._lost = (
+                f"{self.path} was deleted while the scan ran: the scan ends here. What was measured is saved "
+                f"as {self._saved_as}; go on with rig resume {self._saved_as}"
+            )
+        elif now != self.path:
+            self._lost = (
+                f"{self.path} was moved to {now} while the scan ran: the scan ends here. What was measured "
+                f"is there; go on with rig resume {now}"
+            )
+            self.path = now
+        elif present_name(self._journal.path, self._journal.descriptor) != self._journal.path:
+            self._lost = (
+                f"{self._journal.path} was moved or deleted while the scan ran: without it nothing is safe, "
+                f"and the scan ends here. What was measured is in {self.path}; go on with rig resume "
+                f"{self.path}"
+            )
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Write to the file; a failure is told by its name, and is the last thing that is tried."""
+        """Write to the files; a failure is told by its name, and is the last thing that is tried."""
         try:
-            with _named(self.path, "write"):
-                yield
+            yield
+        except (OSError, RuntimeError) as error:
+            self._broken = True
+            raise DataFileError(
+                f"cannot write {self.path}: {_reason(error)}. Nothing more is written to it; its first "
+                f"{self.safe} of {self.steps} positions are safe. Look after free space, quota and "
+                f"permissions, and go on with rig resume {self.path}"
+            ) from error
         except Exception:
             self._broken = True
             raise
@@ -348,14 +498,73 @@ class ScanWriter:
             self.close("interrupted", "closed before the last position")
 
 
-def _written_here(file: h5py.File) -> bool:
-    """Return whether the counts are stored as `ScanWriter` stores them, so that it can add chunks."""
-    transients = file["transients"]
-    if not ({"counts", "done", "live_time_s"} <= set(transients) and "start" in file):
-        return False
-    counts = transients["counts"]
-    own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
-    return own_filters and counts.scaleoffset is None and counts.chunks[1:] == counts.shape[1:]
+def finish(path: Path) -> None:
+    """Complete a scan file whose program ended after the closing record, but before the file was closed.
+
+    Raises
+    ------
+    DataFileError
+        If another program writes it, or it cannot be written.
+    RefusedError
+        If there is no room for it; nothing was touched.
+    """
+    journal = mend.open_journal(path, alone=True)
+    if journal is None:
+        return
+    try:
+        if list(journal.records())[-1].kind is Kind.STOP:
+            with _named(path, "repair"):
+                mend.replace(journal, path)
+            journal.remove()
+    finally:
+        journal.close()
+
+
+def _begin(journal: Journal, head: bytes, chunks: Iterable[Chunk] = (), notes: Sequence[Note] = ()) -> None:
+    """Put into a new journal all that a scan file holds; from then on the journal stands for it."""
+    journal.add(Kind.HEAD, head)
+    for chunk in chunks:
+        journal.add(Kind.CHUNK, chunk.to_bytes())
+    for row, note in enumerate(notes):
+        journal.say(Kind.EVENT, (row, asdict(note)))
+    journal.say(Kind.BEGUN, "")
+    journal.sync()
+    sync_folder(journal.path)
+
+
+def _journal_of(path: Path) -> Journal:
+    """Make the journal of a closed scan file, or of one of an older program; the file is not touched.
+
+    Raises
+    ------
+    UsageError
+        If the scan is complete.
+    DataFileError
+        If the file is not a scan file of this program, or is damaged.
+    RefusedError
+        If there is no room for it.
+    """
+    from rig.files.scan import ScanFile
+
+    with ScanFile(path) as scan:
+        if scan.status == "complete" and scan.done.all():
+            raise UsageError(f"{path} is complete: there is nothing to resume")
+        measured = scan.steps if scan.done.all() else int(scan.done.argmin())
+        warnings = scan.warnings
+    with _named(path, "read"), h5py.File(path, "r") as file:
+        if not content.written_here(file):
+            raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
+        notes = content.read_events(file)
+        if not notes:  # an older program did not write where warnings were
+            notes = [Note(utc_now(), 0, max(measured - 1, 0), "warning", sentence) for sentence in warnings]
+        mend.require_room(path, 2 * path.stat().st_size)
+        journal = Journal(journal_of(path), new=True)
+        try:
+            _begin(journal, mend.head_of(file), mend.chunks_of(file, measured), notes)
+        except BaseException:
+            journal.remove()
+            raise
+    return journal
 
 
 @contextmanager
@@ -373,4 +582,19 @@ def _named(path: Path, what: str) -> Iterator[None]:
 def _reason(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
+    if told := re.search(r"errno = (\d+)", str(error)):  # HDF5 wraps the system's reason in its own words
+        return os.strerror(int(told[1]))
     return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _photons(rows: NDArray) -> NDArray:
+    """Return the sum of the counts of each step."""
+    return rows.reshape(len(rows), -1).sum(axis=1, dtype=np.float64 if rows.dtype.kind == "f" else np.uint64)
+
+
+def _fresh_name(path: Path) -> Path:
+    """Return a name like ``path`` that nothing has; in the working folder if its own is gone."""
+    folder = path.absolute().parent
+    folder = folder if folder.is_dir() else Path.cwd()
+    names = (f"{path.stem}-saved{number or ''}{path.suffix}" for number in count())
+    return next(folder / name for name in names if not (folder / name).exists())

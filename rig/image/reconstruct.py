@@ -147,7 +147,7 @@ def reconstruct(
         else:
             work, reason, volume = _still(work, reason, progress)
             warnings = _warnings(work, camera)
-        warnings = (*_signal(volume), *warnings)
+        warnings = (*scan.doubts, *_signal(volume), *warnings)
         if not (volume.t_s is not None and request.all_depths):  # which is written plane by plane
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)

@@ -157,7 +157,7 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
         dtype=content.dtype,
         imported=imported,
     )
-    with appearing(target) as partial, ScanWriter.create(partial, description) as writer:
+    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
         for row in _rows(source, content):
             writer.append(row)
         writer.close("complete", f"imported from {source.name}")

@@ -1,0 +1,224 @@
+"""What is written into a scan file: by the writer, and again where it is made from its journal."""
+
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.files.description import Settings
+from rig.files.journal import Chunk
+from rig.files.layout import SCAN
+
+#: A row of the table of events.
+EVENT = np.dtype(
+    [
+        ("utc", h5py.string_dtype()),
+        ("first", "<i8"),
+        ("last", "<i8"),
+        ("kind", h5py.string_dtype()),
+        ("sentence", h5py.string_dtype()),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something that happened during a scan.
+
+    Attributes
+    ----------
+    utc
+        When it began, UTC, ISO 8601.
+    first, last
+        The steps that it concerns.
+    kind
+        ``warning``, or what else it is.
+    sentence
+        What happened, in words.
+    """
+
+    utc: str
+    first: int
+    last: int
+    kind: str
+    sentence: str
+
+
+def write_counts(file: h5py.File, chunk: Chunk) -> None:
+    """Write a chunk of counts, not yet marked as measured, and its checksum."""
+    counts = file["transients/counts"]
+    counts.id.write_direct_chunk((chunk.first, *(0 for _ in counts.shape[1:])), chunk.packed)
+    if "checksum" in file["transients"]:
+        file["transients/checksum"][chunk.first // counts.chunks[0]] = zlib.crc32(chunk.packed)
+
+
+def mark(file: h5py.File, first: int, live_time_s: NDArray[np.float32]) -> None:
+    """Mark steps as measured; their counts must be there."""
+    steps = slice(first, first + len(live_time_s))
+    file["transients/live_time_s"][steps] = live_time_s
+    file["transients/done"][steps] = True
+
+
+def unmark(file: h5py.File, first: int) -> None:
+    """Take back the marks of all steps from ``first`` on."""
+    file["transients/done"][first:] = False
+    file["transients/live_time_s"][first:] = np.nan
+
+
+def write_devices(file: h5py.File, devices: Mapping[str, Settings], pass_index: int) -> None:
+    """Write what each device said before a pass, in place of what was there."""
+    if pass_index:
+        group = file.require_group("passes").require_group(str(pass_index))
+        group.attrs.update({name: json.dumps(dict(said)) for name, said in devices.items()})
+    else:
+        for name, settings in devices.items():
+            file["devices"].require_group(name).attrs.update(settings)
+
+
+def write_event(file: h5py.File, row: int, note: Note) -> None:
+    """Write a row of the table of events."""
+    if "events" not in file:
+        create_events(file)
+    table = file["events"]
+    if len(table) <= row:
+        table.resize((row + 1,))
+    table[row] = np.array([astuple(note)], EVENT)[0]
+
+
+def create_events(file: h5py.File) -> None:
+    """Make an empty table of events."""
+    table = file.create_dataset("events", (0,), EVENT, maxshape=(None,), chunks=(64,))
+    table.attrs["description"] = SCAN["/events"].what
+
+
+def read_events(file: h5py.File) -> list[Note]:
+    """Return the rows of the table of events."""
+    if "events" not in file:
+        return []
+    return [
+        Note(
+            _text(row["utc"]), int(row["first"]), int(row["last"]), _text(row["kind"]), _text(row["sentence"])
+        )
+        for row in file["events"][()]
+    ]
+
+
+def _text(value: bytes | str) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def reopen(file: h5py.File, when: str) -> None:
+    """Note that the scan was taken up again, and take its closing record away."""
+    file.pop("stop", None)
+    attributes = file["start"].attrs
+    attributes["resumed"] = json.dumps([*json.loads(attributes.get("resumed", "[]")), when])
+
+
+def write_stop(file: h5py.File, said: Mapping[str, Any]) -> None:
+    """Write the closing record."""
+    stop = file.require_group("stop")
+    stop.attrs["description"] = SCAN["/stop"].what
+    stop.attrs.update(said)
+
+
+def written_here(file: h5py.File) -> bool:
+    """Return whether the counts are stored as `ScanWriter` stores them, so that it can add chunks."""
+    transients = file["transients"]
+    if not ({"counts", "done", "live_time_s"} <= set(transients) and "start" in file):
+        return False
+    counts = transients["counts"]
+    own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
+    return own_filters and counts.scaleoffset is None and counts.chunks[1:] == counts.shape[1:]
+
+
+def altered(file: h5py.File, checksum: NDArray[np.uint32]) -> NDArray[np.bool_]:
+    """Return which steps are marked as measured though their chunk is not what was written.
+
+    Parameters
+    ----------
+    file
+        A scan file with histograms.
+    checksum
+        (chunks,) CRC-32 of each chunk as it is stored.
+    """
+    counts, done = file["transients/counts"], file["transients/done"][()].astype(bool)
+    size, wrong = counts.chunks[0], np.zeros(len(done), bool)
+    for number, expected in enumerate(checksum.tolist()):
+        steps = slice(number * size, (number + 1) * size)
+        if done[steps].any() and _stored_crc(counts, number * size) != expected:
+            wrong[steps] = done[steps]
+    return wrong
+
+
+def _stored_crc(counts: h5py.Dataset, first: int) -> int | None:
+    """Return the CRC-32 of a chunk as it is stored, None if it cannot be read."""
+    try:
+        return zlib.crc32(counts.id.read_direct_chunk((first, *(0 for _ in counts.shape[1:])))[1])
+    except (OSError, RuntimeError, ValueError, KeyError):
+        return None
+
+
+def datasets(file: h5py.File) -> list[h5py.Dataset]:
+    """Return the datasets that are written to, to be held as long as the file is open.
+
+    HDF5 writes when the last handle of a dataset goes; if it cannot write then, it crashes later.
+    """
+    return [*file["transients"].values(), *(file[name] for name in ("events",) if name in file)]
+
+
+@contextmanager
+def written(path: Path) -> Iterator[h5py.File]:
+    """Open a file to be written to; after a failure nothing more is written.
+
+    Raises
+    ------
+    OSError, RuntimeError
+        If it cannot be written.
+    """
+    file = h5py.File(path, "r+")
+    try:
+        held = datasets(file)
+        yield file
+        file.flush()
+        held.clear()
+    except BaseException:
+        let_go(file)
+        raise
+    file.close()
+
+
+def let_go(file: h5py.File) -> None:
+    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory.
+
+    A file that HDF5 could not close makes it crash later. So a limit on the size of files, which holds for
+    memory too, is lifted meanwhile.
+    """
+    with suppress(OSError, RuntimeError), _no_limit():
+        elsewhere = os.memfd_create("rig") if hasattr(os, "memfd_create") else os.open(os.devnull, os.O_RDWR)
+        os.dup2(elsewhere, file.id.get_vfd_handle())
+        os.close(elsewhere)
+        file.close()
+
+
+@contextmanager
+def _no_limit() -> Iterator[None]:
+    """Lift the limit on the size of files as far as the system allows it."""
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        yield
+        return
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (usual[1], usual[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
