@@ -13,10 +13,13 @@ from rig.acquire.engine import (
     Devices,
     Ended,
     Event,
+    LightChanged,
     LineDone,
+    Noticed,
     Outcome,
     Ready,
     ScanEngine,
+    StepCut,
     StepDone,
 )
 from rig.acquire.log import ScanLog, log_of
@@ -37,11 +40,12 @@ UNSEEN_END = (
 
 @dataclass(frozen=True)
 class ScanResult:
-    """What a scan gave."""
+    """What a scan gave; ``light`` is what was last known of the laser's, None where no device was opened."""
 
     ended: Ended
     photons: int
     live_time_s: float
+    light: LightChanged | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ class Recorder:
         self._writer = writer
         self.photons = 0
         self.live_time_s = 0.0
+        self.light: LightChanged | None = None
 
     def __call__(self, event: Event) -> None:
         """Record what belongs in the file."""
@@ -87,6 +92,14 @@ class Recorder:
                 self._writer.append(exposure.counts, exposure.live_time_s)
                 self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
+            case StepCut(step=step, exposure=exposure):
+                self._writer.keep_cut(step.index, exposure.counts, exposure.live_time_s)
+            case Noticed(sentence=sentence, first=first, last=last):
+                self._writer.note(sentence, first, last)
+            case LightChanged():
+                self.light = event
+                step_now = min(self._writer.appended, self._writer.steps - 1)
+                self._writer.note(event.words, step_now, step_now, "light")
             case LineDone():
                 self._writer.checkpoint()
             case Ended(outcome=outcome, steps_done=trusted, reason=reason):
@@ -260,7 +273,7 @@ def _run(
     engine = ScanEngine(devices, plan, state, first=writer.appended, operator=operator)
     with log:
         ended = engine.run(consume, watch.should_stop)
-    return ScanResult(ended, recorder.photons, recorder.live_time_s)
+    return ScanResult(ended, recorder.photons, recorder.live_time_s, recorder.light)
 
 
 def _same_devices(scan: ScanFile, devices: Devices) -> None:

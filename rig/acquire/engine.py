@@ -123,6 +123,13 @@ class LightChanged:
     on: bool | None
     when: str
 
+    @property
+    def words(self) -> str:
+        """What is known, as a sentence."""
+        if self.on is None:
+            return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
+        return f"laser on since {self.when}" if self.on else f"laser dark, read back twice at {self.when}"
+
 
 @dataclass(frozen=True)
 class Noticed:

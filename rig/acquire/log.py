@@ -7,12 +7,19 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from rig.acquire.engine import Ended, Event, LineDone, Phase, PhaseChanged, Ready, StepDone
+from rig.acquire.engine import (
+    Ended,
+    Event,
+    LightChanged,
+    LineDone,
+    Noticed,
+    PhaseChanged,
+    Ready,
+    StepCut,
+    StepDone,
+)
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show
-
-#: What a phase means for the light.
-LIGHT = {Phase.LIGHTING: ": the light goes on", Phase.CLOSING: ": the light goes off"}
 
 
 def log_of(scan: Path) -> Path:
@@ -65,7 +72,7 @@ class ScanLog:
         """Write what happened."""
         match event:
             case PhaseChanged(phase=phase):
-                self._say(phase.value + LIGHT.get(phase, ""))
+                self._say(phase.value)
             case Ready(pass_index=number, rates=rates, warnings=warnings, settings=settings):
                 self._say(f"pass {number}, from position {self._step} on")
                 for name, said in settings.items():
@@ -75,6 +82,12 @@ class ScanLog:
             case StepDone(step=step, exposure=exposure):
                 self._step = step.index + 1
                 self._warn(step.index, exposure.warnings)
+            case StepCut(step=step, exposure=exposure):
+                self._say(f"position {step.index} was cut after {exposure.live_time_s:g} s")
+            case LightChanged():
+                self._say(event.words)
+            case Noticed(sentence=sentence, first=first, last=last):
+                self._say(f"positions {first} to {last}: {sentence}")
             case LineDone(steps_done=done):
                 self._say(f"{done} of {len(self._plan)} positions measured")
             case Ended(outcome=outcome, steps_done=done, reason=reason):

@@ -73,6 +73,12 @@ def _safe(target: Path, config: Path | None) -> str:
     )
 
 
+def _light(result: ScanResult) -> dict[str, object] | None:
+    """Return what was last known of the light; None where no laser was opened."""
+    light = result.light
+    return None if light is None else {"emitting": light.on, "read_back": light.when}
+
+
 def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_json: bool) -> None:
     if as_json:
         console.print_json(
@@ -83,6 +89,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
                 "photons": result.photons,
                 "live_time_s": result.live_time_s,
                 "took_s": round(took_s, 2),
+                "laser": _light(result),
             }
         )
         return

@@ -122,6 +122,14 @@ def reopen(file: h5py.File, when: str) -> None:
     attributes["resumed"] = json.dumps([*json.loads(attributes.get("resumed", "[]")), when])
 
 
+def write_cut(file: h5py.File, step: int, counts: NDArray, live_time_s: float) -> None:
+    """Write the counts of an exposure that was cut short, beside what was measured."""
+    group = file.require_group("unfinished")
+    group.attrs["description"] = SCAN["/unfinished"].what
+    one = group.create_dataset(str(len(group)), data=counts, compression="gzip", shuffle=True)
+    one.attrs.update({"step": step, "live_time_s": live_time_s})
+
+
 def write_stop(file: h5py.File, said: Mapping[str, Any]) -> None:
     """Write the closing record."""
     stop = file.require_group("stop")

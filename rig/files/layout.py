@@ -205,8 +205,13 @@ SCAN: Layout = {
     "/events": Entry(
         "table",
         "what happened, as it happened: when (UTC, ISO 8601), the first and the last step that it concerns, "
-        "its kind (`warning`), and a sentence",
+        "its kind (`warning` or `light`), and a sentence",
         ("events",),
+    ),
+    "/unfinished": Entry(
+        "group",
+        "exposures that a stop cut short, numbered from 0: (channels, bins) counts, with attributes `step` "
+        "and `live_time_s`. They are not part of `/transients`: the step is measured anew by rig resume",
     ),
     "/stop": Entry("group", "how the run ended; a file without it was interrupted"),
     "/stop@status": Entry("text", "`complete`, `interrupted` or `failed`"),
@@ -218,7 +223,7 @@ SCAN: Layout = {
     ),
 }
 
-_NEW_IN_2 = ("/channels", "/passes", "/calibration_data")
+_NEW_IN_2 = ("/channels", "/passes", "/calibration_data", "/unfinished")
 
 #: What is otherwise in a scan file of version 1: one channel, which has no axis, and positions for steps.
 SCAN_1: Layout = {

@@ -244,6 +244,19 @@ class ScanWriter:
             content.write_devices(self._file, devices, pass_index)
             self._file.flush()
 
+    def keep_cut(self, step: int, counts: NDArray, live_time_s: float) -> None:
+        """Keep what an exposure counted that was cut short; it does not count as measured.
+
+        Raises
+        ------
+        DataFileError
+            If the file cannot be written.
+        """
+        assert self._file is not None
+        with self._writing():
+            content.write_cut(self._file, step, np.reshape(counts, tuple(self._shape)), live_time_s)
+            self._file.flush()
+
     def withdraw(self, first: int) -> None:
         """Take back the steps from ``first`` on, because they turned out not to be trusted.
 
