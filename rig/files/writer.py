@@ -6,7 +6,7 @@ import re
 import shutil
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from itertools import count
 from math import prod
@@ -87,7 +87,7 @@ class ScanWriter:
             If the file or its journal exists, or cannot be created where it was asked for.
         """
         path = Path(path)
-        if journal_of(path).exists():
+        if os.path.exists(journal_of(path)):  # which says no, too, of a name that is too long
             raise UsageError(
                 f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
                 f"Go on with rig resume {path}, or move it away"
@@ -101,7 +101,8 @@ class ScanWriter:
                 f"{path} exists and is not overwritten; give another name, or move the file away"
             ) from None
         except OSError as error:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink()
             raise UsageError(f"cannot create {path}: {_reason(error)}") from None
         journal = None
         try:

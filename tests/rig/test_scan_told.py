@@ -159,3 +159,13 @@ def test_a_scan_that_could_not_begin_says_that_nothing_was_measured(rig, tmp_pat
     assert done.code == 3
     assert "Nothing was measured, and no scan file was made." in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+
+
+@pytest.mark.parametrize("name", ["x" * 250 + ".h5", "x" * 300 + ".h5", "rig.toml/a.h5"])
+def test_a_name_that_cannot_be_is_refused_in_words(rig, tmp_path, name):
+    Path("rig.toml").write_text("")
+    for command in (("scan", "--grid", "3x3", "--out", name), ("stats", name), ("resume", name)):
+        done = rig(*command)
+        assert done.code in {2, 4, 5}, done.err
+        assert "Traceback" not in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
