@@ -1,5 +1,6 @@
 """What ``rig scan`` and ``rig resume`` share: progress, Ctrl-C, and the result."""
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -41,14 +42,14 @@ def run(
         If the person stopped it after a position.
     """
     began_s = time.monotonic()
-    here = target.exists() or journal_of(target).exists()  # before: a refusal leaves it as it was
+    here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with StopRequest(console.say) as stop:
             result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
-        if not here and not target.exists() and not journal_of(target).exists():
+        if not here and not _is_there(target):
             console.say("Nothing was measured, and no scan file was made.")
         else:
             console.say(_safe(target, config))
@@ -56,6 +57,11 @@ def run(
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
+
+
+def _is_there(target: Path) -> bool:
+    """Return whether there is anything of a scan, a journal without its file among it."""
+    return os.path.exists(target) or os.path.exists(journal_of(target))
 
 
 def _safe(target: Path, config: Path | None) -> str:

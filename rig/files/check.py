@@ -1,5 +1,6 @@
 """Opening HDF5 files that may be anything, and holding them against a layout."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -23,7 +24,7 @@ def open_hdf5(path: Path) -> h5py.File:
         If it is missing, no HDF5 file, truncated, held by a program that writes to it, or not fit to be read:
         see `rig.files.inspection`.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DataFileError(f"{path} does not exist, or is no file; check the name")
     inspect(path)
     try:

@@ -171,8 +171,8 @@ class Journal:
         self.end += len(record)
 
     def say(self, kind: Kind, what: Any) -> None:
-        """Append a record in JSON."""
-        self.add(kind, json.dumps(what).encode())
+        """Append a record in JSON; numpy's numbers are written as plain ones."""
+        self.add(kind, json.dumps(what, default=lambda value: value.tolist()).encode())
 
     def sync(self) -> None:
         """Make sure that all records are on disk and nothing after them."""

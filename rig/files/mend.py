@@ -30,6 +30,8 @@ def open_journal(path: Path, *, alone: bool) -> Journal | None:
     DataFileError
         If another program writes it, or it cannot be read.
     """
+    if not os.path.exists(journal_of(path)):
+        return None
     try:
         journal = Journal(journal_of(path), alone=alone)
         if any(record.kind is Kind.BEGUN for record in list(journal.records())):

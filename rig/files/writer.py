@@ -6,7 +6,7 @@ import re
 import shutil
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from itertools import count
 from math import prod
@@ -87,7 +87,7 @@ class ScanWriter:
             If the file or its journal exists, or cannot be created where it was asked for.
         """
         path = Path(path)
-        if journal_of(path).exists():
+        if os.path.exists(journal_of(path)):  # which says no, too, of a name that is too long
             raise UsageError(
                 f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
                 f"Go on with rig resume {path}, or move it away"
@@ -101,7 +101,8 @@ class ScanWriter:
                 f"{path} exists and is not overwritten; give another name, or move the file away"
             ) from None
         except OSError as error:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink()
             raise UsageError(f"cannot create {path}: {_reason(error)}") from None
         journal = None
         try:
@@ -460,7 +461,7 @@ class ScanWriter:
             return
         now = present_name(self.path, self._file.id.get_vfd_handle())
         if now is None:
-            self._saved_as = _fresh_name(self.path)
+            self._saved_as = _fresh_name(self.path, "saved")
             self._lost = (
                 f"{self.path} was deleted while the scan ran: the scan ends here. What was measured is saved "
                 f"as {self._saved_as}; go on with rig resume {self._saved_as}"
@@ -563,6 +564,7 @@ def _journal_of(path: Path) -> Journal:
         if scan.status == "complete" and scan.done.all():
             raise UsageError(f"{path} is complete: there is nothing to resume")
         measured = scan.steps if scan.done.all() else int(scan.done.argmin())
+        beyond = scan.done[measured:].any()
         warnings = scan.warnings
     with _named(path, "read"), h5py.File(path, "r") as file:
         if not content.written_here(file):
@@ -570,7 +572,15 @@ def _journal_of(path: Path) -> Journal:
         notes = content.read_events(file)
         if not notes:  # an older program did not write where warnings were
             notes = [Note(utc_now(), 0, max(measured - 1, 0), "warning", sentence) for sentence in warnings]
-        mend.require_room(path, 2 * path.stat().st_size)
+        mend.require_room(path, 3 * path.stat().st_size)
+        if beyond:
+            aside = _fresh_name(path, "as-found")
+            shutil.copy2(path, aside)
+            told = (
+                f"{path.name} was altered since it was measured; what is measured again replaces it, and the "
+                f"file as it was found is kept as {aside.name}"
+            )
+            notes.append(Note(utc_now(), measured, scan.steps - 1, "warning", told))
         journal = Journal(journal_of(path), new=True)
         try:
             _begin(journal, mend.head_of(file), mend.chunks_of(file, measured), notes)
@@ -605,9 +615,9 @@ def _photons(rows: NDArray) -> NDArray:
     return rows.reshape(len(rows), -1).sum(axis=1, dtype=np.float64 if rows.dtype.kind == "f" else np.uint64)
 
 
-def _fresh_name(path: Path) -> Path:
+def _fresh_name(path: Path, what: str) -> Path:
     """Return a name like ``path`` that nothing has; in the working folder if its own is gone."""
     folder = path.absolute().parent
     folder = folder if folder.is_dir() else Path.cwd()
-    names = (f"{path.stem}-saved{number or ''}{path.suffix}" for number in count())
+    names = (f"{path.stem}-{what}{number or ''}{path.suffix}" for number in count())
     return next(folder / name for name in names if not (folder / name).exists())

@@ -287,6 +287,9 @@ def test_an_altered_chunk_is_not_measured_and_is_measured_again(states, tmp_path
             assert again.appended == first
             measure(again, first)
         assert measured_and_right(path) == POSITIONS
+        # what was right behind the altered chunk is measured again, too, but was not thrown away
+        kept = [one.read_bytes() for one in tmp_path.glob("scan-as-found*.h5")]
+        assert (bytes(altered) in kept) == (last < POSITIONS - 1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="an open file's new name is found as Linux tells it")
