@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from errno import EPIPE
-from typing import IO, Any, cast
+from typing import IO, Any, TextIO, cast
 
 
 class Dropping:
@@ -72,7 +72,7 @@ class Dropping:
                 os.close(nowhere)
 
     def _write(self, text: str) -> None:
-        stream = cast("IO[str]", self._stream)
+        stream = cast("TextIO", self._stream)
         try:
             stream.write(text)
         except UnicodeEncodeError:  # such as a file name that is not UTF-8
