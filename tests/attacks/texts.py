@@ -15,6 +15,7 @@ import numpy as np
 
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, WORDS, spoiled_bytes, spoiled_json, spoiled_text, spoiled_tree
+from drivers.errors import DeviceError
 from recon.errors import ReconError
 from rig.errors import RigError
 from rig.model import config as configuration
@@ -391,7 +392,7 @@ def read_mesh(given: tuple[str, bytes]) -> None:
     true_depth(str(path), axis_m, axis_m)
 
 
-_OURS = (RigError, ReconError)
+_OURS = (RigError, ReconError, DeviceError)
 ATTACKS = (
     Attack("quantity", quantity, read_quantity, _OURS),
     Attack("grid", grid_option, read_grid, _OURS),
