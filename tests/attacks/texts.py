@@ -3,6 +3,7 @@
 PYTHONPATH=tests python -m attacks.texts --number 100000 [NAME...]
 """
 
+import contextlib
 import json
 import tempfile
 from datetime import UTC, datetime
@@ -385,10 +386,8 @@ def read_mesh(given: tuple[str, bytes]) -> None:
     path = folder() / f"mesh.{given[0]}"
     path.write_bytes(given[1])
     axis_m = np.linspace(-0.2, 0.2, 5)
-    try:
+    with contextlib.suppress(RigError):
         hidden_scene(built_in_with({"simulation": {"scene": str(path)}})).depth_map(axis_m, axis_m)
-    except RigError:
-        pass
     true_depth(str(path), axis_m, axis_m)
 
 

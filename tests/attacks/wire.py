@@ -1,9 +1,10 @@
 """Attacks on everything that reads bytes of devices: whole drivers, behind whose wires anything may come.
 
-    PYTHONPATH=tests python -m attacks.wire --number 100000 [NAME...]
+PYTHONPATH=tests python -m attacks.wire --number 100000 [NAME...]
 """
 
 import struct
+from copy import deepcopy
 from ctypes import CFUNCTYPE, c_int
 from dataclasses import replace
 from random import Random
@@ -24,50 +25,88 @@ from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import OptotuneMirror
 from support.hydraharp_wire import C_TYPES, DECLARED, write
-from support.protocol_noise import answers
+from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
 from support.wire_script import StepClock
 
 serial.protocol_handler_packages.append("support")
 
-#: What a good device answers, in the order of the questions of a short session.
-_GALVO = [b"OK\r\n", b"MR-E-2 board\r\n", b"00000000\r\n", b"OK\r\n", b"00000000\r\n", b"00000000\r\n", b"00000000\r\n"]
-_LASER = [b"status: 0\n", b"status: 0\n", b"lps=1\n", b"ltg=0\n", b"ltg_freq=10000000\n", b"lp=5.00\n", b"status: 1\n"]
-_SPAD = [b"ID120 x\n", b"FALSE\n", b"0 1000000\n", b"500 1000000 1\n", b"40 100000\n", b"0 10000\n", b"0\n", b"40000\n"]
-_SPAD += [b"100\n", b"5000\n", b"EXT\n", b"TRUE\n", b"FALSE\n", b"EXT\n", b"ID120\n", b"S1\n", b"1.0\n", b"EXT\n", b"1\n"]
-_SPAD += [b"1\n", b"TRUE\n", b"0\n", b"40000\n", b"100\n", b"5000\n", b"FALSE\n"]
+Table = dict[str, list[bytes]]
+
+#: What a good device answers to each question, in turn, the last for ever.
+GALVO: Table = {
+    "START": [b"OK\r\n"],
+    "GETID": [b"MR-E-2 board\r\n"],
+    "STATUS": [b"00000100\r\n", b"00000010\r\n", b"00000000\r\n"],
+    "ACKNOWLEDGE": [b"OK\r\n"],
+    "XY": [b"OK\r\n"],
+}
+LASER: Table = {
+    "leg?": [b"status: 0\n", b"status: 0\n", b"status: 0\n", b"status: 1\n", b"status: 1\n", b"status: 0\n"],
+    "lps?": [b"lps=1\n", b"lps=1\n", b"lps=0\n"],
+    "ltg?": [b"ltg=0\n"],
+    "ltg_freq?": [b"ltg_freq=10000000\n"],
+    "lp?": [b"lp=5.00\n"],
+    "lps": [b""],
+    "leg": [b""],
+}
+SPAD: Table = {
+    "*IDN?": [b"ID Quantique,ID120\n"],
+    "REG:RUN?": [b"FALSE\n", b"TRUE\n", b"TRUE\n", b"FALSE\n"],
+    "GATE:MODE?": [b"EXT\n"],
+    "GATE:DELAY_CAPABILITY?": [b"0 1000000 1\n"],
+    "GATE:DELAY?": [b"0\n"],
+    "GATE:WIDTH_CAPABILITY?": [b"500 1000000\n"],
+    "GATE:WIDTH?": [b"40000\n"],
+    "HOLDOFF:CAPABILITY?": [b"40 100000\n"],
+    "HOLDOFF:TIME?": [b"100\n"],
+    "BIAS:EXCESS_CAPABILITY?": [b"0 10000\n"],
+    "BIAS:EXCESS?": [b"5000\n"],
+    "BIAS:ERROR_STATUS?": [b"FALSE\n"],
+    "BIAS:VOLTAGE?": [b"40000000\n"],
+    "REG:MEASURED_TEMP?": [b"-40000\n"],
+    "INFO:PRODUCT_NAME?": [b"ID120\n"],
+    "INFO:PRODUCT_SERIAL_NUMBER?": [b"S1\n"],
+    "INFO:FIRMWARE_VERSION?": [b"1.0\n"],
+}
 
 
-def session(good: list[bytes]) -> Any:
-    """Return what makes a session's answers, of which some are spoiled."""
+def spoiled(random: Random, good: Table) -> Table:
+    """Return a table of answers of which some are spoiled."""
+    table = {question: list(said) for question, said in good.items()}
+    for question in random.sample(sorted(table), random.randint(1, 3)):
+        at = random.randrange(len(table[question]))
+        said = table[question][at]
+        end = b"\r\n" if said.endswith(b"\r\n") else b"\n"
+        number = random.choice(NUMBERS).encode()
+        table[question][at] = random.choice(
+            [
+                spoiled_bytes(random, said),
+                number + end,
+                said.split(b"=")[0].strip() + b"=" + number + end,
+                b"",
+                b"(Error " + number + b")" + end,
+                said * 100,
+                b"x" * 5000,
+                random.randbytes(30) + end,
+                b"\x1b[31m\0" + said,
+            ]
+        )
+    return table
 
-    def make(random: Random) -> list[bytes]:
-        said = list(good)
-        for _ in range(random.randint(1, 3)):
-            at = random.randrange(len(said))
-            ending = b"\r\n" if said[at].endswith(b"\r\n") else b"\n"
-            number = random.choice(NUMBERS).encode("utf-8")
-            said[at] = random.choice(
-                [spoiled_bytes(random, said[at]), number + ending, said[at].split(b"=")[0] + b"=" + number + ending,
-                 b"", b"(Error " + number + b")" + ending, said[at] * 100, random.randbytes(30) + ending]
-            )  # fmt: skip
-        return said
 
-    return make
-
-
-def read_galvo(said: list[bytes]) -> None:
+def read_galvo(said: Table) -> None:
     """Connect, point, settle and ask for the settings."""
-    answers["galvo"] = list(said)
+    answers["galvo"] = deepcopy(said)
     with OptotuneMirror("noise://galvo", clock=StepClock(), timeout_s=0.01) as mirror:
         mirror.point(0.1, 0.1)
         mirror.wait_settled(0.1)
         mirror.settings()
 
 
-def read_laser(said: list[bytes]) -> None:
+def read_laser(said: Table) -> None:
     """Connect, arm, emit, ask for the settings."""
-    answers["laser"] = list(said)
+    answers["laser"] = deepcopy(said)
     settings = KatanaSettings(power_setpoint=5.0, repetition_hz=10e6)
     with KatanaLaser("noise://laser", clock=StepClock(), settings=settings, timeout_s=0.01) as laser:
         laser.arm()
@@ -78,47 +117,58 @@ def read_laser(said: list[bytes]) -> None:
 class NoisyUsb(ScriptedUsb):
     """A USBTMC device whose answers are given, in good frames or spoiled ones."""
 
-    def __init__(self, said: list[bytes], random: Random) -> None:
-        super().__init__([], packet=random.choice([64, 64, 64, 64, 512, 8, 0]))
-        self.said, self.random, self.tag = list(said), random, 1
-        self.noisy = random.random() < 0.5
+    def __init__(self, said: Table, seed: int | None) -> None:
+        self.random = Random(seed)
+        self.noisy = seed is not None
+        super().__init__([], packet=self.random.choice([64, 64, 64, 512, 8, 0]) if self.noisy else 64)
+        self.said, self.asked, self.tag = deepcopy(said), "", 1
 
     def bulk_write(self, handle, ep, intf, data, timeout):
         self.tag = data[1]
+        if data[0] == 1:
+            self.asked = bytes(data[12:]).rstrip(b"\0\n").decode("ascii")
         return len(data)
 
     def bulk_read(self, handle, ep, intf, buff, timeout):
-        message = self.said.pop(0) if self.said else b""
+        message = next_answer(self.said, self.asked)
         head = bytes([2, self.tag, 255 - self.tag, 0]) + struct.pack("<IB3x", len(message), 1)
         frame = head + message
         if self.noisy and self.random.random() < 0.1:
             frame = spoiled_bytes(self.random, frame)
             if self.random.random() < 0.2:
-                frame = head[:4] + struct.pack("<IB3x", self.random.choice([0, 2**32 - 1, 10**6]), 0) + bytes(600)
+                frame = (
+                    head[:4] + struct.pack("<IB3x", self.random.choice([0, 2**32 - 1, 10**6]), 0) + bytes(600)
+                )
         if self.noisy and self.random.random() < 0.05:
-            raise self.random.choice([USBTimeoutError("late", -7, 110), USBError("gone", -4, 19), USBError("pipe", -9, 32)])
+            raise self.random.choice(
+                [USBTimeoutError("late", -7, 110), USBError("gone", -4, 19), USBError("pipe", -9, 32)]
+            )
         frame = frame[: len(buff)]
         buff[: len(frame)] = type(buff)("B", frame)
         return len(frame)
 
     def ctrl_transfer(self, handle, kind, request, value, index, data, timeout):
         good = bytes([1]) + bytes(len(data) - 1)
-        came = good if not self.noisy or self.random.random() < 0.9 else spoiled_bytes(self.random, good)[: len(data)]
+        came = (
+            good
+            if not self.noisy or self.random.random() < 0.9
+            else spoiled_bytes(self.random, good)[: len(data)]
+        )
         data[: len(came)] = type(data)("B", came)
         return len(came)
 
 
-def read_spad(given: tuple[list[bytes], int]) -> None:
+def read_spad(given: tuple[Table, int | None]) -> None:
     """Connect, switch on, ask for the settings."""
     said, seed = given
-    backend = NoisyUsb(said, Random(seed))
+    backend = NoisyUsb(said, seed)
     with Id120Spad(backend=backend, clock=StepClock(), timeout_s=0.01) as spad:
         spad.enable()
         spad.settings()
 
 
 #: What a good HydraHarp writes into the pointers of its functions.
-_HARP: dict[str, tuple[Any, ...]] = {
+HARP: dict[str, tuple[Any, ...]] = {
     "HH_GetLibraryVersion": ("3.0",),
     "HH_OpenDevice": ("1000001",),
     "HH_GetHardwareInfo": ("HydraHarp 400", "930010", "2.0"),
@@ -141,13 +191,17 @@ _TEXTS = ["", "3.0", "\x1b[31m", "x" * 15, "\udc80".encode("utf-8", "surrogatees
 
 def harp(random: Random) -> dict[str, Any]:
     """Return what a library writes, a few functions spoiled, and the codes it returns."""
-    said: dict[str, Any] = dict(_HARP)
-    for name in random.sample(sorted(_HARP), random.randint(1, 3)):
+    said: dict[str, Any] = dict(HARP)
+    for name in random.sample(sorted(HARP), random.randint(1, 3)):
         said[name] = tuple(
             random.choice(_FLOATS if isinstance(one, float) else _INTS if isinstance(one, int) else _TEXTS)
             for one in said[name]
         )
-    codes = {random.choice(sorted(DECLARED)): random.choice([-1, -37, -99, 1, 2**31 - 1])} if random.random() < 0.2 else {}
+    codes = (
+        {random.choice(sorted(DECLARED)): random.choice([-1, -37, -99, 1, 2**31 - 1])}
+        if random.random() < 0.2
+        else {}
+    )
     return {"writes": said, "codes": codes}
 
 
@@ -166,7 +220,9 @@ def read_harp(given: dict[str, Any]) -> None:
         return CFUNCTYPE(c_int, *(C_TYPES[c_type] for c_type in DECLARED[name]))(call)
 
     library = HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
-    with HydraHarp(library, clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)) as instrument:
+    with HydraHarp(
+        library, clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)
+    ) as instrument:
         instrument.measure(0.001)
         rates = instrument.rates()
         assert rates.sync_hz >= 0
@@ -176,15 +232,16 @@ def read_harp(given: dict[str, Any]) -> None:
         assert settings["bin_width_s"] > 0
 
 
-def _spad(random: Random) -> tuple[list[bytes], int]:
-    said = session(_SPAD)(random) if random.random() < 0.7 else list(_SPAD)
-    return said, random.randrange(10**9)
+def spad(random: Random) -> tuple[Table, int | None]:
+    """Return answers, and the seed of what else goes wrong on the bus, None where nothing does."""
+    kind = random.random()
+    return spoiled(random, SPAD) if kind < 0.7 else SPAD, random.randrange(10**9) if kind > 0.4 else None
 
 
 ATTACKS = (
-    Attack("galvo", session(_GALVO), read_galvo, (DeviceError,)),
-    Attack("laser", session(_LASER), read_laser, (DeviceError,)),
-    Attack("detector", _spad, read_spad, (DeviceError,)),
+    Attack("galvo", lambda random: spoiled(random, GALVO), read_galvo, (DeviceError,)),
+    Attack("laser", lambda random: spoiled(random, LASER), read_laser, (DeviceError,)),
+    Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
 )
 

@@ -1,8 +1,13 @@
-"""pyserial's handler for ``noise://NAME``: a port that answers each line with the next bytes of a list."""
+"""pyserial's handler for ``noise://NAME``: a port whose answers are a table, good or spoiled.
+
+A question is what comes before ``=``, ``?`` or the line's end; its answers come in turn, the last for ever.
+"""
+
+import re
 
 from serial.serialutil import SerialBase
 
-answers: dict[str, list[bytes]] = {}
+answers: dict[str, dict[str, list[bytes]]] = {}
 
 
 class Serial(SerialBase):
@@ -24,10 +29,15 @@ class Serial(SerialBase):
         return data
 
     def write(self, data: bytes) -> int:
-        # a setting of the laser, name=value, is taken without an answer
-        if self._answers and not (data.endswith(b"\n") and b"=" in data and not data.startswith(b"XY")):
-            self._came += self._answers.pop(0)
+        question = re.match(rb"[^=\r\n]*", data).group().decode("latin-1")
+        self._came += next_answer(self._answers, question)
         return len(data)
 
     def _reconfigure_port(self) -> None:
         pass
+
+
+def next_answer(table: dict[str, list[bytes]], question: str) -> bytes:
+    """Return the next answer to a question; nothing where it has none."""
+    said = table.get(question, [b""])
+    return said.pop(0) if len(said) > 1 else said[0]
