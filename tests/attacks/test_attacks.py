@@ -67,7 +67,8 @@ FOUND = [
     ("plan", "[" * 100_000),
     ("plan", '{"columns": 1e308, "rows": {}, "spacing_m": [], "exposure_s": null, "detector_spot_m": 1}'),
     ("calibration", "[" * 100_000),
-    ("mesh", ("ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+    ("mesh", ("ply", b"ply\nformat ascii 1.0\nelement vertex 1\n"
+              b"property float x\nproperty float y\nproperty float z\n"
               b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n3 0 0 7\n")),
     ("hydraharp", {"writes": {**wire.HARP, "HH_GetBaseResolution": (0.0, 26)}, "codes": {}}),
     ("hydraharp", {"writes": {**wire.HARP, "HH_GetBaseResolution": (float("nan"), 26)}, "codes": {}}),
