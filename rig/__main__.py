@@ -84,7 +84,7 @@ def _hint(error: Exception) -> str:
 
 
 def _report(message: str, code: int) -> None:
-    from rig.commands.streams import printable
+    from rig.errors import printable
 
     if "--json" in sys.argv[1:]:
         print(json.dumps({"error": message, "exit_code": code}), flush=True)

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rig.acquire.engine import Ended, Event, PhaseChanged, Ready, StepDone
-from rig.commands.streams import printable
+from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:

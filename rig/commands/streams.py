@@ -107,15 +107,3 @@ def _occupy_standard_files() -> None:
         except OSError:
             with suppress(OSError):
                 os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-
-
-def printable(text: str) -> str:
-    r"""Return text without control characters: those but line ends, and halves of characters, as escapes.
-
-    A file may be called anything; its name in a message must not steer the terminal.
-    """
-    return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")

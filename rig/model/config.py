@@ -407,8 +407,17 @@ def recorded(text: str) -> RigConfig:
 
 
 def built_in_with(changes: Table) -> RigConfig:
-    """Return the built-in simulated rig with ``changes``, written as a file's tables are."""
-    return RigConfig.model_validate(merged({"simulation": {}}, changes))
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are.
+
+    Raises
+    ------
+    ConfigError
+        If a value is wrong.
+    """
+    try:
+        return RigConfig.model_validate(merged({"simulation": {}}, changes))
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
 
 def load(path: Path, changes: Table | None = None) -> RigConfig:

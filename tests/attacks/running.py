@@ -57,13 +57,17 @@ class TooLongError(BaseException):
     """Raised where a reader takes too long; no `Exception`, so that nobody catches it on its way."""
 
 
-def attack(one: Attack, number: int, first: int = 0) -> list[Finding]:
-    """Give a reader so many inputs; return the first finding of each kind."""
+def attack(
+    one: Attack, number: int, first: int = 0, tell: Callable[[Finding], object] = lambda _: None
+) -> list[Finding]:
+    """Give a reader so many inputs; tell and return the first finding of each kind."""
     found: dict[str, Finding] = {}
     for index in range(first, first + number):
         given = one.make(Random(f"{one.name} {index}"))
-        if what := refused_badly(one, given):
-            found.setdefault(what, Finding(index, what, repr(given)[:300]))
+        what = refused_badly(one, given)
+        if what and what not in found:
+            found[what] = Finding(index, what, repr(given)[:300])
+            tell(found[what])
     return list(found.values())
 
 
@@ -128,9 +132,12 @@ def main(attacks: tuple[Attack, ...]) -> None:
         if given.names and one.name not in given.names:
             continue
         began_s = time.monotonic()
-        found = attack(one, given.number, given.first)
-        print(f"{one.name}: {given.number} inputs, {len(found)} findings, {time.monotonic() - began_s:.0f} s")
-        for finding in found:
-            print(f"  {finding.number}: {finding.what}\n      {finding.shown}")
+        found = attack(one, given.number, given.first, _tell)
+        took_s = time.monotonic() - began_s
+        print(f"{one.name}: {given.number} inputs, {len(found)} findings, {took_s:.0f} s", flush=True)
         total += len(found)
     sys.exit(total > 0)
+
+
+def _tell(finding: Finding) -> None:
+    print(f"  {finding.number}: {finding.what}\n      {finding.shown}", flush=True)
