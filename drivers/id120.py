@@ -8,7 +8,7 @@ ID120's manner.
 
 import re
 from dataclasses import asdict, dataclass
-from math import isfinite
+from math import isfinite, nan
 from types import TracebackType
 from typing import Any, Self
 
@@ -225,7 +225,7 @@ class Id120Spad:
         quantity = next(one for one in GATE_EXTENSION if one.name == setting)
         answer = self._ask(quantity.capability)
         numbers = [float(text) for text in re.findall(r"[-+]?\d+(?:\.\d+)?", answer)]
-        if len(numbers) not in (2, 3) or numbers[0] > numbers[1]:
+        if len(numbers) not in (2, 3) or not all(map(isfinite, numbers)) or numbers[0] > numbers[1]:
             raise self._nonsense(quantity.capability, answer)
         low, high, step = (*numbers, 1.0)[:3]
         unit = quantity.units_per_si
@@ -296,15 +296,20 @@ class Id120Spad:
 
     def _ask(self, question: str) -> str:
         self._tell(question)
-        answer = self._connected().read(f"answer {question!r}")
-        return answer.decode("ascii", "backslashreplace").strip()
+        answer = self._connected().read(f"answer {question!r}").decode("ascii", "backslashreplace").strip()
+        if not answer.isprintable():
+            raise self._nonsense(question, answer)
+        return answer
 
     def _number(self, question: str) -> float:
         answer = self._ask(question)
         try:
-            return float(answer)
+            value = float(answer)
         except ValueError:
-            raise self._nonsense(question, answer) from None
+            value = nan
+        if not isfinite(value):
+            raise self._nonsense(question, answer)
+        return value
 
     def _flag(self, question: str) -> bool:
         answer = self._ask(question)
@@ -331,5 +336,8 @@ class Id120Spad:
 
     def _nonsense(self, question: str, answer: str) -> ProtocolError:
         return ProtocolError(
-            self.name, f"answer {question!r}", f"{answer!r} came", "Check its firmware version; connect anew."
+            self.name,
+            f"answer {question!r}",
+            f"{answer[:200]!r} came",
+            "Check its firmware version; connect anew.",
         )

@@ -165,9 +165,9 @@ def voxels(
     """
     low, high = extent(capture)
     pitch_m = spacing_m(capture)
-    voxel_m = voxel_m or pitch_m
-    width_m = width_m or float(high[0] - low[0]) + pitch_m
-    height_m = height_m or float(high[1] - low[1]) + pitch_m
+    voxel_m = pitch_m if voxel_m is None else voxel_m
+    width_m = float(high[0] - low[0]) + pitch_m if width_m is None else width_m
+    height_m = float(high[1] - low[1]) + pitch_m if height_m is None else height_m
     grid = VoxelGrid.from_spec(
         width_m,
         height_m,

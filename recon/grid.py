@@ -1,11 +1,18 @@
 """The voxels that are imaged."""
 
+import os
 from dataclasses import dataclass
+from math import ceil, floor, inf, isfinite, log10
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.errors import ParameterError
+from recon.errors import MemoryBoundError, ParameterError
+
+#: What imaging holds for each voxel: field and lateness, intensity and its noise, and what a picture needs.
+BYTES_PER_VOXEL = 24
+#: More voxels along one axis are a slip in typing: a thousandth of a wavelength in a hall of 40 m.
+MOST_ALONG_AXIS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -49,15 +56,19 @@ class VoxelGrid:
         ------
         ParameterError
             If a size or a step is not positive, or depths run backwards.
+        MemoryBoundError
+            If there are more voxels than this computer holds, or than make sense; nothing is allocated.
         """
         near, far, step = depth_m
-        if min(width_m, height_m, voxel_m, step) <= 0 or far < near:
+        numbers = (width_m, height_m, voxel_m, *depth_m)
+        if not (all(map(isfinite, numbers)) and min(width_m, height_m, voxel_m, step) > 0 and far >= near):
             raise ParameterError(
                 "volume",
                 f"{width_m} m x {height_m} m of {voxel_m} m voxels, depths {near} m to {far} m by {step} m",
-                "sizes and steps must be positive, and depths ascend",
+                "sizes and steps must be finite and positive, and depths ascend",
                 "Write depths as near:far:step.",
             )
+        _check_size(width_m, height_m, voxel_m, depth_m)
         planes = int(np.floor((far - near) / step + 1e-6)) + 1
         return cls(
             _centred(width_m, voxel_m) + centre_m[0],
@@ -96,3 +107,69 @@ def _centred(extent_m: float, pitch_m: float) -> NDArray[np.float64]:
     """Return centres of the cells that fill an extent, symmetric about zero."""
     count = max(1, round(extent_m / pitch_m))
     return (np.arange(count, dtype=np.float64) - (count - 1) / 2) * pitch_m
+
+
+def _check_size(width_m: float, height_m: float, voxel_m: float, depth_m: tuple[float, float, float]) -> None:
+    """Refuse more voxels than the computer holds, before there is one; say the least change that fits."""
+    near, far, step = depth_m
+    across = [_cells(width_m, voxel_m), _cells(height_m, voxel_m)]
+    planes = _cells(far - near, step) + 1
+    room = _memory_bytes() / BYTES_PER_VOXEL
+    if (
+        max(across) <= MOST_ALONG_AXIS
+        and planes <= MOST_ALONG_AXIS
+        and across[0] * across[1] * planes <= room
+    ):
+        return
+    least = _least_change(width_m, height_m, voxel_m, depth_m, room)
+    raise MemoryBoundError(
+        "volume",
+        f"{across[0]:.6g} x {across[1]:.6g} voxels in {planes:.6g} planes",
+        f"this computer holds {room:.2g} voxels of {BYTES_PER_VOXEL} bytes, and an axis has at most "
+        f"{MOST_ALONG_AXIS:,}",
+        f"{least} would fit.",
+    )
+
+
+def _least_change(
+    width_m: float,
+    height_m: float,
+    voxel_m: float,
+    depth_m: tuple[float, float, float],
+    room: float,
+) -> str:
+    """Return in words which voxels, else which steps of depth, else which of both would fit."""
+    near, far, step = depth_m
+    planes = _cells(far - near, step) + 1
+    finest_m = max(width_m, height_m) / MOST_ALONG_AXIS
+    if planes <= min(MOST_ALONG_AXIS, room):
+        needed_m = max(voxel_m, finest_m, (width_m * (height_m / room * planes)) ** 0.5)
+        return f"Voxels of {_rounded_up(needed_m)}"
+    across = _cells(width_m, voxel_m) * _cells(height_m, voxel_m)
+    if across <= room / 100:
+        most = min(MOST_ALONG_AXIS, room / across)
+        return f"Steps in depth of {_rounded_up((far - near) / (most - 1))}"
+    most = min(1e3, MOST_ALONG_AXIS)
+    needed_m = max(voxel_m, finest_m, (width_m * (height_m / room * most)) ** 0.5)
+    return f"Voxels of {_rounded_up(needed_m)} and steps in depth of {_rounded_up((far - near) / (most - 1))}"
+
+
+def _cells(extent_m: float, pitch_m: float) -> float:
+    """Return how many cells fill an extent, at least one; infinity where no number can say it."""
+    return max(1.0, extent_m / pitch_m) if pitch_m * 1e300 > extent_m else inf
+
+
+def _rounded_up(length_m: float) -> str:
+    """Return a length with two digits, not less than it is."""
+    if not 0 < length_m < inf:
+        return "another size"
+    digit_m = 10.0 ** (floor(log10(length_m)) - 1)
+    return f"{ceil(length_m / digit_m * (1 - 1e-9)) * digit_m * 1e3:.3g}mm"
+
+
+def _memory_bytes() -> float:
+    """Return the memory of this computer."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # not told everywhere, such as on Windows
+        return 16e9

@@ -28,6 +28,8 @@ Over = Literal["max", "sum", "surface"]
 Sink = Callable[[int, NDArray[np.float32]], None]
 #: Frames in a pulse's full width at half maximum.
 FRAMES_PER_PULSE = 4
+#: More frames are no video, but a slip in typing: at 25 a second it would take more than an hour.
+MOST_FRAMES = 100_000
 
 
 def video(
@@ -114,7 +116,7 @@ def frame_times_s(
     Raises
     ------
     ParameterError
-        If the moments run backwards.
+        If the moments run backwards, or are too many.
     """
     width_s = pulse.cycles * pulse.wavelength_m / C_M_PER_S
     if frames_s is None:
@@ -127,11 +129,11 @@ def frame_times_s(
         last_s = min(2 * (longest_m - far_m) / C_M_PER_S, end_s - near_m / C_M_PER_S)
         frames_s = (first_s, max(first_s, last_s), width_s / FRAMES_PER_PULSE)
     first_s, last_s, step_s = frames_s
-    if not (last_s >= first_s and step_s > 0):
+    if not (last_s >= first_s and step_s > 0 and (last_s - first_s) / MOST_FRAMES < step_s):
         raise ParameterError(
             "video",
             f"frames from {first_s} s to {last_s} s, {step_s} s apart",
-            "moments must ascend",
+            f"moments must ascend, {MOST_FRAMES:,} at most",
             "Write them as first:last:step, e.g. 2ns:20ns:0.2ns.",
         )
     return first_s + step_s * np.arange(int((last_s - first_s) / step_s + 1e-6) + 1, dtype=np.float64)

@@ -22,6 +22,11 @@ PULSE_SIGMAS = 4.0
 CYCLES = 2.0
 #: Shortest pulse: its band of `BAND_SIGMAS` begins at 0.06 of the carrier's frequency.
 MIN_CYCLES = 1.2
+#: Longest pulse; what is longer is a continuous wave.
+MAX_CYCLES = 10_000.0
+#: Wavelengths that a computed wave can have: no detector's timing resolves less than a tenth of a millimetre,
+#: and no wall is a kilometre wide.
+MIN_WAVELENGTH_M, MAX_WAVELENGTH_M = 1e-5, 1e3
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,8 @@ class VirtualPulse:
     Raises
     ------
     ParameterError
-        If the wavelength is not positive, or the pulse so short (below `MIN_CYCLES`) that its band would come
-        near zero frequency.
+        If the wavelength is outside `MIN_WAVELENGTH_M` to `MAX_WAVELENGTH_M`, the pulse so short (below
+        `MIN_CYCLES`) that its band would come near zero frequency, or longer than `MAX_CYCLES`.
     """
 
     wavelength_m: float
@@ -89,11 +94,11 @@ class VirtualPulse:
 
     def __post_init__(self) -> None:
         _check_wavelength("virtual pulse", self.wavelength_m)
-        if not MIN_CYCLES <= self.cycles < inf:
+        if not MIN_CYCLES <= self.cycles <= MAX_CYCLES:
             raise ParameterError(
                 "virtual pulse",
-                f"{self.cycles} cycles",
-                f"a pulse needs {MIN_CYCLES:g} or more",
+                f"{self.cycles:g} cycles",
+                f"a pulse has {MIN_CYCLES:g} to {MAX_CYCLES:g}",
                 f"The usual number is {CYCLES:g}.",
             )
 
@@ -152,7 +157,7 @@ class ContinuousWave:
     Raises
     ------
     ParameterError
-        If the wavelength is not positive.
+        If the wavelength is outside `MIN_WAVELENGTH_M` to `MAX_WAVELENGTH_M`.
     """
 
     wavelength_m: float
@@ -171,5 +176,10 @@ Light = VirtualPulse | ContinuousWave
 
 
 def _check_wavelength(thing: str, wavelength_m: float) -> None:
-    if not wavelength_m > 0:
-        raise ParameterError(thing, f"wavelength {wavelength_m} m", "it is not positive", "Try 4 cm.")
+    if not MIN_WAVELENGTH_M <= wavelength_m <= MAX_WAVELENGTH_M:
+        raise ParameterError(
+            thing,
+            f"wavelength {wavelength_m:g} m",
+            f"it is not between {MIN_WAVELENGTH_M:g} and {MAX_WAVELENGTH_M:g} m",
+            "Try 4 cm.",
+        )

@@ -4,7 +4,6 @@ import json
 import os
 import sys
 import traceback
-from contextlib import suppress
 
 
 def main() -> None:
@@ -13,20 +12,38 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
     safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped at once.
     """
+    from rig.commands.streams import dropping
+
+    with dropping() as out:
+        code = _run()
+        out.flush()
+        if out.lost is not None and code in {0, None}:
+            code = 2
+            _report(
+                f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
+            )
+    sys.exit(code)
+
+
+def _run() -> int | None:
+    """Run a verb; return the exit code."""
     from rig.commands import app
 
     try:
         app()
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:
         code = _exit_code(error)
         if code is None:
             traceback.print_exc()
             print("rig: this is a defect in rig; please report it with the lines above.", file=sys.stderr)
-            sys.exit(1)
+            return 1
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
-        _report(f"{error}{_hint(error)}", code)
-        sys.exit(code)
+        _report(f"{_in_words(error)}{_hint(error)}", code)
+        return code
+    return 0
 
 
 def _exit_code(error: Exception) -> int | None:
@@ -37,13 +54,26 @@ def _exit_code(error: Exception) -> int | None:
 
     if isinstance(error, RigError):
         return error.exit_code
-    if isinstance(error, LimitError):
+    if isinstance(error, LimitError | MemoryError):
         return 4
     if isinstance(error, DeviceError):
         return 3
-    if isinstance(error, ReconError):
+    if isinstance(error, ReconError) or _is_of_a_file(error):
         return 2
     return None
+
+
+def _is_of_a_file(error: Exception) -> bool:
+    """Return whether the system refused a file: a full disk, a name too long, a permission."""
+    return isinstance(error, OSError) and error.errno is not None and error.filename is not None
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}; choose another file, or mend what the system says"
+    return str(error)
 
 
 def _hint(error: Exception) -> str:
@@ -54,11 +84,11 @@ def _hint(error: Exception) -> str:
 
 
 def _report(message: str, code: int) -> None:
-    with suppress(OSError):  # nobody may be listening any more; the exit code says it still
-        if "--json" in sys.argv[1:]:
-            print(json.dumps({"error": message, "exit_code": code}), flush=True)
-    with suppress(OSError):
-        print(f"rig: {message}", file=sys.stderr)
+    from rig.errors import printable
+
+    if "--json" in sys.argv[1:]:
+        print(json.dumps({"error": message, "exit_code": code}), flush=True)
+    print(f"rig: {printable(message)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -63,3 +63,15 @@ class CalibrationError(RigError):
     """Raised when what was measured does not allow a calibration; nothing is stored."""
 
     exit_code = 5
+
+
+def printable(text: str) -> str:
+    r"""Return text without control characters: those but line ends, and halves of characters, as escapes.
+
+    A file may be called anything; its name in a message must not steer the terminal.
+    """
+    return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from types import TracebackType
 from typing import Self
 
@@ -31,6 +32,9 @@ CLOCK_ERROR = 1e-3
 
 #: How often the caller is asked during an exposure whether it shall go on.
 MEANWHILE_S = 0.05
+
+#: More inputs (a detector of many pixels, simulated), and bin widths of more powers of two, none can have.
+MAX_INPUTS, MAX_BINNINGS = 4096, 64
 
 
 @dataclass(frozen=True)
@@ -265,10 +269,26 @@ class HydraHarp:
         return True
 
     def rates(self) -> Rates:
-        """Return the rates of sync and photon inputs; the instrument renews them each 100 ms."""
+        """Return the rates of sync and photon inputs; the instrument renews them each 100 ms.
+
+        Raises
+        ------
+        HydraHarpError
+            If the library refuses a call.
+        ProtocolError
+            If a rate is negative.
+        """
         library, index = self._library, self._index
         sync_hz = float(library.get_sync_rate(index))
-        return Rates(sync_hz, tuple(float(library.get_count_rate(index, n)) for n in self._settings.inputs))
+        inputs_hz = tuple(float(library.get_count_rate(index, n)) for n in self._settings.inputs)
+        if min(sync_hz, *inputs_hz) < 0:
+            raise ProtocolError(
+                self._name,
+                "tell its count rates",
+                f"it says {sync_hz:g} Hz of sync pulses and {', '.join(f'{one:g}' for one in inputs_hz)} Hz",
+                "Switch the HydraHarp off and on.",
+            )
+        return Rates(sync_hz, inputs_hz)
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the instrument warns about at the present rates, as plain sentences."""
@@ -297,6 +317,7 @@ class HydraHarp:
         library, settings = self._library, self._settings
         inputs = library.get_num_of_input_channels(index)
         base_ps, binnings = library.get_base_resolution(index)
+        self._require_sane(inputs, base_ps, binnings)
         self.limits = replace(LIMITS, device=self._name, inputs=inputs, base_ps=base_ps, binnings=binnings)
         wire = settings.integers(self.limits)
         library.calibrate(index)
@@ -318,9 +339,21 @@ class HydraHarp:
         library.set_meas_control(index, hh.MeasControl.SINGLESHOT_CTC, hh.Edge.RISING, hh.Edge.FALLING)
         self._require_as_asked()
 
+    def _require_sane(self, inputs: int, base_ps: float, binnings: int) -> None:
+        """Refuse an instrument that says of itself what none can be."""
+        if 1 <= inputs <= MAX_INPUTS and 0 < base_ps < inf and 1 <= binnings <= MAX_BINNINGS:
+            return
+        raise ProtocolError(
+            self._name,
+            "tell its inputs, its finest bin width and its number of bin widths",
+            f"it says {inputs}, {base_ps:g} ps and {binnings}",
+            "Switch the HydraHarp off and on.",
+        )
+
     def _require_as_asked(self) -> None:
         asked_s, bins = self._settings.bin_width_s, self._settings.bins
-        if abs(self._bin_width_s - asked_s) > SAME * asked_s or self._histogram_bins < bins:
+        as_wide = abs(self._bin_width_s - asked_s) <= SAME * asked_s  # a width that is no number is not
+        if not (as_wide and bins <= self._histogram_bins <= self.limits.max_bins):
             raise ProtocolError(
                 self._name,
                 f"make histograms of {bins} bins of {asked_s:g} s",

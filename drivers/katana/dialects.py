@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, field
+from math import inf, isfinite
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ KATANA_08HP = Dialect(
 DIALECTS = (KATANA_05, KATANA_08HP)
 
 _EMISSION = re.compile(r"status:\s*([01])")
-_REFUSAL = re.compile(r"\(Error\s+(\d+)\)")
+_REFUSAL = re.compile(r"\(Error\s+([0-9]{1,9})\)")
 
 
 def parse_emission(text: str) -> bool | None:
@@ -73,9 +74,13 @@ def parse_emission(text: str) -> bool | None:
 
 
 def parse_value(name: str, text: str) -> float | None:
-    """Return the number in an answer ``name=number``, or None; stray bytes around it do not matter."""
+    """Return the number in an answer ``name=number``, or None; stray bytes around it do not matter.
+
+    A number that is too large for one is none.
+    """
     match = re.search(rf"(?<![A-Za-z0-9_]){name}\s*=\s*([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)", text)
-    return float(match[1]) if match else None
+    value = float(match[1]) if match else inf
+    return value if isfinite(value) else None
 
 
 def parse_refusal(text: str) -> int | None:

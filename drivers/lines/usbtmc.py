@@ -45,6 +45,8 @@ _HEADER = struct.Struct("<BBBxIB3x")
 
 #: Asked for in one request; a longer answer comes in several frames.
 MAX_BYTES = 4096
+#: No instrument here says more in one message; one that goes on is talking nonsense.
+MAX_MESSAGE = 1 << 20
 
 #: How often a pending clear or abort is asked about, and how long between.
 MAX_CHECKS = 50
@@ -228,6 +230,8 @@ class UsbTmc:
                     answer = parse_answer(self._read_frame(), self._tag)
                     if not answer.payload and not answer.end_of_message:
                         raise FrameError("an empty frame came that ends no message")
+                    if len(message) + len(answer.payload) > MAX_MESSAGE:
+                        raise FrameError(f"a message of more than {MAX_MESSAGE} bytes came")
                 except FrameError as problem:
                     self.clear()
                     raise self._nonsense(asked, str(problem)) from problem
@@ -278,6 +282,8 @@ class UsbTmc:
             raise self._nonsense("open", "a bulk endpoint is missing")
         if direction == usb.util.ENDPOINT_IN:
             self._packet = int(endpoint.wMaxPacketSize)
+            if self._packet < 1:
+                raise self._nonsense("open", f"its packets have {self._packet} bytes")
         return int(endpoint.bEndpointAddress)
 
     def _read_frame(self) -> bytes:
@@ -285,6 +291,8 @@ class UsbTmc:
         # A whole number of packets, so that no packet can overflow the buffer.
         most = ceil((HEADER_SIZE + MAX_BYTES + 3) / self._packet) * self._packet
         frame = bytes(self._device.read(self._in, most, self._timeout_ms))
+        if announced_size(frame) > MAX_BYTES:
+            raise FrameError(f"it announces {announced_size(frame)} bytes where {MAX_BYTES} were asked for")
         while len(frame) < HEADER_SIZE + announced_size(frame):
             piece = bytes(self._device.read(self._in, most, self._timeout_ms))
             if not piece:
@@ -321,10 +329,11 @@ class UsbTmc:
             self._clock.sleep(CHECK_EVERY_S)
 
     def _empty_in(self) -> None:
-        """Read until a short packet ends what the instrument still had to say."""
+        """Read until a short packet ends what the instrument still had to say, a whole message at most."""
         with suppress(usb.core.USBTimeoutError):
-            while len(self._device.read(self._in, self._packet, self._timeout_ms)) == self._packet:
-                pass
+            for _ in range(ceil(MAX_MESSAGE / self._packet)):
+                if len(self._device.read(self._in, self._packet, self._timeout_ms)) < self._packet:
+                    break
 
     @contextmanager
     def _mapped(self, asked: str, abort: Callable[[], None] | None = None) -> Iterator[None]:

@@ -1,12 +1,13 @@
 """The simulated bench that a configuration describes, and the truth of its scenes."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import ConfigError, UsageError
+from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import FaultsConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
@@ -141,6 +142,26 @@ def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -
         return scene(name).depth_map(x_m, y_m)
     except ValueError as error:
         raise UsageError(f"scene:{name}: {error}") from None
+
+
+def mesh_triangles_m(path: Path) -> NDArray[np.float64]:
+    """Return the (T, 3, 3) triangles of a mesh file.
+
+    Raises
+    ------
+    UsageError
+        If the library that reads meshes is not installed.
+    DataFileError
+        If the file is damaged, or holds nothing in front of the wall.
+    """
+    from simulators.scenes.files import from_file
+
+    try:
+        return from_file(path).triangles_m
+    except ModuleNotFoundError as error:
+        raise UsageError(str(error)) from None
+    except ValueError as error:
+        raise DataFileError(str(error)) from None
 
 
 def renderer(config: RigConfig) -> "Renderer":

@@ -47,9 +47,11 @@ def _in_words(stored: "Stored", now: datetime) -> str:
     from rig.model.calibrations.headlines import headline
 
     calibration = stored.calibration
-    verdict = (
-        "OLD, measure again" if calibration.is_old(now) else f"good until {calibration.expires:%Y-%m-%d}"
-    )
+    verdict = f"good until {calibration.expires:%Y-%m-%d}"
+    if calibration.is_old(now):
+        verdict = "OLD, measure again"
+    elif calibration.is_from_the_future(now):
+        verdict = "DATED IN THE FUTURE, set the clock or measure again"
     serials = ", ".join(f"{name} '{identity}'" for name, identity in calibration.devices.items())
     simulated = " (simulated)" if calibration.simulated else ""
     return (
@@ -67,7 +69,7 @@ def _as_dict(stored: "Stored", now: datetime) -> dict:
         "file": str(stored.path),
         "created": calibration.created,
         "expires": calibration.expires,
-        "valid": not calibration.is_old(now),
+        "valid": not (calibration.is_old(now) or calibration.is_from_the_future(now)),
         "devices": calibration.devices,
         "software": calibration.software,
         "simulated": calibration.simulated,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, beside
 from rig.commands.recon import depths
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _places(files: list[Path], out: Path | None) -> tuple[list[Path], Path | Non
     from rig.errors import UsageError
 
     if out is None:
-        return [file.with_name(f"{file.stem}-compare.png") for file in files], None
+        return [beside(file, "-compare.png") for file in files], None
     if out.suffix.lower() in _PICTURES and not out.is_dir():
         if len(files) > 1:
             raise UsageError(f"{out} is one sheet, and each of {len(files)} files has its own; name a folder")

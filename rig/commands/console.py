@@ -3,15 +3,15 @@
 import json
 import sys
 import time
-from contextlib import suppress
-from typing import IO, TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
+from rich.text import Text
 
 from rig.acquire.engine import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
@@ -21,45 +21,29 @@ if TYPE_CHECKING:
     from rig.files.scan import ScanFile
 
 
-class _Stderr:
-    """The present stderr, whose loss ends nothing: without a terminal, too, a scan goes on and is watched."""
-
-    def write(self, text: str) -> int:
-        with suppress(OSError, ValueError):
-            sys.stderr.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        with suppress(OSError, ValueError):
-            sys.stderr.flush()
-
-    def isatty(self) -> bool:
-        with suppress(OSError, ValueError):
-            return sys.stderr.isatty()
-        return False
-
-    def fileno(self) -> int:
-        return sys.stderr.fileno()
-
-
 #: Everything but results.
-err = Console(file=cast("IO[str]", _Stderr()), highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def say(message: str) -> None:
     """Tell the person something that is not a result."""
-    err.print(message, markup=False)
+    err.print(_plain(message))
 
 
 def warn(message: str) -> None:
     """Warn the person."""
-    err.print(f"[yellow]warning:[/yellow] {message}")
+    err.print(Text("warning:", "yellow"), _plain(message))
+
+
+def _plain(text: str) -> Text:
+    """Return text as it is: no markup in it, and no control characters."""
+    return Text(printable(text))
 
 
 def warn_of(scan: "ScanFile") -> None:
     """Warn of a scan file that is not, or no longer, as its program left it."""
     for sentence in scan.doubts:
-        warn(escape(sentence))
+        warn(sentence)
 
 
 def print_facts(title: str, facts: dict[str, str]) -> None:
@@ -68,19 +52,20 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, value in facts.items():
-        table.add_row(name, value)
+        table.add_row(_plain(name), _plain(value))
     console = Console(highlight=False, soft_wrap=True)
-    console.print(f"[bold]{title}[/bold]")
+    console.print(Text(printable(title), "bold"))
     console.print(table)
 
 
 def print_table(header: "Sequence[str]", rows: "Sequence[Sequence[str]]") -> None:
     """Print rows of text under a header on stdout; all columns but the first hold numbers."""
+    rows = [[printable(cell) for cell in row] for row in rows]
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for number, name in enumerate(header):
         table.add_column(name, justify="right" if number else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*map(Text, row))
     widest = sum(max(map(len, column)) + 2 for column in zip(header, *rows, strict=True))
     Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
 
@@ -94,8 +79,10 @@ def print_findings(findings: "Sequence[Finding]") -> None:
     table.add_column(overflow="fold", ratio=1)
     for finding in findings:
         verdict = f"[{colours[finding.verdict]}]{finding.verdict}[/]"
-        remedy = f"\n[dim]{escape(finding.remedy)}[/dim]" if finding.remedy else ""
-        table.add_row(verdict, escape(finding.what), escape(finding.found) + remedy)
+        found = _plain(finding.found)
+        if finding.remedy:
+            found.append("\n").append(printable(finding.remedy), "dim")
+        table.add_row(verdict, _plain(finding.what), found)
     Console(highlight=False).print(table)
 
 
@@ -221,7 +208,7 @@ class Counting:
     def __init__(self, what: str) -> None:
         self._what = what
         self._positions = 0
-        self._status = err.status(what)
+        self._status = err.status(_plain(what))
 
     def __enter__(self) -> Self:
         if err.is_terminal:
@@ -236,7 +223,7 @@ class Counting:
         match event:
             case StepDone():
                 self._positions += 1
-                self._status.update(f"{self._what}: {self._positions} positions")
+                self._status.update(_plain(f"{self._what}: {self._positions} positions"))
             case LightChanged():
                 tell_light(event)
             case Noticed(sentence=sentence):
@@ -258,14 +245,14 @@ class Working:
     def __init__(self, what: str) -> None:
         self._bar = Progress(
             SpinnerColumn(),
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=30),
             TextColumn("{task.percentage:>3.0f} %"),
             console=err,
             transient=True,
             disable=not err.is_terminal,
         )
-        self._task = self._bar.add_task(what, total=1.0)
+        self._task = self._bar.add_task(printable(what), total=1.0)
 
     def __enter__(self) -> Self:
         self._bar.start()

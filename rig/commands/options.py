@@ -19,3 +19,18 @@ Spacing = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+
+
+def beside(path: Path, ending: str) -> Path:
+    """Return the name of a result that lies beside a file: its own, with another ending.
+
+    Raises
+    ------
+    rig.errors.DataFileError
+        If it is a folder's name and no file's.
+    """
+    from rig.errors import DataFileError
+
+    if not path.name:
+        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+    return path.with_name(f"{path.stem}{ending}")

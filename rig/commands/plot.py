@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, beside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ def plot(
     from rig.commands import console
     from rig.show.volume import save
 
-    picture = image or files[0].with_name(f"{files[0].stem}-plot.png")
+    picture = image or beside(files[0], "-plot.png")
     with console.Working("drawing"):
         save(_figure(files), picture)
     if as_json:
@@ -45,7 +45,7 @@ def plot(
 
 def _figure(files: list[Path]) -> "Figure":
     from rig.commands import console
-    from rig.errors import UsageError
+    from rig.errors import UsageError, printable
     from rig.files.scan import ScanFile
     from rig.files.volume import is_volume, read_volume
     from rig.show.raw import comparison_figure, raw_view, scan_figure
@@ -55,14 +55,14 @@ def _figure(files: list[Path]) -> "Figure":
     if volumes and len(files) > 1:
         raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
     if volumes:
-        return volume_figure(read_volume(files[0]), files[0].name)
+        return volume_figure(read_volume(files[0]), printable(files[0].name))
     if len(files) == 1:
         with ScanFile(files[0]) as scan:
             console.warn_of(scan)
-            return scan_figure(files[0].name, scan.capture())
+            return scan_figure(printable(files[0].name), scan.capture())
     views = []
     for path in files:
         with ScanFile(path) as scan:
             console.warn_of(scan)
-            views.append(raw_view(path.name, scan.capture()))
+            views.append(raw_view(printable(path.name), scan.capture()))
     return comparison_figure(views)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, beside
 
 if TYPE_CHECKING:
     from rig.image.result import Result
@@ -168,8 +168,8 @@ def recon(
         calibrations=calibrations,
         even_bins=even_bins,
     )
-    volume = out or scan.with_name(f"{scan.stem}-volume.h5")
-    picture = image or scan.with_suffix(".png")
+    volume = out or beside(scan, "-volume.h5")
+    picture = image or beside(scan, ".png")
     with console.Working("imaging") as working:
         result = reconstruct(scan, request, volume, picture, working, video)
     _show(result, volume, picture, video, as_json)

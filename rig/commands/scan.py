@@ -109,20 +109,16 @@ def _show_presets(as_json: bool) -> None:
 def _configuration(path: Path | None, preset: str | None, scene: str | None, seed: int | None) -> "RigConfig":
     from rig.errors import UsageError
     from rig.model.config import built_in_with, load
+    from rig.model.presets import merged
     from rig.model.presets import preset as changes_of
 
     overlay = changes_of(preset) if preset else {}
-    if path and preset and not load(path).simulated:
-        raise UsageError(f"--preset is for the simulated rig, and {path} names real devices; leave it out")
-    config = load(path, overlay) if path else built_in_with(overlay)
-    changes = {name: value for name, value in (("scene", scene), ("seed", seed)) if value is not None}
-    if not changes:
-        return config
-    if config.simulation is None:
-        raise UsageError(
-            f"--{next(iter(changes))} is for the simulated rig, and {path} names real devices; leave it out"
-        )
-    return config.model_copy(update={"simulation": config.simulation.model_copy(update=changes)})
+    given = {name: value for name, value in (("scene", scene), ("seed", seed)) if value is not None}
+    if path and (preset or given) and not load(path).simulated:
+        option = "preset" if preset else next(iter(given))
+        raise UsageError(f"--{option} is for the simulated rig, and {path} names real devices; leave it out")
+    changes = merged(overlay, {"simulation": given}) if given else overlay
+    return load(path, changes) if path else built_in_with(changes)
 
 
 def columns_and_rows(text: str) -> tuple[int, int]:

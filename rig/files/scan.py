@@ -31,8 +31,8 @@ from rig.model.state import Channel, RigState
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
-#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that their
-#: places alone take 0.5 GB.
+#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
+#: their places alone take 0.5 GB.
 MOST_BINS, MOST_PAIRS = 2**20, 2**23
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
@@ -272,13 +272,13 @@ class ScanFile(RecordedFile):
         measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
         if written < measured:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} bytes "
-                "were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
+                "bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into {packed / 1e6:.3g} "
-                f"MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
+                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
+                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
                 "h5repack -f GZIP=1"
             )
 

@@ -133,10 +133,15 @@ def write_origin(
     if config is not None:
         start.attrs["configuration"] = config.model_dump_json()
     start.attrs["simulated"] = simulated
-    start.attrs["command"] = command
+    start.attrs["command"] = storable(command)
     group = file.create_group("devices")
     for name, settings in devices.items():
         group.create_group(name).attrs.update(settings)
+
+
+def storable(text: str) -> str:
+    """Return text that HDF5 can hold: what is not UTF-8, such as in the name of a file, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def describe(file: h5py.File, layout: Layout) -> None:

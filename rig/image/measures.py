@@ -52,7 +52,7 @@ def wall_of(volume: Volume, volume_path: Path, scan_path: Path | None) -> Wall |
         If a given scan file cannot be read.
     """
     if scan_path is None:
-        beside = volume_path.with_name(volume.scan) if volume.scan else None
+        beside = volume_path.parent / Path(volume.scan).name if volume.scan else None
         if beside is None or not beside.is_file():
             return None
         with ScanFile(beside) as scan:

@@ -1,7 +1,6 @@
 """What is really there: the first surface along +z, from a file or a scene of the simulator."""
 
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -51,7 +50,9 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
             f"{path} does not exist, or is no file; a truth is a file, or scene:NAME for a simulated scene"
         )
     if _is_mesh(source):
-        return surface_of_mesh(_mesh(path), x_m, y_m)
+        from rig.bench.simulated import mesh_triangles_m
+
+        return surface_of_mesh(mesh_triangles_m(path), x_m, y_m)
     if path.suffix.lower() == ".npz":
         return _from_npz(path, x_m, y_m)
     if h5py.is_hdf5(path):
@@ -84,23 +85,6 @@ def known_truth(path: Path, scan: ScanFile) -> str | None:
 
 def _is_mesh(name: str) -> bool:
     return Path(name).suffix.lower() in MESHES
-
-
-def _mesh(path: Path) -> NDArray[np.float64]:
-    try:
-        import trimesh
-    except ImportError:
-        raise UsageError(
-            f"{path}: reading a mesh needs trimesh; install it with: pip install 'nlos-rig[mesh]'"
-        ) from None
-    try:
-        mesh: Any = trimesh.load(path, force="mesh")
-        triangles_m: NDArray[np.float64] = np.asarray(mesh.triangles, dtype=np.float64)
-    except Exception as error:  # a damaged mesh may fail in any way
-        raise DataFileError(f"{path} cannot be read as a mesh: {error}") from error
-    if not len(triangles_m):
-        raise DataFileError(f"{path} holds no triangles")
-    return triangles_m
 
 
 def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recon.estimate import Estimate
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, UsageError, printable
 from rig.files import ScanDescription, ScanWriter
 from rig.importers import (
     ahn,
@@ -151,7 +151,7 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
         delays=content.delays,
         delay_s=content.delay_s,
         simulated=content.simulated,
-        command=f"rig import {source.name}",
+        command=f"rig import {printable(source.name)}",
         fade_from_s=content.fade_from_s,
         instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,
@@ -160,7 +160,7 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
     with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
         for row in _rows(source, content):
             writer.append(row)
-        writer.close("complete", f"imported from {source.name}")
+        writer.close("complete", f"imported from {printable(source.name)}")
 
 
 def _rows(source: Path, content: Content) -> Iterator[NDArray]:

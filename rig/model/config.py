@@ -4,6 +4,7 @@ Files are TOML with quantities as text. Without a file the built-in simulated ri
 and commented in ``configs/simulated.toml``.
 """
 
+import re
 import tomllib
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -17,6 +18,12 @@ from rig.errors import ConfigError
 from rig.model.presets import Table, merged
 from rig.model.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts
 
+#: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
+MOST_BYTES = 1_000_000
+#: Wrong keys that are told at once.
+MOST_TOLD = 20
+#: A key of more than 100 words: reading it would take time with the square of their number.
+_LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
 _UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
 
 Point = tuple[Metres, Metres, Metres]
@@ -434,8 +441,17 @@ def recorded(text: str) -> RigConfig:
 
 
 def built_in_with(changes: Table) -> RigConfig:
-    """Return the built-in simulated rig with ``changes``, written as a file's tables are."""
-    return RigConfig.model_validate(merged({"simulation": {}}, changes))
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are.
+
+    Raises
+    ------
+    ConfigError
+        If a value is wrong.
+    """
+    try:
+        return RigConfig.model_validate(merged({"simulation": {}}, changes))
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
 
 def load(path: Path, changes: Table | None = None) -> RigConfig:
@@ -446,18 +462,39 @@ def load(path: Path, changes: Table | None = None) -> RigConfig:
     ConfigError
         If the file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
     """
+    table = _table(path)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return RigConfig.model_validate(merged(table, changes or {}))
+    except ValidationError as error:
+        raise ConfigError(_all_of(error, path)) from None
+
+
+def _table(path: Path) -> Table:
+    """Read a TOML file; raises as `load`."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        text = content.decode("utf-8")
+        if len(content) > MOST_BYTES or _LONG_KEY.search(text):
+            raise ConfigError(
+                f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
+            )
+        return tomllib.loads(text)
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
+    except ValueError as error:  # what TOML forbids, bytes that are no text, numbers of thousands of digits
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
-    try:
-        return RigConfig.model_validate(merged(table, changes or {}))
-    except ValidationError as error:
-        raise ConfigError("\n".join(f"{path}: {_explain(problem)}" for problem in error.errors())) from None
+
+
+def _all_of(error: ValidationError, path: Path) -> str:
+    """Return what is wrong, a line for each key, the first `MOST_TOLD` of them."""
+    told = [f"{path}: {_explain(problem)}" for problem in error.errors()]
+    more = [f"{path}: and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
+    return "\n".join(told[:MOST_TOLD] + more)
 
 
 #: Sections of several kinds; pydantic puts the kind into the place of an error.

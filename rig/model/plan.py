@@ -23,7 +23,7 @@ Point = tuple[float, float, float]
 #: Spots of a list that are put on disk together, as those of a grid's line are.
 SPOTS_OF_A_LINE = 100
 #: More steps than this are no scan, but a slip in typing or a damaged file.
-MAX_STEPS = 10_000_000
+MAX_STEPS = 5_000_000
 
 
 class _Part(BaseModel):

@@ -8,6 +8,8 @@ from simulators.scenes.mesh import Mesh, Scene
 
 #: Endings of the files that can be read.
 ENDINGS = (".obj", ".ply", ".stl")
+#: Largest file: a million triangles take a quarter of it, and reading takes ten times it of memory.
+MOST_BYTES = 200_000_000
 
 
 def from_file(path: Path, albedo: float = 0.8) -> Scene:
@@ -30,13 +32,27 @@ def from_file(path: Path, albedo: float = 0.8) -> Scene:
         ) from None
     if not path.is_file():
         raise ValueError(f"{path}: there is no such file")
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ValueError(
+            f"{path}: has {size / 1e6:.0f} MB, a scene at most {MOST_BYTES / 1e6:.0f}; simplify it"
+        )
+    quiet = trimesh.util.log
+    told, quiet.disabled = quiet.disabled, True  # it logs tracebacks of what it tries, and then raises
     try:
         loaded = trimesh.load_scene(path, process=False, split_objects=True)
+        parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except Exception as error:  # trimesh raises whatever its parsers meet
         raise ValueError(
             f"{path}: cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: {error})"
         ) from None
-    parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    finally:
+        quiet.disabled = told
+    for part in parts:
+        if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
+            raise ValueError(
+                f"{path}: a triangle has a corner that is none of its {len(part.vertices)} vertices"
+            )
     meshes = tuple(
         Mesh(
             str(part.metadata.get("name") or f"{path.stem}_{number}"),

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 import scipy.io
-from attacks.mutants import by_bytes, by_structure
 
+from attacks.mutants import by_bytes, by_structure
 from recon.errors import ReconError
 from rig.errors import RigError
 

@@ -167,3 +167,21 @@ def test_the_newest_is_read_alone_and_once(tmp_path):
     new.write_text("what is known is not read again")
     assert store.newest("time-zero").path == new
     assert CalibrationStore(tmp_path / "empty").newest("time-zero") is None
+
+
+def test_a_calibration_dated_in_the_future_is_not_the_newest_for_ever(tmp_path):
+    store = CalibrationStore(tmp_path)
+    far = store.add(time_zero(created=NOON.replace(year=2526)))
+    assert "dated 2526-03-04, in the future" in doubts(store.newest("time-zero").calibration)
+    store.add(time_zero(created=NOON, electronics_delay_s=16e-9))
+    state = RigState.resolve(
+        built_in().model_copy(update={"calibration": CalibrationConfig(folder=tmp_path)})
+    )
+    assert state.calibrations.time_zero.electronics_delay_s == 16e-9
+    assert any(str(far) in sentence and "not used" in sentence for sentence in state.doubts)
+
+
+@pytest.mark.parametrize("days", [1e308, 10**400, -1, 0])
+def test_a_calibration_cannot_be_good_for_longer_than_a_century(days):
+    with pytest.raises(ValueError, match="valid_days"):
+        time_zero(valid_days=days)

@@ -88,3 +88,38 @@ def test_errors_are_json_when_asked(rig, tmp_path):
 
     done = rig("recon", "nowhere.h5", "--json")
     assert json.loads(done.out)["exit_code"] == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--voxel", "0.0001mm", "--depth", "0.5m:1m:1cm"), "Voxels of"),
+        (("--voxel", "5cm", "--depth", "0.5m:3m:0.01nm"), "Steps in depth of"),
+        (("--voxel", "1nm", "--depth", "0.5m:3m:1nm"), "and steps in depth of"),
+        (("--voxel", "0m"), "must be finite and positive"),
+        (("--width", "1e300m", "--voxel", "1e-300m"), "would fit"),
+        (("--wavelength", "1e300m"), "not between"),
+        (("--cycles", "1e308"), "a pulse has"),
+        (("--camera", "transient", "--frames", "0ns:1s:1fs"), "100,000 at most"),
+    ],
+)
+def test_more_voxels_than_there_can_be_are_refused_with_the_least_change(rig, tmp_path, arguments, told):
+    write_scan(tmp_path / "a.h5")
+    done = rig("recon", "a.h5", *arguments)
+    assert done.code == 2, done.err
+    assert told in done.err
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_the_change_that_is_told_fits(rig, tmp_path):
+    import re
+
+    write_scan(tmp_path / "a.h5")
+    told = rig("recon", "a.h5", "--depth", "0.5m:1m:0.00001mm", "--voxel", "5cm").err
+    step = re.search(r"Steps in depth of (\S+) would", told)[1]
+    from recon.grid import VoxelGrid
+    from rig.model.quantities import parse
+
+    grid = VoxelGrid.from_spec(0.4, 0.3, 0.05, (0.5, 1.0, parse(step, "length")))
+    # two digits are told, rounded up: a tenth too coarse at most
+    assert 900_000 < len(grid.z_m) <= 1_000_000

@@ -91,7 +91,7 @@ def test_a_dry_run_as_json(rig):
         (("--exposure", "10mm"), 2, "not a time"),
         (("--grid", "180by130"), 2, "--grid 180x130"),
         (("--grid", "9" * 5000 + "x2"), 2, "--grid 180x130"),
-        (("--grid", "99999999x99"), 2, "more than the 10,000,000"),
+        (("--grid", "99999999x99"), 2, "more than the 5,000,000"),
         (("--exposure", "1e400s"), 2, "is too large"),
         (("--exposure", "10dB"), 2, "unknown unit 'dB'"),
         (("--exposure", "1mdegC"), 2, "unit"),

@@ -7,9 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 import rig
+
+#: Longest time that a calibration may be good for, a century.
+MOST_DAYS = 36525
+#: Clocks of computers and time zones that were set wrong differ by this much at most.
+CLOCKS_DIFFER = timedelta(days=1)
 
 
 def utc_now() -> datetime:
@@ -33,8 +38,8 @@ class Calibration(BaseModel):
     #: Fields of so many numbers that they are kept as arrays beside the text; a missing number is NaN there.
     bulky: ClassVar[tuple[str, ...]] = ()
 
-    created: datetime = Field(default_factory=utc_now)
-    valid_days: float = Field(gt=0)
+    created: AwareDatetime = Field(default_factory=utc_now)
+    valid_days: float = Field(gt=0, le=MOST_DAYS)
     software: str = f"nlos-rig {rig.__version__}"
     rig_name: str
     """Name of the rig."""
@@ -49,11 +54,18 @@ class Calibration(BaseModel):
     @property
     def expires(self) -> datetime:
         """When it is to be measured again."""
-        return self.created + timedelta(days=self.valid_days)
+        try:
+            return self.created + timedelta(days=self.valid_days)
+        except OverflowError:  # after the year 9999
+            return datetime.max.replace(tzinfo=UTC)
 
     def is_old(self, now: datetime) -> bool:
         """Return whether it is to be measured again."""
         return now > self.expires
+
+    def is_from_the_future(self, now: datetime) -> bool:
+        """Return whether it is dated later than clocks of two computers differ: one of them was wrong."""
+        return self.created > now and self.created - now > CLOCKS_DIFFER
 
     def strangers(self, identities: dict[str, str]) -> list[str]:
         """Return which of its devices are others among ``identities``; what is not named is not compared."""

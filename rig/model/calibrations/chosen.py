@@ -129,6 +129,11 @@ def choose(
             )
         if mine:
             records[kind] = mine.calibration
+            warnings += [
+                f"{path} is dated in the future and is not used: a clock was wrong; move the file away"
+                for path in store.from_the_future(kind, rig_name)
+                if path != mine.path
+            ]
             warnings += filter(None, [doubts(mine.calibration)])
             warnings += [f"the {kind} calibration: {sentence}" for sentence in mine.calibration.warnings]
     return Calibrations(records, tuple(warnings))

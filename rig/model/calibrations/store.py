@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -70,17 +71,35 @@ class CalibrationStore:
     ) -> Stored | None:
         """Return the newest calibration of a kind; of these devices, and of a rig of this name, where given.
 
+        One that is dated in the future counts only where there is no other: else it would be the newest for
+        ever.
+
         Raises
         ------
         DataFileError
             If a file of this kind is damaged; older ones are not read.
         """
+        in_future = None
+        now = utc_now()
         for path in sorted(self.folder.glob(f"{kind}-*.json"), reverse=True):  # the names carry the date
             one = self._read(path)
             of_rig = rig_name in {None, one.calibration.rig_name}
             if of_rig and not one.calibration.strangers(identities or {}):
-                return one
-        return None
+                if not one.calibration.is_from_the_future(now):
+                    return one
+                in_future = in_future or one
+        return in_future
+
+    def from_the_future(self, kind: str, rig_name: str) -> list[Path]:
+        """Return the files of a kind and rig that are dated in the future; raises as `newest`."""
+        found, now = [], utc_now()
+        for path in sorted(self.folder.glob(f"{kind}-*.json"), reverse=True):
+            one = self._read(path).calibration
+            if not one.is_from_the_future(now):
+                break
+            if one.rig_name == rig_name:
+                found.append(path)
+        return found
 
     def everything(self) -> Iterator[Stored]:
         """Return all calibrations, kind by kind, the oldest first.
@@ -137,16 +156,19 @@ def parse(text: str, arrays: Mapping[str, NDArray] | None = None) -> Calibration
         If it is none, or was changed after it was stored.
     """
     try:
-        content = json.loads(text)
+        content = json.loads(text, parse_float=_finite, parse_constant=_finite)
         kind, stored = content["kind"], content.pop("digest")
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise ValueError("it is no calibration") from None
     if digest(content) != stored:
         raise ValueError("it was changed after it was stored: its digest does not fit")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise ValueError(f"it is of the unknown kind '{kind}', perhaps of a newer version of this program")
     del content["kind"]
-    for name, wanted in content.pop("arrays", {}).items():
+    named = content.pop("arrays", {})
+    if not isinstance(named, dict):
+        raise ValueError("it does not fit this version of the program (arrays)")
+    for name, wanted in named.items():
         array = (arrays or {}).get(name)
         if array is None or digest_of_array(array) != wanted:
             raise ValueError(f"its array '{name}' is missing, or another one")
@@ -158,9 +180,22 @@ def parse(text: str, arrays: Mapping[str, NDArray] | None = None) -> Calibration
         raise ValueError(f"it does not fit this version of the program ({where})") from None
 
 
+def _finite(text: str) -> float:
+    """Read a number; raise ValueError where it is too large for one, or none."""
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError(f"{text[:20]} is no finite number")
+    return value
+
+
 def doubts(calibration: Calibration, now: datetime | None = None) -> str:
     """Return what speaks against using a calibration, as a sentence; empty where nothing does."""
     now = now or utc_now()
+    if calibration.is_from_the_future(now):
+        return (
+            f"the {calibration.kind} calibration is dated {calibration.created:%Y-%m-%d}, in the future: set "
+            f"this computer's clock, or measure it again with rig calibrate {calibration.kind}"
+        )
     if not calibration.is_old(now):
         return ""
     days = (now - calibration.created).total_seconds() / 86400

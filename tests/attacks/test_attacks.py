@@ -1,0 +1,90 @@
+"""A short pass of all attacks, and what they found before."""
+
+import sys
+
+import pytest
+
+from attacks import texts, wire
+from attacks.running import attack, refused_badly
+
+NUMBER = 150
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::DeprecationWarning"),
+    pytest.mark.skipif(sys.platform == "win32", reason="time is limited by a POSIX signal"),
+]
+ALL = {one.name: one for one in (*texts.ATTACKS, *wire.ATTACKS)}
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_spoiled_input_is_read_or_refused_in_words(name):
+    assert attack(ALL[name], NUMBER) == []
+
+
+@pytest.mark.parametrize(
+    ("read", "good"),
+    [
+        (wire.read_galvo, wire.GALVO),
+        (wire.read_laser, wire.LASER),
+        (wire.read_spad, (wire.SPAD, None)),
+        (wire.read_harp, {"writes": wire.HARP, "codes": {}}),
+        (texts.read_quantity, ("10ms", "time")),
+        (texts.read_grid, ("18x13", "10cm", "10ms")),
+        (texts.read_voxels, ("0.5m:3m:2cm", "1m", "1m", "1cm", "4cm", 2.0)),
+    ],
+)
+def test_the_input_that_is_spoiled_was_good(read, good):
+    read(good)
+
+
+def test_an_attack_finds_what_must_not_be():
+    def read(given):
+        raise ZeroDivisionError(given)
+
+    found = attack(wire.Attack("broken", lambda random: random.random(), read, (ValueError,)), 3)
+    assert [one.number for one in found] == [0, 1, 2]
+    assert "ZeroDivisionError" in found[0].what
+
+
+#: Inputs that once ended in a traceback, in a hang, or in gigabytes.
+FOUND = [
+    ("quantity", ("10dB", "time")),
+    ("quantity", ("1mdegC", "angle")),
+    ("quantity", ("1e400s", "time")),
+    ("quantity", ("9" * 5000 + "s", "time")),
+    ("grid", ("9" * 5000 + "x2", "1cm", "10ms")),
+    ("grid", ("99999999999x2", "1cm", "10ms")),
+    ("grid", ("2x2", "1cm", "1e400s")),
+    ("voxels", ("0.5m:1e400m:1cm", "1m", "1m", "1cm", "4cm", 2.0)),
+    ("voxels", ("0.5m:1e300m:1cm", "1m", "1m", "1cm", "4cm", 2.0)),
+    ("voxels", ("0.5m:3m:1nm", "1m", "1m", "1cm", "4cm", 2.0)),
+    ("voxels", ("0.5m:3m:2cm", "1m", "1m", "0.01mm", "4cm", 2.0)),
+    ("voxels", ("0.01mm:1m:1nm", "1m", "1m", "1cm", "1e-300m", 1e308)),
+    ("toml", "a = " + "[" * 100_000),
+    ("toml", "a" + ".a" * 100_000 + " = 1"),
+    ("toml", "a = " + "9" * 5000),
+    ("recorded configuration", '{"a":' * 100_000),
+    ("plan", "[" * 100_000),
+    ("plan", '{"columns": 1e308, "rows": {}, "spacing_m": [], "exposure_s": null, "detector_spot_m": 1}'),
+    ("calibration", "[" * 100_000),
+    ("mesh", ("ply", b"ply\nformat ascii 1.0\nelement vertex 1\n"
+              b"property float x\nproperty float y\nproperty float z\n"
+              b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 1\n3 0 0 7\n")),
+    ("hydraharp", {"writes": {**wire.HARP, "HH_GetBaseResolution": (0.0, 26)}, "codes": {}}),
+    ("hydraharp", {"writes": {**wire.HARP, "HH_GetBaseResolution": (float("nan"), 26)}, "codes": {}}),
+    ("hydraharp", {"writes": {**wire.HARP, "HH_GetResolution": (float("nan"),)}, "codes": {}}),
+    ("hydraharp", {"writes": {**wire.HARP, "HH_GetNumOfInputChannels": (2**31 - 1,)}, "codes": {}}),
+    ("hydraharp", {"writes": {**wire.HARP, "HH_GetCountRate": (-1,)}, "codes": {}}),
+    ("laser", {**wire.LASER, "leg?": [b"(Error " + b"9" * 4320 + b")\n"]}),
+    ("laser", {**wire.LASER, "ltg?": [b"ltg=0\n", b"ltg=1e400\n"]}),
+    ("detector", ({**wire.SPAD, "BIAS:VOLTAGE?": [b"nan\n"]}, None)),
+    ("detector", ({**wire.SPAD, "INFO:PRODUCT_NAME?": [b"ID\x00120\n"]}, None)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "given"), FOUND, ids=range(len(FOUND)))
+def test_what_was_found_is_refused_in_words(name, given):
+    one = ALL[name]
+    assert refused_badly(one, given) == ""
+    with pytest.raises(one.allowed):
+        one.read(given)

@@ -1,0 +1,249 @@
+"""Attacks on everything that reads bytes of devices: whole drivers, behind whose wires anything may come.
+
+PYTHONPATH=tests python -m attacks.wire --number 100000 [NAME...]
+"""
+
+import struct
+from copy import deepcopy
+from ctypes import CFUNCTYPE, c_int
+from dataclasses import replace
+from random import Random
+from types import SimpleNamespace
+from typing import Any
+
+import serial
+from usb.core import USBError, USBTimeoutError
+
+from attacks.running import Attack, main
+from attacks.spoiled import NUMBERS, spoiled_bytes
+from drivers.errors import DeviceError
+from drivers.hydraharp.device import HydraHarp
+from drivers.hydraharp.library import HHLib
+from drivers.hydraharp.settings import HydraHarpSettings
+from drivers.id120 import Id120Spad
+from drivers.katana.laser import KatanaLaser
+from drivers.katana.settings import KatanaSettings
+from drivers.optotune import OptotuneMirror
+from support.hydraharp_wire import C_TYPES, DECLARED, write
+from support.protocol_noise import answers, next_answer
+from support.scripted_usb import ScriptedUsb
+from support.wire_script import StepClock
+
+serial.protocol_handler_packages.append("support")
+
+Table = dict[str, list[bytes]]
+
+#: What a good device answers to each question, in turn, the last for ever.
+GALVO: Table = {
+    "START": [b"OK\r\n"],
+    "GETID": [b"MR-E-2 board\r\n"],
+    "STATUS": [b"00000100\r\n", b"00000010\r\n", b"00000000\r\n"],
+    "ACKNOWLEDGE": [b"OK\r\n"],
+    "XY": [b"OK\r\n"],
+}
+LASER: Table = {
+    "leg?": [b"status: 0\n", b"status: 0\n", b"status: 0\n", b"status: 1\n", b"status: 1\n", b"status: 0\n"],
+    "lps?": [b"lps=1\n", b"lps=1\n", b"lps=0\n"],
+    "ltg?": [b"ltg=0\n"],
+    "ltg_freq?": [b"ltg_freq=10000000\n"],
+    "lp?": [b"lp=5.00\n"],
+    "lps": [b""],
+    "leg": [b""],
+}
+SPAD: Table = {
+    "*IDN?": [b"ID Quantique,ID120\n"],
+    "REG:RUN?": [b"FALSE\n", b"TRUE\n", b"TRUE\n", b"FALSE\n"],
+    "GATE:MODE?": [b"EXT\n"],
+    "GATE:DELAY_CAPABILITY?": [b"0 1000000 1\n"],
+    "GATE:DELAY?": [b"0\n"],
+    "GATE:WIDTH_CAPABILITY?": [b"500 1000000\n"],
+    "GATE:WIDTH?": [b"40000\n"],
+    "HOLDOFF:CAPABILITY?": [b"40 100000\n"],
+    "HOLDOFF:TIME?": [b"100\n"],
+    "BIAS:EXCESS_CAPABILITY?": [b"0 10000\n"],
+    "BIAS:EXCESS?": [b"5000\n"],
+    "BIAS:ERROR_STATUS?": [b"FALSE\n"],
+    "BIAS:VOLTAGE?": [b"40000000\n"],
+    "REG:MEASURED_TEMP?": [b"-40000\n"],
+    "INFO:PRODUCT_NAME?": [b"ID120\n"],
+    "INFO:PRODUCT_SERIAL_NUMBER?": [b"S1\n"],
+    "INFO:FIRMWARE_VERSION?": [b"1.0\n"],
+}
+
+
+def spoiled(random: Random, good: Table) -> Table:
+    """Return a table of answers of which some are spoiled."""
+    table = {question: list(said) for question, said in good.items()}
+    for question in random.sample(sorted(table), random.randint(1, 3)):
+        at = random.randrange(len(table[question]))
+        said = table[question][at]
+        end = b"\r\n" if said.endswith(b"\r\n") else b"\n"
+        number = random.choice(NUMBERS).encode()
+        table[question][at] = random.choice(
+            [
+                spoiled_bytes(random, said),
+                number + end,
+                said.split(b"=")[0].strip() + b"=" + number + end,
+                b"",
+                b"(Error " + number + b")" + end,
+                said * 100,
+                b"x" * 5000,
+                random.randbytes(30) + end,
+                b"\x1b[31m\0" + said,
+            ]
+        )
+    return table
+
+
+def read_galvo(said: Table) -> None:
+    """Connect, point, settle and ask for the settings."""
+    answers["galvo"] = deepcopy(said)
+    with OptotuneMirror("noise://galvo", clock=StepClock(), timeout_s=0.01) as mirror:
+        mirror.point(0.1, 0.1)
+        mirror.wait_settled(0.1)
+        mirror.settings()
+
+
+def read_laser(said: Table) -> None:
+    """Connect, arm, emit, ask for the settings."""
+    answers["laser"] = deepcopy(said)
+    settings = KatanaSettings(power_setpoint=5.0, repetition_hz=10e6)
+    with KatanaLaser("noise://laser", clock=StepClock(), settings=settings, timeout_s=0.01) as laser:
+        laser.arm()
+        laser.emit()
+        laser.settings()
+
+
+class NoisyUsb(ScriptedUsb):
+    """A USBTMC device whose answers are given, in good frames or spoiled ones."""
+
+    def __init__(self, said: Table, seed: int | None) -> None:
+        self.random = Random(seed)
+        self.noisy = seed is not None
+        super().__init__([], packet=self.random.choice([64, 64, 64, 512, 8, 0]) if self.noisy else 64)
+        self.said, self.asked, self.tag = deepcopy(said), "", 1
+
+    def bulk_write(self, handle, ep, intf, data, timeout):
+        self.tag = data[1]
+        if data[0] == 1:
+            self.asked = bytes(data[12:]).rstrip(b"\0\n").decode("ascii")
+        return len(data)
+
+    def bulk_read(self, handle, ep, intf, buff, timeout):
+        message = next_answer(self.said, self.asked)
+        head = bytes([2, self.tag, 255 - self.tag, 0]) + struct.pack("<IB3x", len(message), 1)
+        frame = head + message
+        if self.noisy and self.random.random() < 0.1:
+            frame = spoiled_bytes(self.random, frame)
+            if self.random.random() < 0.2:
+                frame = (
+                    head[:4] + struct.pack("<IB3x", self.random.choice([0, 2**32 - 1, 10**6]), 0) + bytes(600)
+                )
+        if self.noisy and self.random.random() < 0.05:
+            raise self.random.choice(
+                [USBTimeoutError("late", -7, 110), USBError("gone", -4, 19), USBError("pipe", -9, 32)]
+            )
+        frame = frame[: len(buff)]
+        buff[: len(frame)] = type(buff)("B", frame)
+        return len(frame)
+
+    def ctrl_transfer(self, handle, kind, request, value, index, data, timeout):
+        good = bytes([1]) + bytes(len(data) - 1)
+        came = (
+            good
+            if not self.noisy or self.random.random() < 0.9
+            else spoiled_bytes(self.random, good)[: len(data)]
+        )
+        data[: len(came)] = type(data)("B", came)
+        return len(came)
+
+
+def read_spad(given: tuple[Table, int | None]) -> None:
+    """Connect, switch on, ask for the settings."""
+    said, seed = given
+    backend = NoisyUsb(said, seed)
+    with Id120Spad(backend=backend, clock=StepClock(), timeout_s=0.01) as spad:
+        spad.enable()
+        spad.settings()
+
+
+#: What a good HydraHarp writes into the pointers of its functions.
+HARP: dict[str, tuple[Any, ...]] = {
+    "HH_GetLibraryVersion": ("3.0",),
+    "HH_OpenDevice": ("1000001",),
+    "HH_GetHardwareInfo": ("HydraHarp 400", "930010", "2.0"),
+    "HH_GetBaseResolution": (1.0, 26),
+    "HH_GetNumOfInputChannels": (2,),
+    "HH_SetHistoLen": (16384,),
+    "HH_GetResolution": (4.0,),
+    "HH_CTCStatus": (1,),
+    "HH_GetSyncRate": (10_000_000,),
+    "HH_GetCountRate": (200_000,),
+    "HH_GetFlags": (0,),
+    "HH_GetWarnings": (0,),
+    "HH_GetWarningsText": ("no warning",),
+    "HH_GetHardwareDebugInfo": ("all well",),
+}
+_FLOATS = [0.0, -1.0, float("nan"), float("inf"), float("-inf"), 1e308, 5e-324, 1e-9, 4.0000001, -0.0]
+_INTS = [0, -1, 1, 2**31 - 1, -(2**31), 65536, 1024, 255, 3, 64, 10**6]
+_TEXTS = ["", "3.0", "\x1b[31m", "x" * 15, "\udc80".encode("utf-8", "surrogateescape"), "%s%n"]
+
+
+def harp(random: Random) -> dict[str, Any]:
+    """Return what a library writes, a few functions spoiled, and the codes it returns."""
+    said: dict[str, Any] = dict(HARP)
+    for name in random.sample(sorted(HARP), random.randint(1, 3)):
+        said[name] = tuple(
+            random.choice(_FLOATS if isinstance(one, float) else _INTS if isinstance(one, int) else _TEXTS)
+            for one in said[name]
+        )
+    codes = (
+        {random.choice(sorted(DECLARED)): random.choice([-1, -37, -99, 1, 2**31 - 1])}
+        if random.random() < 0.2
+        else {}
+    )
+    return {"writes": said, "codes": codes}
+
+
+def read_harp(given: dict[str, Any]) -> None:
+    """Open, measure, ask for rates, warnings and settings."""
+
+    def function(name: str) -> Any:
+        def call(*arguments: Any) -> int:
+            if code := given["codes"].get(name, 0):
+                return code
+            pointers = [one for one in arguments if not isinstance(one, int)]
+            for pointer, value in zip(pointers, given["writes"].get(name, ()), strict=False):
+                write(pointer, value + b"\0" if isinstance(value, bytes) else value)
+            return 0
+
+        return CFUNCTYPE(c_int, *(C_TYPES[c_type] for c_type in DECLARED[name]))(call)
+
+    library = HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
+    with HydraHarp(
+        library, clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)
+    ) as instrument:
+        instrument.measure(0.001)
+        rates = instrument.rates()
+        assert rates.sync_hz >= 0
+        assert rates.input_hz >= 0
+        instrument.warnings()
+        settings = instrument.settings()
+        assert settings["bin_width_s"] > 0
+
+
+def spad(random: Random) -> tuple[Table, int | None]:
+    """Return answers, and the seed of what else goes wrong on the bus, None where nothing does."""
+    kind = random.random()
+    return spoiled(random, SPAD) if kind < 0.7 else SPAD, random.randrange(10**9) if kind > 0.4 else None
+
+
+ATTACKS = (
+    Attack("galvo", lambda random: spoiled(random, GALVO), read_galvo, (DeviceError,)),
+    Attack("laser", lambda random: spoiled(random, LASER), read_laser, (DeviceError,)),
+    Attack("detector", spad, read_spad, (DeviceError,)),
+    Attack("hydraharp", harp, read_harp, (DeviceError,)),
+)
+
+if __name__ == "__main__":
+    main(ATTACKS)
