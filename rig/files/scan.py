@@ -272,8 +272,8 @@ class ScanFile(RecordedFile):
         measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
         if written < measured:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
-                "bytes were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured} bytes of counts were measured, but only {written} bytes "
+                "were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
