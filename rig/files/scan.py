@@ -278,8 +278,8 @@ class ScanFile(RecordedFile):
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
                 f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
-                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
-                "h5repack -f GZIP=1"
+                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less "
+                "(h5repack -f GZIP=1)"
             )
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
