@@ -5,6 +5,7 @@ import os
 import sys
 import traceback
 from contextlib import suppress
+from io import TextIOWrapper
 
 
 def main() -> None:
@@ -15,6 +16,9 @@ def main() -> None:
     """
     from rig.commands import app
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a file's name need not be text
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except Exception as error:

@@ -1,5 +1,6 @@
 """``rig plot``: pictures of scans and volumes."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,12 +55,17 @@ def _figure(files: list[Path]) -> "Figure":
     if volumes and len(files) > 1:
         raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
     if volumes:
-        return volume_figure(read_volume(files[0]), files[0].name)
+        return volume_figure(read_volume(files[0]), _title(files[0]))
     if len(files) == 1:
         with ScanFile(files[0]) as scan:
-            return scan_figure(files[0].name, scan.capture())
+            return scan_figure(_title(files[0]), scan.capture())
     views = []
     for path in files:
         with ScanFile(path) as scan:
-            views.append(raw_view(path.name, scan.capture()))
+            views.append(raw_view(_title(path), scan.capture()))
     return comparison_figure(views)
+
+
+def _title(path: Path) -> str:
+    """Return a file's name as text that can be drawn, whatever bytes it has."""
+    return os.fsencode(path.name).decode("utf-8", "replace")

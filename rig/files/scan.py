@@ -29,8 +29,8 @@ from rig.model.state import Channel, RigState
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
-#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that their
-#: places alone take 0.5 GB.
+#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
+#: their places alone take 0.5 GB.
 MOST_BINS, MOST_PAIRS = 2**20, 2**23
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
@@ -256,14 +256,14 @@ class ScanFile(RecordedFile):
         measured = np.count_nonzero(self.done) * prod(counts.shape[1:]) * counts.dtype.itemsize
         if written < measured:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} bytes "
-                "were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
+                "bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into {packed / 1e6:.3g} "
-                f"MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
-                "h5repack -f GZIP=1"
+                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
+                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
+                "less: h5repack -f GZIP=1"
             )
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
@@ -294,7 +294,7 @@ class ScanFile(RecordedFile):
     @property
     def warnings(self) -> list[str]:
         """What went less than well."""
-        return list(self._json("stop", "warnings", "[]"))
+        return [str(one) for one in self._json("stop", "warnings", "[]", list)]
 
     @cached_property
     def plan(self) -> ScanPlan | None:
@@ -322,12 +322,14 @@ class ScanFile(RecordedFile):
     @property
     def imported(self) -> dict[str, Any]:
         """File, sha256, layout and assumptions of an import; empty for a scan."""
-        return dict(self._json("start", "imported", "{}"))
+        found: dict[str, Any] = self._json("start", "imported", "{}", dict)
+        return found
 
     @property
     def estimated(self) -> list[str]:
         """Values that the imported file lacked and that were estimated from its data, in words."""
-        return [str(value["words"]) for value in self.imported.get("estimated", ())]
+        with reading(self.path):
+            return [str(value["words"]) for value in self.imported.get("estimated", ())]
 
     @cached_property
     def calibrations(self) -> Calibrations:

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
+from rig.model.npz import read_npz
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,8 @@ def _arrays_beside(path: Path) -> dict[str, NDArray]:
     if not beside.is_file():
         return {}
     try:
-        with np.load(beside, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (BadZipFile, EOFError, ValueError, AttributeError) as error:
+        return read_npz(beside)
+    except ValueError as error:
         raise DataFileError(f"{beside} is damaged: {error}. Measure it again: rig calibrate") from None
 
 
