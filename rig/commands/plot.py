@@ -1,6 +1,5 @@
 """``rig plot``: pictures of scans and volumes."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,6 +45,7 @@ def plot(
 
 def _figure(files: list[Path]) -> "Figure":
     from rig.errors import UsageError
+    from rig.files.check import as_text
     from rig.files.scan import ScanFile
     from rig.files.volume import is_volume, read_volume
     from rig.show.raw import comparison_figure, raw_view, scan_figure
@@ -55,17 +55,12 @@ def _figure(files: list[Path]) -> "Figure":
     if volumes and len(files) > 1:
         raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
     if volumes:
-        return volume_figure(read_volume(files[0]), _title(files[0]))
+        return volume_figure(read_volume(files[0]), as_text(files[0].name))
     if len(files) == 1:
         with ScanFile(files[0]) as scan:
-            return scan_figure(_title(files[0]), scan.capture())
+            return scan_figure(as_text(files[0].name), scan.capture())
     views = []
     for path in files:
         with ScanFile(path) as scan:
-            views.append(raw_view(_title(path), scan.capture()))
+            views.append(raw_view(as_text(path.name), scan.capture()))
     return comparison_figure(views)
-
-
-def _title(path: Path) -> str:
-    """Return a file's name as text that can be drawn, whatever bytes it has."""
-    return os.fsencode(path.name).decode("utf-8", "replace")

@@ -1,5 +1,6 @@
 """Opening HDF5 files that may be anything, and holding them against a layout."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -125,6 +126,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.size == 1:
         return plain(value.reshape(-1)[0])
     return value.item() if isinstance(value, np.generic) else value
+
+
+def as_text(name: str) -> str:
+    """Return a file's name, which may be any bytes, as text that can be drawn and stored."""
+    return os.fsencode(name).decode("utf-8", "replace")
 
 
 def _places(file: h5py.File, owner: str) -> list[Any]:

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 import rig
+from rig.files.check import as_text
 from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
 from rig.model.config import RigConfig
@@ -121,7 +122,7 @@ def write_origin(
     if config is not None:
         start.attrs["configuration"] = config.model_dump_json()
     start.attrs["simulated"] = simulated
-    start.attrs["command"] = command
+    start.attrs["command"] = as_text(command)
     group = file.create_group("devices")
     for name, settings in devices.items():
         group.create_group(name).attrs.update(settings)

@@ -36,7 +36,7 @@ from recon.surface import find
 from recon.wave import VirtualPulse
 from rig.errors import DataFileError, RigError, UsageError
 from rig.files import ScanFile, Volume, read_volume, write_volume
-from rig.files.check import open_hdf5, plain
+from rig.files.check import as_text, open_hdf5, plain
 from rig.files.volume import is_volume
 from rig.image.low_pass import low_passed
 from rig.image.measures import measure
@@ -219,7 +219,7 @@ def compare(
     if all(one.reason for one in methods):
         raise UsageError(f"{file}: no method has an image; of {METHODS[0]}: {methods[0].reason}")
     compared = Comparison(file, sheet, truth, work, reason, FWHM * sigma_s, tuple(methods))
-    save(comparison_figure(columns, grid.x_m, grid.y_m, file.name, compared.summary()), sheet)
+    save(comparison_figure(columns, grid.x_m, grid.y_m, as_text(file.name), compared.summary()), sheet)
     return compared
 
 

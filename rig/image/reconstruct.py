@@ -27,6 +27,7 @@ from recon.video import Over, Sink, frame_times_s, video
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
 from rig.errors import UsageError
+from rig.files.check import as_text
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
@@ -172,7 +173,14 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
     work = Work(
-        request, seen, pulse, grid, window, scan.path.name, scan.digest, estimated=tuple(scan.estimated)
+        request,
+        seen,
+        pulse,
+        grid,
+        window,
+        as_text(scan.path.name),
+        scan.digest,
+        estimated=tuple(scan.estimated),
     )
     return work, choice.reason
 
