@@ -1,19 +1,24 @@
 """Imaging from a hidden surface: looking around a second corner.
 
-A hidden surface that reflects diffusely is as good an aperture as the relay wall. The wall's field is focused on
-points m of the surface, and goes on from there to the voxels:
+A hidden surface that reflects diffusely can be an aperture as the relay wall is. The wall's field is focused
+on points m of the surface, and goes on from there to the voxels:
 
-    F(m, omega) = sum_p H^(p, omega) exp(i omega r_pm/c) / r_pm
-    U(v) = sum_omega g(omega) exp(i omega t(v)) sum_m F(m, omega) exp(i omega r_mv/c) / r_mv ,
+    F(m, omega) = g(omega) sum_p H^(p, omega) exp(i omega r_pm/c) / r_pm
+    U(v) = sum_omega exp(i omega t(v)) sum_m F'(m, omega) exp(i omega r_mv/c) / r_mv ,
 
-with t(v) the time at which the one detector spot, which is the virtual lamp, lights the voxel: r_c(v)/c where it
-sees the voxel (light of four bounces: wall, voxel, surface, wall), and by way of the surface, where it does not
-(five bounces: wall, surface, voxel, surface, wall), min over m of (r_cm + r_mv)/c. That is Fermat's way, on which
-the phases of neighbouring points agree, since a surface that is smooth on the scale of the wavelength reflects the
-phasor field as a mirror does.
+with t(v) the time at which the one detector spot, the virtual lamp, lights the voxel: r_c(v)/c where it sees
+the voxel (light of four bounces: wall, voxel, surface, wall), and min over m of (r_cm + r_mv)/c by way
+of the surface, where it does not (five bounces: wall, surface, voxel, surface, wall). The shortest way is
+Fermat's, on which the phases of neighbouring points agree: a surface that is smooth on the scale of the
+wavelength reflects the phasor field as a mirror does.
 
-After Royo et al., "Virtual Mirrors: Non-Line-of-Sight Imaging Beyond the Third Bounce", ACM Trans. Graph. 42 (2023),
-in the sign convention of `recon.imaging.image`.
+F' is F without the lamp's own flash on the surface, its light of three bounces, which is a thousand times
+stronger than what comes by way of something else. The flash is at point m at the time r_cm/c, and all else
+comes later: F is taken to time, faded in after the flash, and taken back. What the wall's limited aperture
+leaves of the flash elsewhere remains; where the record itself has times without it, a window is better.
+
+After Royo et al., "Virtual Mirrors: Non-Line-of-Sight Imaging Beyond the Third Bounce", ACM Trans. Graph. 42
+(2023), in the sign convention of `recon.imaging.image`; fading out the flash is ours.
 """
 
 from collections.abc import Iterator
@@ -31,6 +36,9 @@ from recon.window import Window
 
 #: Pairs of points whose waves are in memory at once: 32 MB of them, and as much for their steps.
 PAIRS = 4 * 2**20
+#: When after the flash the field at the surface is faded in, in standard deviations of the pulse: of the
+#: flash's amplitude exp(-2) is left at the begin, and 3e-4 at the end.
+FADE_SIGMAS = (2.0, 4.0)
 
 
 def image_from(
@@ -44,7 +52,9 @@ def image_from(
 ) -> NDArray[np.complex64]:
     """Focus on voxels from a hidden surface, whose place is known.
 
-    Work is frequencies x points x (positions + voxels): a second for some thousand of each.
+    Voxels within some two wavelengths of the surface fade with the lamp's flash on it. Where the lamp's light
+    goes straight on to the surface, time does not tell depths apart, and only the surface's width does.
+    Work is frequencies x points x (positions + voxels): a few seconds for a thousand points and voxels.
 
     Parameters
     ----------
@@ -59,7 +69,8 @@ def image_from(
     lit_by_surface
         Whether light comes to the voxels by way of the surface (five bounces), or directly (four).
     window
-        Soft edges of the record; by default only its end is softened.
+        Soft edges of the record; by default only its end is softened. A start after the last light of three
+        bounces keeps that out.
 
     Returns
     -------
@@ -90,11 +101,26 @@ def image_from(
     lamp_m = lamp_paths_m(capture.detector_m[0], surface_m, voxels_m, lit_by_surface)
     part = _seen(capture, pulse, surface_m, voxels_m, lamp_m)
     wall = spectra(capture, [part], window or Window())[0]
-    field = propagated(
-        propagated(wall, capture.laser_m, surface_m, part.band), surface_m, voxels_m, part.band
-    )
-    late = np.exp(1j * np.multiply.outer(part.band.frequencies_rad_per_s / C_M_PER_S, lamp_m))
-    return np.einsum("f,fv,fv->v", part.band.weights, late, field).astype(np.complex64)
+    field = propagated(wall, capture.laser_m, surface_m, part.band) * part.band.weights[:, None]
+    flash_s = np.linalg.norm(surface_m - capture.detector_m[0], axis=1) / C_M_PER_S
+    at_voxels = propagated(_after(flash_s, field, part.band, pulse), surface_m, voxels_m, part.band)
+    turn = np.multiply.outer(part.band.frequencies_rad_per_s / C_M_PER_S, lamp_m)
+    return (np.exp(1j * turn) * at_voxels).sum(axis=0).astype(np.complex64)
+
+
+def _after(
+    flash_s: NDArray[np.float64], field: NDArray[np.complexfloating], band: Band, pulse: VirtualPulse
+) -> NDArray[np.complexfloating]:
+    """Fade a field (F, N) in after a flash (N,), up to two half-lengths of the pulse before the next one."""
+    period_s = 2 * np.pi / band.step_rad_per_s
+    samples = 2 * len(band)
+    times_s = np.arange(samples) * period_s / samples
+    turns = np.exp(1j * np.multiply.outer(times_s, band.step_rad_per_s * np.arange(len(band))))
+    early_s = 2 * pulse.half_length_s
+    late_s = (times_s[:, None] - flash_s + early_s) % period_s - early_s
+    begin, end = FADE_SIGMAS
+    risen = np.clip((late_s / pulse.sigma_s - begin) / (end - begin), 0, 1)
+    return turns.conj().T @ (turns @ field * (0.5 - 0.5 * np.cos(np.pi * risen))) / samples
 
 
 def lamp_paths_m(
@@ -103,9 +129,9 @@ def lamp_paths_m(
     voxels_m: NDArray[np.float64],
     lit_by_surface: bool,
 ) -> NDArray[np.float64]:
-    """Return the path (V,) from the lamp (3,) to the voxels (V, 3), or the shortest over the surface (N, 3) [m].
+    """Return paths (V,) from the lamp (3,) to voxels (V, 3) [m]: straight, or the shortest by the surface.
 
-    Between points at a distance d of each other the shortest is found to about d^2 / (4 r), with r the shorter leg.
+    Between points at a distance d of each other the shortest is found to d^2 / (4 r), r the shorter leg.
     """
     if not lit_by_surface:
         return np.linalg.norm(voxels_m - lamp_spot_m, axis=1)
@@ -122,7 +148,7 @@ def propagated(
     targets_m: NDArray[np.float64],
     band: Band,
 ) -> NDArray[np.complex64]:
-    """Focus spectra (F, S) of any points (S, 3) on any others (T, 3): sum_s E(s, omega) exp(i omega r/c) / r.
+    """Focus spectra E (F, S) of points (S, 3) on others (T, 3): sum_s E(s, omega) exp(i omega r/c) / r.
 
     Returns
     -------
@@ -174,7 +200,11 @@ def _seen(
             "Choose other voxels, or check the record's time origin.",
         )
     longest_lag_s = max(end_s + stop * width_s - earliest_s, latest_s - begin_s - first * width_s)
-    return DepthBlock(slice(0, 1), slice(first, stop), pulse.band(longest_lag_s + margin_s))
+    # At the surface, as long as the record and what the ways from the wall differ by.
+    lasts_s = end_s - begin_s + (stop - first) * width_s + (to_wall_m[1] - to_wall_m[0]) / C_M_PER_S
+    return DepthBlock(
+        slice(0, 1), slice(first, stop), pulse.band(max(longest_lag_s + margin_s, lasts_s + 3 * margin_s))
+    )
 
 
 def _limits_m(ones_m: NDArray[np.float64], others_m: NDArray[np.float64]) -> tuple[float, float]:

@@ -8,10 +8,15 @@ are kept in the folder.
 
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
@@ -20,7 +25,7 @@ from recon.secondary_aperture import image_from
 from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.bench.simulated import true_geometry
-from rig.model.config import built_in
+from rig.model.config import SimulationConfig, built_in
 from rig.show.volume import save
 from simulators.detector import Detector
 from simulators.optics.light import Optics
@@ -55,7 +60,9 @@ def facing(size_m: float = 1.0, depth_m: float = 1.5, object_m: float = 0.8) -> 
     """Return a plane that faces the wall, and a square of 20 cm that faces the plane, with a black back."""
     plane = sheet("plane", (0, 0, depth_m), (size_m, 0, 0), (0, size_m, 0))
     square = sheet("object", (0.3, 0, object_m), (0.2, 0, 0), (0, 0.2, 0))
-    return Scene("facing", (plane, square, sheet("back", (0.3, 0, object_m - 0.01), (0.24, 0, 0), (0, 0.24, 0), 0)))
+    return Scene(
+        "facing", (plane, square, sheet("back", (0.3, 0, object_m - 0.01), (0.24, 0, 0), (0, 0.24, 0), 0))
+    )
 
 
 def corner() -> Scene:
@@ -117,10 +124,14 @@ class Renderings:
 
 
 def counted_m2() -> float:
-    """Return the photons counted in 10 ms for each per m^2 at the detector's spot, as `rig sim render` does."""
+    """Return the photons counted in 10 ms, if all came, per m^2 to the detector's spot, as in `rig sim render`."""
     config, optics = built_in(), Optics()
     photons = optics.photons_per_s * config.laser.power_setpoint / 10 * 10e-3
-    return photons * Detector().efficiency * optics.collection_m2(true_geometry(config).detector_head_m, DETECTOR_M)
+    return (
+        photons
+        * Detector().efficiency
+        * optics.collection_m2(true_geometry(config).detector_head_m, DETECTOR_M)
+    )
 
 
 def around(place_m, step_m: float = 0.02, reach_m: float = 0.3) -> VoxelGrid:
@@ -143,7 +154,7 @@ def surface(centre_m, across_m, up_m, step_m: float = 0.03) -> Points:
 
 
 def in_box(intensity: NDArray, grid: VoxelGrid, place_m) -> tuple[float, Points]:
-    """Return the greatest intensity within `BOX_M` of a place, and the centroid of what is above half of it."""
+    """Return the greatest intensity within `BOX_M` of a place, and the centroid of what exceeds half of it."""
     near = np.abs(points(grid) - place_m).max(axis=1) < BOX_M
     values = np.where(near, intensity.ravel(), 0.0)
     bright = values >= values.max() / 2
@@ -153,10 +164,14 @@ def in_box(intensity: NDArray, grid: VoxelGrid, place_m) -> tuple[float, Points]
 def contrast(one: Capture, others: list[Capture], wavelength_m: float, place_m, start_s: float | None) -> str:
     """Image around a place, and tell where the object is and how much brighter than in other captures."""
     grid, window = around(place_m), Window(start_s=start_s)
-    peak, found_m = in_box(image(one, VirtualPulse(wavelength_m), grid, window=window).intensity, grid, place_m)
+    peak, found_m = in_box(
+        image(one, VirtualPulse(wavelength_m), grid, window=window).intensity, grid, place_m
+    )
     told = " ".join(f"{1000 * d:+.0f}" for d in found_m - place_m)
     for other in others:
-        control = in_box(image(other, VirtualPulse(wavelength_m), grid, window=window).intensity, grid, place_m)[0]
+        control = in_box(
+            image(other, VirtualPulse(wavelength_m), grid, window=window).intensity, grid, place_m
+        )[0]
         told += f"; {peak / control:.3g} times the control" if control else "; the control is dark"
     return f"peak {peak:.3g}, off by {told}"
 
@@ -220,21 +235,29 @@ def limits(render: Renderings) -> None:
 def photons(render: Renderings) -> None:
     """Tell how the mirror image stands out of drawn photons, at exposures of 10 ms a position and more."""
     five, _, empty = main_scene(render)
-    extra = float((five.histograms.counts - empty.histograms.counts).sum())
-    print(f"10 ms a position: {five.histograms.counts.sum():.3g} photons, {extra:.3g} by way of the object")
+    counts = five.histograms.counts.astype(np.float64)
+    extra = float((counts - empty.histograms.counts).sum())
+    config = built_in()
+    faults = SimulationConfig().faults
+    open_s = 10e-3 * config.laser.repetition_hz * BIN_S
+    background = open_s * (faults.dark_counts_hz + faults.ambient_light_hz)
+    print(f"10 ms a position: {counts.sum():.3g} photons, {extra:.3g} by way of the object;", end=" ")
+    print(
+        f"{background * counts[:, round(AFTER_S / BIN_S) :].size:.3g} of background after the plane's light"
+    )
     grid = around(IMAGE_M)
-    for wavelength_m in (0.08, 0.12, 0.16):
-        for times in (1, 10, 100, 1000):
-            drawn = []
-            for seed, capture in enumerate((five, empty)):
-                mean = times * capture.histograms.counts.astype(np.float64)
-                counts = np.random.default_rng(seed).poisson(mean).astype(np.float32)
-                one = replace(capture, histograms=ArrayHistograms(counts))
-                shot = image(one, VirtualPulse(wavelength_m), grid, window=Window(start_s=AFTER_S)).intensity
-                drawn.append(in_box(shot, grid, IMAGE_M))
-            (peak, found_m), (control, _) = drawn
-            off = " ".join(f"{1000 * d:+.0f}" for d in found_m - IMAGE_M)
-            print(wavelength_m, times, f"{peak / control:.3g} times the control's greatest, off {off}", flush=True)
+    beside = np.abs(points(grid) - IMAGE_M).max(axis=1) > 0.2
+    for wavelength_m, times in product((0.08, 0.12, 0.16), (1, 10, 100, 1000)):
+        drawn = np.random.default_rng(1).poisson(times * (counts + background)).astype(np.float32)
+        one = replace(five, histograms=ArrayHistograms(drawn))
+        shot = image(one, VirtualPulse(wavelength_m), grid, window=Window(start_s=AFTER_S)).intensity
+        peak, found_m = in_box(shot, grid, IMAGE_M)
+        off = " ".join(f"{1000 * d:+.0f}" for d in found_m - IMAGE_M)
+        print(
+            wavelength_m,
+            times,
+            f"{peak / shot.ravel()[beside].max():.3g} times the greatest beside, off {off}",
+        )
 
 
 def slice_of(x_m, z_m) -> VoxelGrid:
@@ -251,15 +274,17 @@ def second(render: Renderings) -> dict[str, tuple[NDArray, VoxelGrid]]:
     for wavelength_m in (0.08, 0.12):
         peaks = []
         for capture in (five, empty):
-            window, pulse = Window(start_s=AFTER_S), VirtualPulse(wavelength_m)
-            field = image_from(plane_m, capture, pulse, points(grid), lit_by_surface=True, window=window)
+            look = partial(image_from, plane_m, capture, VirtualPulse(wavelength_m), points(grid))
+            field = look(lit_by_surface=True, window=Window(start_s=AFTER_S))
             intensity = np.abs(field) ** 2
             peaks.append(in_box(intensity, grid, true_m))
             if capture is five:
                 found[f"facing {wavelength_m}"] = intensity.reshape(len(grid.z_m), -1), grid
         (peak, at_m), (control, _) = peaks
         off = " ".join(f"{1000 * d:+.0f}" for d in at_m - true_m)
-        print("second, facing", wavelength_m, f"off {off}, {peak / control:.3g} times the control", flush=True)
+        print(
+            "second, facing", wavelength_m, f"off {off}, {peak / control:.3g} times the control", flush=True
+        )
     return found
 
 
@@ -267,17 +292,27 @@ def corners(render: Renderings) -> dict[str, tuple[NDArray, VoxelGrid]]:
     """Image around two corners: behind the slanting plane, and from it at the true place."""
     captures = [render("corner-5", corner(), 5), render("corner-3", corner(), 3)]
     captures.append(render("corner-5-empty", without_object(corner()), 5))
-    print("object seen by three bounces:", np.ptp(
-        render("corner-3", corner(), 3).histograms.counts
-        - render("corner-3-empty", without_object(corner()), 3).histograms.counts))
+    print(
+        "object seen by three bounces:",
+        np.ptp(
+            render("corner-3", corner(), 3).histograms.counts
+            - render("corner-3-empty", without_object(corner()), 3).histograms.counts
+        ),
+    )
     place_m, true_m = np.array([0.1, 0.0, 2.8]), np.array([1.3, 0.0, 1.6])
     found = {}
     for wavelength_m in (0.08, 0.12):
-        print("corner", wavelength_m, contrast(captures[0], captures[1:], wavelength_m, place_m, CORNER_AFTER_S), flush=True)
+        print(
+            "corner",
+            wavelength_m,
+            contrast(captures[0], captures[1:], wavelength_m, place_m, CORNER_AFTER_S),
+            flush=True,
+        )
     plane_m = surface((0, 0, 1.5), (0.5**0.5, 0, 0.5**0.5), (0, 1, 0))
     grid, peaks = slice_of((0.9, 1.71), (1.2, 2.01)), []
     for capture in (captures[0], captures[2]):
-        field = image_from(plane_m, capture, VirtualPulse(0.08), points(grid), lit_by_surface=True, window=Window(start_s=CORNER_AFTER_S))
+        look = partial(image_from, plane_m, capture, VirtualPulse(0.08), points(grid))
+        field = look(lit_by_surface=True, window=Window(start_s=CORNER_AFTER_S))
         peaks.append(in_box(np.abs(field) ** 2, grid, true_m))
         found.setdefault("corner", ((np.abs(field) ** 2).reshape(len(grid.z_m), -1), grid))
     (peak, at_m), (control, _) = peaks
@@ -306,12 +341,49 @@ def sides(render: Renderings) -> dict[str, tuple[NDArray, VoxelGrid]]:
             profile = intensity[:, on].max(axis=1)
             at = grid.x_m[intensity.argmax(axis=1)]
             share = np.mean(np.abs(at - 1.0) < 0.05)
-            print("sideways", name, way, f"brightest within 5 cm of the surface at {share:.0%} of depths;",
-                  f"on it {profile.mean():.3g}, beside it {np.median(intensity[:, ~on]):.3g}", flush=True)
+            print(
+                "sideways",
+                name,
+                way,
+                f"brightest within 5 cm of the surface at {share:.0%} of depths;",
+                f"on it {profile.mean():.3g}, beside it {np.median(intensity[:, ~on]):.3g}",
+                flush=True,
+            )
     return found
 
 
-PARTS = {part.__name__: part for part in (wavelengths, refinement, limits, photons, second, corners, sides)}
+def picture(render: Renderings) -> None:
+    """Draw what is seen behind the plane, and from it."""
+    five = main_scene(render)[0]
+    behind = slice_of((-0.1, 0.71), (1.8, 2.61))
+    mirrored = image(five, VirtualPulse(0.08), behind, window=Window(start_s=AFTER_S)).intensity[:, 0]
+    side = sides(render)
+    panels = {
+        "behind the plane, from the wall": (mirrored, behind),
+        "the same at its true place, from the plane": second(render)["facing 0.08"],
+        "beyond a second corner, from the plane": corners(render)["corner"],
+        "a side wall, from the wall": side["sideways four wall"],
+        "the same, from the plane": side["sideways four plane"],
+    }
+    true_m = [((0.2, 0.4), (2.2, 2.2)), ((0.2, 0.4), (0.8, 0.8)), ((1.3, 1.3), (1.5, 1.7))]
+    true_m += [((1.0, 1.0), (0.9, 1.9))] * 2
+    figure = Figure(figsize=(11, 3.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, (title, (seen, grid)), line in zip(figure.subplots(1, 5), panels.items(), true_m, strict=True):
+        edges = grid.x_m[0], grid.x_m[-1], grid.z_m[0], grid.z_m[-1]
+        level_db = 10 * np.log10(seen / seen.max() + 1e-9)
+        shown = axes.imshow(level_db, origin="lower", extent=edges, vmin=-30, vmax=0, cmap="inferno")
+        axes.plot(*line, "c--", linewidth=1)
+        axes.set_title(title, fontsize=7)
+        axes.set_xlabel("x [m]", fontsize=7)
+        axes.set_ylabel("z [m]", fontsize=7)
+        axes.tick_params(labelsize=6)
+    figure.colorbar(shown, label="intensity [dB of the panel's peak]")
+    save(figure, PICTURE)
+    Image.open(PICTURE).convert("RGB").quantize(128).save(PICTURE, optimize=True)
+
+
+PARTS = {part.__name__: part for part in (wavelengths, refinement, limits, photons, picture)}
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(exist_ok=True)
