@@ -124,7 +124,7 @@ class Renderings:
 
 
 def counted_m2() -> float:
-    """Return the photons counted in 10 ms, if all came, per m^2 to the detector's spot, as in `rig sim render`."""
+    """Return the photons counted in 10 ms, per m^2 at the detector's spot, as in `rig sim render`."""
     config, optics = built_in(), Optics()
     photons = optics.photons_per_s * config.laser.power_setpoint / 10 * 10e-3
     return (
@@ -154,7 +154,7 @@ def surface(centre_m, across_m, up_m, step_m: float = 0.03) -> Points:
 
 
 def in_box(intensity: NDArray, grid: VoxelGrid, place_m) -> tuple[float, Points]:
-    """Return the greatest intensity within `BOX_M` of a place, and the centroid of what exceeds half of it."""
+    """Return the greatest intensity within `BOX_M` of a place, and the centroid of what exceeds half."""
     near = np.abs(points(grid) - place_m).max(axis=1) < BOX_M
     values = np.where(near, intensity.ravel(), 0.0)
     bright = values >= values.max() / 2
@@ -218,6 +218,55 @@ def refinement(render: Renderings) -> None:
             error = np.linalg.norm(one - other) / np.linalg.norm(other)
             print(name, wavelength_m, f"field differs by {error:.3f} of its norm;", end=" ")
             print(contrast(capture, [], wavelength_m, IMAGE_M, None), flush=True)
+
+
+def passes(ones_m: Points, others_m: Points, z_m: float, half_m: float) -> NDArray[np.bool_]:
+    """Return (N, M) whether the ways between points miss a square before the facing plane's object."""
+    part = (z_m - ones_m[:, None, 2]) / (others_m[:, 2] - ones_m[:, None, 2])
+    at_m = ones_m[:, None, :2] + part[..., None] * (others_m[:, :2] - ones_m[:, None, :2]) - IMAGE_M[:2]
+    return (part < 1e-6) | (part > 1 - 1e-6) | (np.abs(at_m) > half_m).any(axis=2)
+
+
+def form(ones_m: Points, others_m: Points, k_per_m: float) -> NDArray[np.complexfloating]:
+    """Return form factors (N, M) between points of surfaces that face z, times exp(-ikr) [1/m^2]."""
+    away_m = others_m - ones_m[:, None]
+    r2 = (away_m**2).sum(axis=2)
+    open_ = passes(ones_m, others_m, 0.79, 0.12) & passes(ones_m, others_m, 0.8, 0.1)
+    return away_m[..., 2] ** 2 / (np.pi * r2**2) * open_ * np.exp(-1j * k_per_m * np.sqrt(r2))
+
+
+def reference(render: Renderings) -> None:
+    """Hold the fifth bounce by way of the object against a sum of waves over points 1.25 cm apart."""
+    laser_m, spot_m = wall(32)[::3], np.array([DETECTOR_M])
+    plane_m = surface((0, 0, 1.5), (1, 0, 0), (0, 1, 0), 0.0125)
+    object_m = surface((0.3, 0, 0.8), (0.2, 0, 0), (0, 0.2, 0), 0.0125)
+    lit = Scene("lit", facing().meshes[:2])
+    times_s, reflecting_m2 = BIN_S * np.arange(BINS + 1), 0.8 * 0.0125**2
+
+    def exact(k: float) -> NDArray[np.complexfloating]:
+        there = form(object_m, plane_m, k) @ form(plane_m, spot_m, k)
+        return (form(laser_m, plane_m, k) @ form(plane_m, object_m, k) @ there)[:, 0] * reflecting_m2**3
+
+    for name, edge_m, clusters in (
+        ("45 mm", EDGE_M, EACH),
+        ("89 mm", 0.089, EACH),
+        ("usual", None, CLUSTERS),
+    ):
+        blockers = occluders(facing().triangles_m)
+        between = Interreflections(tessellate(lit, edge_m), blockers, 5, 0.0, clusters)
+        light = transients((between.light_paths(DETECTOR_M),), laser_m, times_s)
+        print(f"{name}: energy {light.sum() / exact(0.0).real.sum():.3f}", end="")
+        for wavelength_m in (0.06, 0.08, 0.12, 0.16):
+            k = 2 * np.pi / wavelength_m
+            phases = np.exp(-1j * k * 299_792_458 * (times_s[:-1] + BIN_S / 2))
+            ours, true = light @ phases, exact(k)
+            scale = np.vdot(true, ours) / np.vdot(true, true)
+            rest = np.linalg.norm(ours - scale * true) / np.linalg.norm(ours)
+            print(
+                f"; {wavelength_m}: {abs(scale):.3f} times, phase {np.angle(scale):.3f}, rest {rest:.3f}",
+                end="",
+            )
+        print(flush=True)
 
 
 def limits(render: Renderings) -> None:
@@ -383,7 +432,7 @@ def picture(render: Renderings) -> None:
     Image.open(PICTURE).convert("RGB").quantize(128).save(PICTURE, optimize=True)
 
 
-PARTS = {part.__name__: part for part in (wavelengths, refinement, limits, photons, picture)}
+PARTS = {part.__name__: part for part in (wavelengths, reference, refinement, limits, photons, picture)}
 if __name__ == "__main__":
     folder = Path(sys.argv[1])
     folder.mkdir(exist_ok=True)

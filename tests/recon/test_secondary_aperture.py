@@ -49,8 +49,7 @@ def seen_from_plane(point_m, plane_m, lit_by_surface):
 
 @pytest.mark.parametrize("lit_by_surface", [False, True], ids=["four-bounces", "five-bounces"])
 def test_point_is_found_where_it_is(lit_by_surface):
-    # Beside the way from lamp to plane, where time tells depths apart, and before the part of it that mirrors the
-    # point for the wall.
+    # Where time tells depths apart, beside the way from lamp to plane, and where the plane mirrors it.
     plane_m, point_m = plane(1.4, 0.8, 0.05), np.array([0.4, 0.0, 0.5])
     capture = seen_from_plane(point_m, plane_m, lit_by_surface)
     places_m = voxels(np.arange(0.0, 0.81, 0.04), np.arange(0.3, 0.71, 0.04))
