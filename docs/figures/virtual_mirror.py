@@ -2,7 +2,7 @@
 
     python docs/figures/virtual_mirror.py FOLDER [PART ...]
 
-Parts are the functions in `PARTS`; without any, all are run (some 4 minutes of CPU time). Rendered transients
+Parts are the functions in `PARTS`; without any, all are run (some 6 minutes of CPU time). Rendered transients
 are kept in the folder.
 """
 
@@ -408,11 +408,11 @@ def picture(render: Renderings) -> None:
     mirrored = image(five, VirtualPulse(0.08), behind, window=Window(start_s=AFTER_S)).intensity[:, 0]
     side = sides(render)
     panels = {
-        "behind the plane, from the wall": (mirrored, behind),
-        "the same at its true place, from the plane": second(render)["facing 0.08"],
-        "beyond a second corner, from the plane": corners(render)["corner"],
-        "a side wall, from the wall": side["sideways four wall"],
-        "the same, from the plane": side["sideways four plane"],
+        "from the wall:\nbehind the plane": (mirrored, behind),
+        "from the plane:\nat its true place": second(render)["facing 0.08"],
+        "from the plane:\nbeyond a second corner": corners(render)["corner"],
+        "from the wall:\na side wall": side["sideways four wall"],
+        "from the plane:\nthe side wall": side["sideways four plane"],
     }
     true_m = [((0.2, 0.4), (2.2, 2.2)), ((0.2, 0.4), (0.8, 0.8)), ((1.3, 1.3), (1.5, 1.7))]
     true_m += [((1.0, 1.0), (0.9, 1.9))] * 2
@@ -427,7 +427,7 @@ def picture(render: Renderings) -> None:
         axes.set_xlabel("x [m]", fontsize=7)
         axes.set_ylabel("z [m]", fontsize=7)
         axes.tick_params(labelsize=6)
-    figure.colorbar(shown, label="intensity [dB of the panel's peak]")
+    figure.colorbar(shown, ax=figure.axes, shrink=0.7, label="dB of the panel's peak")
     save(figure, PICTURE)
     Image.open(PICTURE).convert("RGB").quantize(128).save(PICTURE, optimize=True)
 
