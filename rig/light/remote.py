@@ -249,9 +249,9 @@ class GuardedElsewhere:
         for safe in self.when_hanging:
             _in_time(safe, 3.0)
         sentence = (
-            f"\nrig: a device's library, a disk or the terminal has not returned for {HANGS_S:.0f} s. The guard "
-            "has put the laser out, and the program ends here. Lines that were finished are safe; switch the "
-            "timing instrument off and on, and go on with rig resume.\n"
+            f"\nrig: a device's library, a disk or the terminal has not returned for {HANGS_S:.0f} s. "
+            "The guard has put the laser out, and the program ends here. Lines that were finished are safe; "
+            "switch the timing instrument off and on, and go on with rig resume.\n"
         )
         _in_time(lambda: os.write(2, sentence.encode()), 1.0)  # the terminal may be what hangs
         os._exit(3)
