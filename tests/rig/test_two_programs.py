@@ -29,23 +29,28 @@ def running(request, tmp_path):
         scan.kill()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [
-        (("resume", "a.h5"), 5, "being written by another program"),
-        (("stats", "a.h5"), 5, "being written by another program"),
-        (("scan", *LONG), 2, "exists"),
-    ],
+SECOND = (
+    (("resume", "a.h5"), 5, "being written by another program"),
+    (("stats", "a.h5"), 5, "being written by another program"),
+    (("scan", *LONG), 2, "exists"),
 )
-def test_a_second_program_is_refused_and_changes_nothing(running, tmp_path, arguments, code, said):
+
+
+def test_a_second_program_is_refused_and_changes_nothing(running, tmp_path):
     scan, environment = running
-    second = subprocess.run(
-        rig_command(*arguments), cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
-    assert scan.poll() is None
-    assert second.returncode == code, second.stderr
-    assert said in second.stderr
-    assert "Traceback" not in second.stderr
+    for arguments, code, said in SECOND:
+        second = subprocess.run(
+            rig_command(*arguments),
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert scan.poll() is None
+        assert second.returncode == code, second.stderr
+        assert said in second.stderr
+        assert "Traceback" not in second.stderr
     scan.terminate()
     scan.stderr.read()
     assert scan.wait(60) == 6
