@@ -185,7 +185,8 @@ class GuardProcess:
         if self._guard.light is not Light.ALARM:
             return
         now_s = time.monotonic()
-        if now_s - self._reopened_s > REOPEN_S:
+        # a server that is gone never comes back, and its pseudo-terminal may be another's by now
+        if now_s - self._reopened_s > REOPEN_S and not self._config.served:
             self._reopened_s = now_s
             self._reopen()
         if now_s - self._told_s > TELL_AGAIN_S:
