@@ -219,8 +219,9 @@ class GuardProcess:
         shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
         if not sys.stderr.isatty():
             silent = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(silent, sys.stderr.fileno())  # who waits for the end of what the program says gets it
-            os.dup2(silent, self._replies.fileno())
+            # who waits for the end of what the program says gets it
+            for stream in (sys.stderr, sys.stdout, self._replies):
+                os.dup2(silent, stream.fileno())
         began_s = time.monotonic()
         while self._guard.light is Light.ALARM and time.monotonic() - began_s < GIVE_UP_S:
             time.sleep(PAUSE_S)
