@@ -1,4 +1,4 @@
-"""pyserial's handler for ``attacked://`` addresses: the simulated port, with faults put into its exchanges."""
+"""pyserial's handler for ``attacked://`` addresses: the simulated port, with faults put into it."""
 
 import errno
 
