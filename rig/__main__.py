@@ -10,7 +10,7 @@ def main() -> None:
     """Run the command line and exit.
 
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
-    safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped at once.
+    safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
     """
     from rig.commands.streams import dropping
 
@@ -27,10 +27,13 @@ def main() -> None:
 
 def _run() -> int | None:
     """Run a verb; return the exit code."""
-    from rig.commands import app
-
     try:
+        from rig.commands import app
+
         app()
+    except KeyboardInterrupt:
+        _report("stopped by Ctrl-C", 130)
+        return 130
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:

@@ -13,14 +13,14 @@ from typing import Protocol
 from drivers.errors import DeviceError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
-from rig.model.devices import Clock, Exposure, GuardedLaser, Rates, Settings, Tcspc
+from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, Tcspc
 from rig.model.quantities import show
 from rig.model.state import RigState
 
-#: How often everything is read back within a line.
+#: How often everything is read back within a line, and within an exposure.
 READ_BACK_S = 2.0
 
-#: How often count rates are looked at during a long exposure.
+#: How often mirror and count rates are looked at during a long exposure.
 LOOK_S = 0.2
 
 #: What moves by itself, or is watched elsewhere.
@@ -59,6 +59,11 @@ class Rig(Protocol):
         ...
 
     @property
+    def galvo(self) -> Galvo:
+        """The mirror."""
+        ...
+
+    @property
     def tcspc(self) -> Tcspc:
         """The timing instrument."""
         ...
@@ -90,7 +95,8 @@ class Vigil:
         self._count_hz = 0.0
         self._photons, self._live_s = 0, 0.0
         self._line_before: tuple[int, float] | None = None
-        self._looked_s = 0.0
+        self._looked_s = self._read_s = 0.0
+        self._settle_timeout_s = config.galvo.settle_timeout_s
         self._too_bright = False
         self._piled_up = False
 
@@ -122,17 +128,25 @@ class Vigil:
         self._live_s += exposure.live_time_s
 
     def look(self) -> None:
-        """Look at the count rates during an exposure, not too often.
+        """Look at mirror and count rates during a long exposure, and now and then at everything.
 
         Raises
         ------
         DoubtError
-            If there is too much light, twice in a row.
+            If there is too much light, twice in a row, or something is not as it was.
+        DeviceError
+            If the mirror no longer holds its position.
         """
         now_s = self._rig.clock.now_s()
-        if now_s - self._looked_s >= LOOK_S:
-            self._looked_s = now_s
-            self._bright(self._rig.tcspc.rates())
+        if now_s - self._looked_s < LOOK_S:
+            return
+        self._looked_s = now_s
+        self._rig.laser.beat(ASKING_LEASE_S)
+        self._rig.galvo.wait_settled(self._settle_timeout_s)
+        if now_s - self._read_s >= READ_BACK_S:
+            self._require_settings()
+        self._rig.laser.beat(LIBRARY_LEASE_S)
+        self._bright(self._rig.tcspc.rates())
 
     def vouch(self) -> list[str]:
         """Read everything back, and hold it against the beginning.
@@ -171,6 +185,7 @@ class Vigil:
             raise LightLostError("the laser went dark by itself: check interlock and key.")
 
     def _require_settings(self) -> None:
+        self._read_s = self._rig.clock.now_s()
         try:
             found = _flat(self._rig.read_back())
         except DeviceError:

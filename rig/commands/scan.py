@@ -1,5 +1,6 @@
 """``rig scan``: measure the relay wall."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,6 +67,7 @@ def scan(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.running import run
+    from rig.errors import UsageError
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -83,6 +85,8 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
     )
     target = out or Path(_default_name())
+    if os.path.lexists(target):
+        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")

@@ -14,6 +14,19 @@ from rig.errors import DataFileError
 from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
 
+#: What h5py raises on damaged content. A member that cannot be opened is None to it, which lacks every
+#: attribute; JSON may be nested too deep.
+_DAMAGE = (
+    OSError,
+    RuntimeError,  # RecursionError is one
+    KeyError,
+    ValueError,
+    TypeError,
+    OverflowError,
+    AttributeError,
+    MemoryError,
+)
+
 
 def open_hdf5(path: Path) -> h5py.File:
     """Open an HDF5 file for reading.
@@ -46,7 +59,7 @@ def reading(path: Path) -> Iterator[None]:
     """Turn what h5py raises on damaged content into an error that names the file."""
     try:
         yield
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
+    except _DAMAGE as error:
         raise DataFileError(f"{path} is damaged: {error}; copy it again, or measure again") from error
 
 

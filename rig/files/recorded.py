@@ -111,11 +111,15 @@ class RecordedFile(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _json(self, group: str, name: str, default: str) -> Any:
+    def _json(self, group: str, name: str, default: str, kind: type) -> Any:
+        """Return what an attribute holds as JSON, which must be of this kind."""
         try:
-            return json.loads(self._attribute(group, name, default))
-        except ValueError as error:
+            found = json.loads(self._attribute(group, name, default))
+        except (ValueError, TypeError, RecursionError) as error:
             raise DataFileError(f"{self.path}: /{group}@{name} is not JSON: {error}") from None
+        if not isinstance(found, kind):
+            raise DataFileError(f"{self.path}: /{group}@{name} holds no JSON {kind.__name__}; it is damaged")
+        return found
 
     def _attribute(self, group: str, name: str, default: Any) -> Any:
         with reading(self.path):

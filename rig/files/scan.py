@@ -272,14 +272,14 @@ class ScanFile(RecordedFile):
         measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
         if written < measured:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but only {written} bytes "
-                "were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
+                "bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
                 f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
-                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them less: "
-                "h5repack -f GZIP=1"
+                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
+                "less: h5repack -f GZIP=1"
             )
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
@@ -339,7 +339,7 @@ class ScanFile(RecordedFile):
     def warnings(self) -> list[str]:
         """What went less than well, each sentence once."""
         noted = [note.sentence for note in self.events if note.kind == "warning"]
-        return list(dict.fromkeys([*self._json("stop", "warnings", "[]"), *noted]))
+        return list(dict.fromkeys([*map(str, self._json("stop", "warnings", "[]", list)), *noted]))
 
     @property
     def doubts(self) -> list[str]:
@@ -378,12 +378,14 @@ class ScanFile(RecordedFile):
     @property
     def imported(self) -> dict[str, Any]:
         """File, sha256, layout and assumptions of an import; empty for a scan."""
-        return dict(self._json("start", "imported", "{}"))
+        found: dict[str, Any] = self._json("start", "imported", "{}", dict)
+        return found
 
     @property
     def estimated(self) -> list[str]:
         """Values that the imported file lacked and that were estimated from its data, in words."""
-        return [str(value["words"]) for value in self.imported.get("estimated", ())]
+        with reading(self.path):
+            return [str(value["words"]) for value in self.imported.get("estimated", ())]
 
     @cached_property
     def calibrations(self) -> Calibrations:

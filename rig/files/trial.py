@@ -6,6 +6,7 @@ and memory. It answers in JSON, which is data alone: a child that such a file ha
 cannot make its parent run anything.
 """
 
+import faulthandler
 import importlib
 import json
 import os
@@ -149,6 +150,7 @@ def _answer_and_leave(pipe: int, function: Callable[..., Any], words: list[str],
     """Give a function's answer, and end without what the parent had planned for its own end."""
     code = 1
     try:
+        faulthandler.disable()  # the parent says what happened
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         text = _answer(function, words, size)

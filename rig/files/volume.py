@@ -152,13 +152,24 @@ def read_volume(path: str | Path) -> Volume:
             depth_m=_maybe(group, "depth_m"),
             confidence=_maybe(group, "confidence"),
             t_s=read(group["t_s"]).astype(float) if "t_s" in group else None,
-            parameters=json.loads(plain(file.attrs.get("parameters", "{}"))),
+            parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
             scan=plain(file.attrs.get("scan", "")),
             scan_digest=plain(file.attrs.get("scan_digest", "")),
         )
-    if problem := volume.problem():
+    if problem := volume.problem() or _uneven(volume):
         raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
     return volume
+
+
+def _uneven(volume: Volume) -> str:
+    """Return which axis cannot be one, empty if all can."""
+    axes = {"x_m": volume.x_m, "y_m": volume.y_m, "z_m": volume.z_m}
+    if volume.t_s is not None:
+        axes["t_s"] = volume.t_s
+    for name, values in axes.items():
+        if not values.size or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
+            return f"{name} is empty, or its values are no finite numbers that rise"
+    return ""
 
 
 def _maybe(group: h5py.Group, name: str) -> NDArray[np.float32] | None:

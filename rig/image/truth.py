@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile, read_volume
+from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
+from rig.model.npz import read_npz
 
 #: Endings of triangle meshes, in metres and in the program's frame.
 MESHES = (".obj", ".ply", ".stl")
@@ -89,9 +91,8 @@ def _is_mesh(name: str) -> bool:
 
 def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
     try:
-        with np.load(path) as held:
-            arrays = {name: held[name] for name in held.files}
-    except (OSError, ValueError, EOFError) as error:
+        arrays = read_npz(path)
+    except (OSError, ValueError) as error:
         raise DataFileError(f"{path} cannot be read: {error}") from error
     _needed(path, arrays, "x_m", "y_m")
     if "depth_m" in arrays:
@@ -114,10 +115,10 @@ def _from_hdf5(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
             return _sampled(path, volume.depth_m, volume.x_m, volume.y_m, x_m, y_m)
         truth = file.get("truth", {})
         if {"depth_m", "x_m", "y_m"} <= set(truth):
-            depth_m, of_x_m, of_y_m = (truth[name][()] for name in ("depth_m", "x_m", "y_m"))
+            depth_m, of_x_m, of_y_m = (read(truth[name]) for name in ("depth_m", "x_m", "y_m"))
             return _sampled(path, depth_m, of_x_m, of_y_m, x_m, y_m)
         triangles_m = [
-            mesh["vertices_m"][()].astype(float)[mesh["faces"][()]]
+            read(mesh["vertices_m"]).astype(float)[read(mesh["faces"])]
             for mesh in truth.get("geometry", {}).values()
         ]
     if not triangles_m:

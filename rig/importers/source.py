@@ -148,7 +148,8 @@ class Source:
     def attribute(self, name: str, default: Any = None) -> Any:
         """Return a root attribute of an HDF5 file as a Python value."""
         assert self.hdf5 is not None
-        return plain(self.hdf5.attrs.get(name, default))
+        with reading(self.path):
+            return plain(self.hdf5.attrs.get(name, default))
 
     def attribute_numbers(self, name: str, size: int) -> NDArray[np.float64] | None:
         """Return a root attribute of an HDF5 file as float64 of this size; None where there is none.
@@ -159,9 +160,10 @@ class Source:
             If it does not hold as many finite numbers.
         """
         assert self.hdf5 is not None
-        if name not in self.hdf5.attrs:
-            return None
-        value = np.asarray(self.hdf5.attrs[name])
+        with reading(self.path):
+            if name not in self.hdf5.attrs:
+                return None
+            value = np.asarray(self.hdf5.attrs[name])
         if value.dtype.kind not in "fiu" or value.size != size or not np.isfinite(value).all():
             raise DataFileError(
                 f"{self.path}: attribute '{name}' is {value}; {size} finite numbers are needed"

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -129,3 +130,44 @@ def test_a_trip_is_acknowledged_by_a_person(rig, bench):
         assert "by a person" in automatic.err
     finally:
         forget_trip(config)
+
+
+HANGING = """
+import ctypes, sys, time
+from rig.__main__ import main
+from simulators.wire.hydraharp import HydraHarpSimulator
+
+made = HydraHarpSimulator.__init__
+
+
+def hanging(self, *arguments, **options):
+    made(self, *arguments, **options)
+    usual, calls = self.functions.HH_StartMeas, []
+
+    def start(index, duration_ms):  # the vendor's library returns nine times, and then never
+        calls.append(index)
+        if len(calls) > 9:
+            time.sleep(1e6)
+        return usual(index, duration_ms)
+
+    self.functions.HH_StartMeas = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)(start)
+
+
+HydraHarpSimulator.__init__ = hanging
+sys.argv[0] = "rig"
+main()
+"""
+
+
+def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(bench, tmp_path):
+    lit_before = len(bench.values("laser emission"))
+    arguments = ["scan", "--config", bench.config, *LONG, "--out", tmp_path / "a.h5"]
+    command = [sys.executable, "-c", HANGING, *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as scan:
+        wait_for(lambda: bench.values("laser emission")[lit_before:] == ["1"])
+        wait_for(lambda: dark(bench))
+        for _ in range(5):
+            scan.send_signal(signal.SIGINT)  # which a call that never returns does not notice
+        assert scan.wait(2 * PATIENCE_S) == 3
+        assert b"has not returned" in scan.stderr.read()
+    assert bench.values("detector bias")[-1] == "0"

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
+from rig.model.npz import read_npz
 
 
 @dataclass(frozen=True)
@@ -141,9 +141,8 @@ def _arrays_beside(path: Path) -> dict[str, NDArray]:
     if not beside.is_file():
         return {}
     try:
-        with np.load(beside, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (BadZipFile, EOFError, ValueError, AttributeError) as error:
+        return read_npz(beside)
+    except ValueError as error:
         raise DataFileError(f"{beside} is damaged: {error}. Measure it again: rig calibrate") from None
 
 

@@ -1,0 +1,179 @@
+"""No file crashes a reader, keeps it for ever, or leads it elsewhere: a short attack, and what was found."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from attacks.files import PARSERS, attack, scan_file
+from rig.errors import DataFileError
+from rig.files import ScanFile
+from rig.files.trial import tried
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the attack's workers are forked")
+
+REPRO = Path(os.environ.get("RIG_TEST_FAULTS") or Path(__file__).parents[3] / "shared" / "faults" / "repro")
+
+
+@pytest.mark.parametrize("parser", PARSERS)
+def test_readers_read_or_refuse(parser):
+    assert attack(parser, 20) == []
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return scan_file(tmp_path_factory.mktemp("good"))
+
+
+def edited(good, tmp_path, edit):
+    path = tmp_path / "edited.h5"
+    path.write_bytes(good.read_bytes())
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def external_link(file):
+    del file["geometry/laser_m"]
+    file["geometry/laser_m"] = h5py.ExternalLink("other.h5", "/x")
+
+
+def external_storage(file):
+    del file["geometry/laser_m"]
+    file.create_dataset("geometry/laser_m", (40, 3), "f8", external=[("other.bin", 0, 960)])
+
+
+def virtual(file):
+    del file["geometry/laser_m"]
+    layout = h5py.VirtualLayout((40, 3), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "x", (40, 3))
+    file.create_virtual_dataset("geometry/laser_m", layout)
+
+
+def two_deflates(file):
+    del file["geometry/laser_m"]
+    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plist.set_chunk((40, 3))
+    plist.set_deflate(9)
+    plist.set_deflate(9)
+    space = h5py.h5s.create_simple((40, 3))
+    h5py.h5d.create(file["geometry"].id, b"laser_m", h5py.h5t.IEEE_F64LE, space, plist)
+
+
+def large_chunk(file):
+    del file["geometry/laser_m"]
+    file.create_dataset("geometry/laser_m", (2**24, 3), "f8", chunks=(2**24, 3))
+
+
+def short_chunk(file):
+    file["transients/counts"].id.write_direct_chunk((0, 0, 0), b"\x78\x9c\x03\x00\x00\x00\x00\x01")
+
+
+def unwritten(file):
+    counts = file["transients/counts"]
+    kept, chunks = dict(counts.attrs), counts.chunks
+    del file["transients/counts"]
+    file.create_dataset("transients/counts", (40, 1, 400), "u4", chunks=chunks).attrs.update(kept)
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (external_link, "is a link to another file"),
+        (external_storage, "keeps its values in another file"),
+        (virtual, "put together from other files"),
+        (two_deflates, "filters"),
+        (large_chunk, "chunks of 402653184 bytes"),
+        (short_chunk, "a chunk"),
+        (unwritten, "chunks of 0 bytes were written"),
+    ],
+)
+def test_what_is_refused_and_why(good, tmp_path, edit, said):
+    with (
+        pytest.raises(DataFileError, match=said) as caught,
+        ScanFile(edited(good, tmp_path, edit)) as scan,
+    ):
+        list(scan.capture().histograms.blocks())
+    assert "edited.h5" in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"x")
+    began_s = time.monotonic()
+    for function, said in ((die, "crashed"), (swallow, "memory"), (turn, "did not come to an end")):
+        with pytest.raises(DataFileError, match=said):
+            tried(path, function)
+    assert time.monotonic() - began_s < 30
+
+
+def test_a_new_process_answers_where_a_copy_is_not_safe(tmp_path):
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"x")
+    stop = threading.Event()
+    beside = threading.Thread(target=stop.wait)
+    beside.start()
+    try:
+        assert tried(path, os.path.basename) == "a.h5"
+    finally:
+        stop.set()
+        beside.join()
+
+
+def die(path):
+    os.abort()
+
+
+def swallow(path):
+    return len(np.ones(2**40))
+
+
+def turn(path):
+    while True:
+        pass
+
+
+@pytest.mark.parametrize("name", ["power-0.h5", "scan-bytes-c84796d8.h5", "volume-struct-28003048.h5"])
+@pytest.mark.parametrize("verb", ["stats", "plot", "measure", "resume"])
+def test_files_that_looped_or_crashed(rig, name, verb):
+    if not (REPRO / name).exists():
+        pytest.skip(f"{name} is not in {REPRO}")
+    began_s = time.monotonic()
+    done = rig(verb, REPRO / name)
+    assert done.code == 5
+    assert done.err.count("\n") == 1
+    assert time.monotonic() - began_s < 15
+
+
+@pytest.mark.parametrize(
+    "name", ["importers-29149906.mat", "importers-16e3e12c.h5", "importers-b81d2b70.mat"]
+)
+def test_imports_that_crashed(rig, name):
+    if not (REPRO / name).exists():
+        pytest.skip(f"{name} is not in {REPRO}")
+    done = rig("import", REPRO / name, "out.h5", "--bin-width", "4ps")
+    assert done.code == 5
+    assert done.err.count("\n") == 1
+    assert not Path("out.h5").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not take such names")
+def test_a_name_that_is_no_text(good, tmp_path):
+    folder = os.fsencode(tmp_path)
+    named = os.path.join(folder, b"a\xff.h5")
+    Path(os.fsdecode(named)).write_bytes(good.read_bytes())
+    for verb in ("stats", "plot", "resume", "recon", "measure"):
+        done = subprocess.run(
+            [sys.executable, "-m", "rig", verb, named],
+            cwd=tmp_path,
+            capture_output=True,
+            check=False,
+            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+        assert b"Traceback" not in done.stderr, done.stderr
