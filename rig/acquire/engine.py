@@ -424,8 +424,8 @@ class ScanEngine:
         try:
             self._devices.laser.stop()
             self._require_no_sync()
-        except BaseException:
-            self._consume(LightChanged(None, _now()))
+        except BaseException as problem:
+            leave([partial(self._consume, LightChanged(None, _now()))], problem)
             if beam_dump_rad := self._state.config.galvo.beam_dump_rad:
                 with suppress(DeviceError):
                     self._devices.galvo.point(*beam_dump_rad)
@@ -436,9 +436,9 @@ class ScanEngine:
         """Take the detector's bias away, and tell if that cannot be confirmed."""
         try:
             self._devices.spad.disable()
-        except BaseException:
+        except BaseException as problem:
             at = min(self._done, len(self._plan) - 1)
-            self._consume(Noticed(BIASED, at, at))
+            leave([partial(self._consume, Noticed(BIASED, at, at))], problem)
             raise
 
     def _require_no_sync(self) -> None:
