@@ -69,7 +69,6 @@ ENDING = {
         lambda rig: rig.bench.change_light(repetition_hz=20e6),
         "repetition_hz is 20000000",
     ),
-    "a lamp of 1 GHz": (lambda rig: rig.bench.change_light(lamp_hz=1e9), "may harm it"),
 }
 
 
@@ -92,6 +91,24 @@ def test_a_power_that_rises_tenfold_ends_the_scan(tmp_path):
     assert end.code == 4
     assert "power_setpoint is 10.0, was 1.0" in end.said
     assert file.done.sum() == FIRST_IN_DOUBT
+
+
+def test_an_overload_takes_the_bias_away_at_once(tmp_path):
+    plan = tiny_plan(CONFIG, columns=20, rows=10, exposure_s=1e-3)
+    with attacked_rig(CONFIG) as rig:
+        began_s = []
+
+        def shine():
+            began_s.append(rig.bench.clock.now_s())
+            rig.bench.change_light(lamp_hz=1e9)
+
+        end, _, file = lied_to(rig, tmp_path / "a.h5", shine, plan=plan)
+        took_s = rig.bench.clock.now_s() - began_s[0]
+    assert end.code == 4
+    assert "may harm it" in end.said
+    assert "Its bias is taken away" in end.said
+    assert file.done.sum() <= 20  # no line after the one in which it began
+    assert took_s < 1  # two looks 0.2 s apart at most, and 0.4 s in which the sync's end is waited for
 
 
 @pytest.mark.parametrize(("lamp_hz", "words"), [(5e6, "photons/s to"), (1e6, "pile-up")])
