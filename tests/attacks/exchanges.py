@@ -98,9 +98,9 @@ class Attacked:
         self.exchanges = tuple(tap.seen)
         self._counts = kept(reference).counts
 
-    def outcomes(self, fault: Fault, every: int) -> Iterator[Outcome]:
+    def outcomes(self, fault: Fault, every: int, begin: int = 0) -> Iterator[Outcome]:
         """Put a fault into each exchange in turn, or into every so many."""
-        for first in range(0, len(self.exchanges), every):
+        for first in range(begin, len(self.exchanges), every):
             yield self.outcome(fault, first)
 
     def outcome(self, fault: Fault, first: int) -> Outcome:

@@ -23,6 +23,7 @@ from rig.model.config import RigConfig, built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.bench import Bench
+from simulators.clock import BenchClock
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.laser import KatanaHead
@@ -64,11 +65,14 @@ class AttackedRig:
 
 
 @contextmanager
-def attacked_rig(config: RigConfig, tap: Tap | None = None) -> Iterator[AttackedRig]:
+def attacked_rig(
+    config: RigConfig, tap: Tap | None = None, *, real_time: bool = False
+) -> Iterator[AttackedRig]:
     """Build a rig with taps in its wires; what its scene sends back is rendered once."""
     tap = tap or Tap()
     rendered = simulated_bench_of(config)
-    bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed)
+    clock = BenchClock(real_time=real_time)
+    bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed, clock=clock)
     galvo, laser, spad = GalvoBoard(bench), KatanaHead(bench), SpadInstrument(bench)
     harp, usb = HydraHarpSimulator(bench), TappedUsb([spad], tap)
     name = str(next(_numbers))

@@ -7,8 +7,8 @@ import pytest
 from attacks.exchanges import FAULTS, Attacked, Outcome
 from attacks.taps import Fault
 
-#: About thirty exchanges of a scan; a prime, so that all kinds of exchanges come in turn.
-EVERY = 31
+#: Each fault at eight exchanges of a scan, at others than the fault before: together at a hundred.
+EVERY, NEXT = 127, 11
 
 #: Calls that say that all is well and do nothing, and leave no trace: a histogram that was not cleared, and a
 #: clock's or an offset's setting that cannot be read back.
@@ -29,7 +29,7 @@ def lies(one: Outcome) -> bool:
 def test_a_fault_at_any_exchange(attacked, name):
     fault = FAULTS[name]
     silent = fault.kind in ("drop", "flip")
-    for one in attacked.outcomes(fault, EVERY):
+    for one in attacked.outcomes(fault, EVERY, NEXT * list(FAULTS).index(name)):
         assert one.told, one
         if not fault.lasting:
             assert not one.end.emitting, one
@@ -58,6 +58,6 @@ def test_a_library_that_says_all_is_well_and_does_nothing_is_found_out(attacked,
 
 def test_a_garbled_transfer_does_not_leave_the_bias_on(attacked):
     writes = [number for number, (_, name) in enumerate(attacked.exchanges) if name == "bulk_write"]
-    for at in writes[-8:]:  # the last of them take the bias away
+    for at in writes[-4:]:  # the last of them take the bias away
         one = attacked.outcome(Fault("flip"), at)
         assert not one.end.biased, one

@@ -114,9 +114,7 @@ def test_an_overload_takes_the_bias_away_at_once(tmp_path):
 @pytest.mark.parametrize(("lamp_hz", "words"), [(5e6, "photons/s to"), (1e6, "pile-up")])
 def test_a_lamp_is_told_with_its_positions(tmp_path, lamp_hz, words):
     with attacked_rig(CONFIG) as rig:
-        end, noticed, file = lied_to(
-            rig, tmp_path / "a.h5", lambda: rig.bench.change_light(lamp_hz=lamp_hz)
-        )
+        end, noticed, file = lied_to(rig, tmp_path / "a.h5", lambda: rig.bench.change_light(lamp_hz=lamp_hz))
     assert end.code == 0, end
     assert any(words in one.sentence and (one.first, one.last) == (10, 19) for one in noticed), noticed
     assert any(words in one for one in file.warnings)
