@@ -2,8 +2,14 @@
 
 import json
 import os
+import signal
 import sys
+import time
 import traceback
+from types import FrameType
+
+#: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
+SAME_WISH_S = 1.0
 
 
 def main() -> None:
@@ -12,6 +18,37 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
     safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
     """
+    stop = _Interrupts()
+    signal.signal(signal.SIGINT, stop)
+    try:
+        code = _to_the_end()
+    except KeyboardInterrupt:
+        code = stop.said()
+    stop.ended = True
+    sys.exit(code)
+
+
+class _Interrupts:
+    """Ctrl-C, once for as long as it is held; after the program's end it has nothing to end any more."""
+
+    def __init__(self) -> None:
+        self.ended = False
+        self._last_s = -SAME_WISH_S
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
+        if anew and not self.ended:
+            raise KeyboardInterrupt
+
+    def said(self) -> int:
+        """Say that the program was stopped; return the exit code."""
+        self.ended = True
+        print("rig: stopped.", file=sys.stderr)
+        return 130
+
+
+def _to_the_end() -> int | None:
     from rig.commands.streams import dropping
 
     with dropping() as out:
@@ -22,7 +59,9 @@ def main() -> None:
             _report(
                 f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
             )
-    sys.exit(code)
+        if code == 130:  # the frame of commands takes Ctrl-C without a word
+            _report("stopped", code)
+    return code
 
 
 def _run() -> int | None:

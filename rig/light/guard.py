@@ -22,7 +22,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.errors import DeviceError, RefusedError
+from drivers.errors import DeviceError, LinkError, RefusedError
 from rig.model.devices import Clock, Laser, Settings
 
 #: How often a laser that is lit is looked at.
@@ -89,6 +89,7 @@ class Guard:
         self._until_s = 0.0
         self._looked_s = 0.0
         self._alarm = "the laser could not be made dark"
+        self._within_reach = True
 
     def arm(self) -> None:
         """Prepare the laser; still dark.
@@ -125,7 +126,7 @@ class Guard:
 
     def hold(self, until_s: float) -> None:
         """Take it that all is well until a time of the clock."""
-        self._until_s = min(until_s, self._clock.now_s() + LONGEST_LEASE_S)
+        self._until_s = min(self._clock.now_s() + LONGEST_LEASE_S, until_s)  # NaN gives the first
 
     def emitting(self) -> bool:
         """Ask the laser now; light that is gone is lost.
@@ -176,9 +177,13 @@ class Guard:
             elif now_s - self._looked_s >= LOOK_S:
                 self._look()
 
+    def let_go(self) -> None:
+        """Know nothing of the laser until `take`: its line is closed, and a closed laser takes any order."""
+        self._within_reach = False
+
     def take(self, laser: Laser) -> None:
         """Go on with a laser that was opened anew, which has put it out."""
-        self._laser = laser
+        self._laser, self._within_reach = laser, True
         self._try_again(at_once=True)
 
     def _look(self) -> None:
@@ -209,6 +214,7 @@ class Guard:
         self.light = Light.ALARM  # until it is known better
         self._until_s = 0.0
         try:
+            self._require_line()
             self._laser.stop()
         except DeviceError as problem:
             self._looked_s = self._clock.now_s()
@@ -220,6 +226,15 @@ class Guard:
             raise
         self.light = Light.DARK
         return None
+
+    def _require_line(self) -> None:
+        if not self._within_reach:
+            raise LinkError(
+                "laser",
+                "be dark",
+                "its line cannot be opened any more",
+                "Treat the laser as EMITTING: turn its key off by hand, and look at its cable.",
+            )
 
     def _not_in_alarm(self, asked: str) -> None:
         if self.light is Light.ALARM:
