@@ -73,19 +73,19 @@ def _run() -> int | None:
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:
-        code = _exit_code(error)
+        code = exit_code(error)
         if code is None:
             traceback.print_exc()
             print("rig: this is a defect in rig; please report it with the lines above.", file=sys.stderr)
             return 1
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
-        _report(f"{_in_words(error)}{_hint(error)}", code)
+        _report(f"{told(error)}{_hint(error)}", code)
         return code
     return 0
 
 
-def _exit_code(error: Exception) -> int | None:
+def exit_code(error: Exception) -> int | None:
     """Return the exit code of a failure that a person can mend, None for a defect."""
     from drivers.errors import DeviceError, LimitError
     from recon.errors import ReconError
@@ -107,7 +107,12 @@ def _is_of_a_file(error: Exception) -> bool:
     return isinstance(error, OSError) and error.errno is not None and error.filename is not None
 
 
-def _in_words(error: Exception) -> str:
+def told(error: BaseException) -> str:
+    """Return what a person reads of a failure: it, and what failed after it, each once."""
+    return "\n".join(dict.fromkeys([_in_words(error), *getattr(error, "__notes__", ())]))
+
+
+def _in_words(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
     if isinstance(error, OSError):

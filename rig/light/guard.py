@@ -88,6 +88,7 @@ class Guard:
         self.light = Light.DARK
         self._until_s = 0.0
         self._looked_s = 0.0
+        self._alarm = "the laser could not be made dark"
         self._within_reach = True
 
     def arm(self) -> None:
@@ -115,7 +116,9 @@ class Guard:
         try:
             self._laser.emit()
         except BaseException:
-            self._put_out()
+            if problem := self._put_out():
+                self._alarm = str(problem)
+                self._tell(Lost(self._alarm, False, True))
             raise
         self.light = Light.LIT
         self._looked_s = self._clock.now_s()
@@ -148,6 +151,8 @@ class Guard:
             If the laser does not confirm that it is dark; the guard goes on trying.
         """
         if problem := self._put_out():
+            self._alarm = str(problem)
+            self._tell(Lost(self._alarm, False, True))
             raise problem
 
     def settings(self) -> Settings:
@@ -158,7 +163,7 @@ class Guard:
         """Put the light out without the program's wish, and tell it."""
         problem = self._put_out()
         if problem:
-            reason = f"{reason}. {problem}"
+            self._alarm = reason = f"{reason}. {problem}"
         self._tell(Lost(reason, problem is None, trip or problem is not None))
 
     def turn(self) -> None:
@@ -202,7 +207,7 @@ class Guard:
             return
         self._looked_s = now_s
         if self._put_out() is None:
-            self._tell(Lost("the laser is dark at last", True, True))
+            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True))
 
     def _put_out(self) -> DeviceError | None:
         """Make the laser dark; return why that is not confirmed, if it is not."""

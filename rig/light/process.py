@@ -217,7 +217,8 @@ class GuardProcess:
             self._say({"alive": True})
         if self._guard.light is not Light.ALARM:
             return
-        if now_s - self._reopened_s > REOPEN_S:
+        # a server that is gone never comes back, and its pseudo-terminal may be another's by now
+        if now_s - self._reopened_s > REOPEN_S and not self._config.served:
             self._reopened_s = now_s
             self._reopen()
         if now_s - self._told_s > TELL_AGAIN_S:
@@ -251,8 +252,9 @@ class GuardProcess:
         shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
         if not sys.stderr.isatty():
             silent = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(silent, sys.stderr.fileno())  # who waits for the end of what the program says gets it
-            os.dup2(silent, self._replies.fileno())
+            # who waits for the end of what the program says gets it
+            for stream in (sys.stderr, sys.stdout, self._replies):
+                os.dup2(silent, stream.fileno())
         began_s = time.monotonic()
         while self._guard.light is Light.ALARM and time.monotonic() - began_s < GIVE_UP_S:
             time.sleep(PAUSE_S)
