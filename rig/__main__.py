@@ -12,6 +12,8 @@ from types import FrameType
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
 SAME_WISH_S = 1.0
 
+STOPPED = "stopped by Ctrl-C"
+
 
 def main() -> None:
     """Run the command line and exit.
@@ -25,10 +27,8 @@ def main() -> None:
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         code = 130
-        _report("stopped", code)
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # or it would end the interpreter's own end, and its exit code
+        _report(STOPPED, code)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it would spoil the interpreter's own end
     sys.exit(code)
 
 
@@ -57,7 +57,7 @@ def _to_the_end() -> int | None:
                 f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
             )
         if code == 130:  # the frame of commands takes Ctrl-C without a word
-            _report("stopped", code)
+            _report(STOPPED, code)
     return code
 
 
@@ -68,7 +68,6 @@ def _run() -> int | None:
 
         app()
     except KeyboardInterrupt:
-        _report("stopped by Ctrl-C", 130)
         return 130
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
