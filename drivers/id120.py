@@ -13,7 +13,14 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError, RefusedError
+from drivers.errors import (
+    DeviceError,
+    DeviceNotFoundError,
+    LimitError,
+    LinkError,
+    ProtocolError,
+    RefusedError,
+)
 from drivers.leaving import leave
 from drivers.lines.usb_finder import find_instrument
 from drivers.lines.usbtmc import UsbTmc
