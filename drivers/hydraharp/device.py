@@ -376,8 +376,8 @@ class HydraHarp:
         sentences = [text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit]
         if unknown := int(flags) & ~int(hh.Flag.ACTIVE | sum(hh.FLAG_SENTENCES, hh.Flag(0))):
             sentences.append(
-                f"The instrument raised flags 0x{unknown:X}, which HHLib {hh.LIBRARY_VERSION} does not explain: "
-                "ask PicoQuant what they mean before the counts are used."
+                f"The instrument raised flags 0x{unknown:X}, which HHLib {hh.LIBRARY_VERSION} does not "
+                "explain: ask PicoQuant what they mean before the counts are used."
             )
         return tuple(sentences)
 
