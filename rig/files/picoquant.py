@@ -19,6 +19,16 @@ MAGIC_RECORDS, MAGIC_HISTOGRAMS = b"PQTTTR\0\0", b"PQHISTO\0"
 #: What older files begin with: one layout for each instrument and version.
 OLDER = (b"HydraHarp", b"TimeHarp 200", b"PicoHarp 300")
 
+#: Where our own files keep what records cannot say; other programs pass over it.
+#: Spots [m]: the laser's (P, 3), and the detector's (1 or P, C, 3).
+LASER, DETECTOR = "NLOS_LaserSpots", "NLOS_DetectorSpots"
+#: Inputs of the C channels, (C,); left edge of dtime 0 [s]; what to subtract for rectified time [s], (P, C).
+INPUTS, FIRST_BIN, DELAY, BINS = "NLOS_Inputs", "NLOS_FirstBin", "NLOS_Delay", "NLOS_Bins"
+#: Rectified time before which the record holds the wall's own light [s].
+FADE = "NLOS_FadeFrom"
+#: Markers of a point, a line and a frame, counted from 1.
+POINT_MARKER, LINE_MARKER, FRAME_MARKER = 1, 2, 3
+
 _EMPTY, _BOOL, _INT, _BITS, _COLOR = 0xFFFF0008, 0x00000008, 0x10000008, 0x11000008, 0x12000008
 _FLOAT, _TIME = 0x20000008, 0x21000008
 _INTS, _FLOATS, _TEXT, _WIDE, _BLOB = 0x1001FFFF, 0x2001FFFF, 0x4001FFFF, 0x4002FFFF, 0xFFFFFFFF
@@ -26,8 +36,6 @@ _TAG = struct.Struct("<32siI8s")
 _VERSION = b"1.0.00\0\0"
 #: A head of more tags, or more bytes in one of them, is damaged: real ones have some hundred tags.
 _MOST_TAGS, _MOST_BYTES = 100_000, 2**28
-#: Days from the first day of a TDateTime (1899-12-30) to 1970, and seconds of a day.
-_DAYS_TO_1970, _DAY_S = 25569, 86400
 
 
 @dataclass(frozen=True)
@@ -191,11 +199,6 @@ def _tag(name: str, index: int, value: Any) -> bytes:
         data = text + bytes(8 - len(text) % 8)  # ends in a zero at least, in whole eights of bytes
         kind, packed = _TEXT, struct.pack("<q", len(data))
     return _TAG.pack(name.encode("ascii"), index, kind, packed) + data
-
-
-def at_time(seconds: float) -> tuple[int, bytes]:
-    """Return type and value of a time tag, from seconds since 1970."""
-    return _TIME, struct.pack("<d", seconds / _DAY_S + _DAYS_TO_1970)
 
 
 def place_of(head: bytes, name: str) -> int:

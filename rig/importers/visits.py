@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
-from rig.files.picoquant import Head
+from rig.files.picoquant import (
+    BINS,
+    DELAY,
+    DETECTOR,
+    FADE,
+    FIRST_BIN,
+    INPUTS,
+    LASER,
+    POINT_MARKER,
+    Head,
+)
 from rig.importers.options import Options, positive
 
-#: Where this program's export keeps what the records cannot say; the instrument's own programs pass over it.
-#: Spots [m]: the laser's (P, 3), and the detector's (1 or P, C, 3).
-LASER, DETECTOR = "NLOS_LaserSpots", "NLOS_DetectorSpots"
-#: Inputs of the C channels, (C,); left edge of dtime 0 [s]; what to subtract for rectified time [s], (P, C).
-INPUTS, FIRST_BIN, DELAY, BINS = "NLOS_Inputs", "NLOS_FirstBin", "NLOS_Delay", "NLOS_Bins"
-#: Rectified time before which the record holds the wall's own light [s].
-FADE = "NLOS_FadeFrom"
-#: Markers of a point, a line and a frame, counted from 1.
-POINT_MARKER, LINE_MARKER, FRAME_MARKER = 1, 2, 3
 #: More points than any plan has.
 _MOST_POINTS = 5_000_000
 
