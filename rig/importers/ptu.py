@@ -24,7 +24,7 @@ from drivers.hydraharp.records import (
     RecordFormat,
 )
 from rig.errors import DataFileError, UsageError
-from rig.files.picoquant import MAGIC_RECORDS, Head
+from rig.files.picoquant import MAGIC_RECORDS, POINT_MARKER, Head
 from rig.importers.content import Content
 from rig.importers.options import Options
 from rig.importers.source import Source
@@ -77,7 +77,8 @@ def read(source: Source, options: Options) -> Content:
         )
     plan = visits(source.head, options)
     inputs = _inputs(seen, plan, options, source.path)
-    start, stop, told = _points(seen, records, plan)
+    marks = Marks.of(plan, options, seen, source.path)
+    start, stop, told = _points(seen, records, plan, marks)
     low, high = _range(seen, plan, inputs)
     laser_m, detector_m, delay_s = plan.pairs(len(start))
     outside = seen.photons - _between(start, stop)
@@ -258,7 +259,8 @@ def _inputs(seen: _Survey, plan: Visits, options: Options, path: object) -> tupl
     if plan.inputs is not None:
         return plan.inputs
     counting = np.flatnonzero(seen.counts)
-    if len(counting) == 1:
+    wanted = options.optional("input")
+    if wanted is None and len(counting) == 1:
         return (int(counting[0]),)
     wanted = options.asked("input", path, f"which input is imaged: it holds {seen.in_words()}")
     if wanted not in counting:
@@ -278,7 +280,46 @@ def _range(seen: _Survey, plan: Visits, inputs: tuple[int, ...]) -> tuple[int, i
     return low, high
 
 
-def _points(seen: _Survey, records: Records, plan: Visits) -> tuple[NDArray, NDArray, list[str]]:
+@dataclass(frozen=True)
+class Marks:
+    """Which markers begin a point and a line, counted from 1.
+
+    Attributes
+    ----------
+    point, line
+        The line's is None where there is none.
+    """
+
+    point: int
+    line: int | None
+
+    @classmethod
+    def of(cls, plan: Visits, options: Options, seen: "_Survey", path: object) -> Self:
+        """Take what was given, unless the file is this program's.
+
+        Raises
+        ------
+        UsageError
+            If it is not known which marker begins a point, or both are the same.
+        """
+        if plan.inputs is not None:
+            return cls(POINT_MARKER, None)
+        what = f"which marker begins a point: it holds {seen.in_words()}"
+        point, line = options.asked("point_marker", path, what), options.optional("line_marker")
+        for name, number in (("--point-marker", point), ("--line-marker", line)):
+            if number is not None and number not in {1, 2, 3, 4}:
+                raise UsageError(f"{name} {number}: markers are 1 to 4")
+        if point == line:
+            raise UsageError(
+                f"--line-marker {line} and --point-marker {point} are the same; give the line's own, or "
+                "leave it out"
+            )
+        return cls(point, line)
+
+
+def _points(
+    seen: _Survey, records: Records, plan: Visits, marks: Marks
+) -> tuple[NDArray, NDArray, list[str]]:
     """Return where each point's photons begin and end, and what is to be said.
 
     A point begins at its marker and ends at the next one, of a point or a line; the last ends with the
@@ -286,27 +327,24 @@ def _points(seen: _Survey, records: Records, plan: Visits) -> tuple[NDArray, NDA
 
     Raises
     ------
-    UsageError
-        If it is not said which marker is the points'.
     DataFileError
-        If there are not as many markers as the plan has points.
+        If there are fewer markers than the plan has points.
+    UsageError
+        If there are more, or no such markers.
     """
     path = records.head.path
-    if plan.point_marker is None:
-        raise UsageError(
-            f"{path} does not say which marker begins a point; give it with --point-marker (it holds "
-            f"{seen.in_words()})"
-        )
-    is_point = seen.mask & 1 << plan.point_marker - 1 != 0
+    told = [f"{seen.unknown:,} records are of no known kind, and were passed over"] if seen.unknown else []
+    is_point = seen.mask & 1 << marks.point - 1 != 0
     is_line = np.zeros_like(is_point)
-    if plan.line_marker is not None:
-        is_line = seen.mask & 1 << plan.line_marker - 1 != 0
-        if plan.columns is not None:
-            _check_lines(seen, is_point, is_line, plan, records)
+    if marks.line is not None:
+        is_line = seen.mask & 1 << marks.line - 1 != 0
+        _check_lines(seen, is_point, is_line, plan, records)
+        told.append(
+            f"{np.count_nonzero(is_line):,} lines begin at markers, as --line-marker {marks.line} says"
+        )
     edges = is_point | is_line
     ends = np.append(seen.photon[edges][1:], seen.events)[is_point[edges]]
     begins, tags = seen.photon[is_point], seen.tag[is_point]
-    told = [f"{seen.unknown:,} records are of no known kind, and were passed over"] if seen.unknown else []
     if records.truncated and len(begins) and len(begins) <= plan.points:
         whole = len(begins) - 1
         where = plan.place(whole)
@@ -317,47 +355,45 @@ def _points(seen: _Survey, records: Records, plan: Visits) -> tuple[NDArray, NDA
         if not whole:
             raise DataFileError(f"{path} is cut off within its first point: nothing in it is whole")
     elif len(begins) != plan.points:
-        raise DataFileError(
-            f"{path} holds {len(begins):,} markers of points (marker {plan.point_marker}), but the plan has "
-            f"{plan.points:,} points. {_gaps(tags, plan)}"
+        said = (
+            f"{path} holds {len(begins):,} markers of points (--point-marker {marks.point}), but the plan "
+            f"has {plan.points:,} points"
         )
+        if len(begins) < 3 or len(begins) > plan.points:
+            raise UsageError(f"{said}; check --grid, --point-marker, and the marker's hold-off time")
+        raise DataFileError(f"{said}. {_gap(tags, plan)}")
     return begins, ends, told
 
 
 def _check_lines(seen: _Survey, is_point: NDArray, is_line: NDArray, plan: Visits, records: Records) -> None:
-    """Raise DataFileError, naming line and point, unless each line has its points."""
-    columns = plan.columns
-    assert columns is not None
-    path, rows = records.head.path, plan.points // columns
+    """Raise an error that names line and point unless each line has its points."""
+    columns, path = plan.columns, records.head.path
+    if columns is None:
+        return
     line_of_point = np.cumsum(is_line)[is_point] - 1
-    lines = int(np.count_nonzero(is_line))
+    lines, rows = int(np.count_nonzero(is_line)), plan.points // columns
     in_line = np.bincount(line_of_point[line_of_point >= 0], minlength=lines)
     checked = in_line[:-1] if records.truncated else in_line
     for line in np.flatnonzero(checked != columns)[:1]:
-        tags = seen.tag[is_point][line_of_point == line]
-        gaps = np.append(np.diff(tags), 0)
+        gaps = np.append(np.diff(seen.tag[is_point][line_of_point == line]), 0)
         late = np.flatnonzero(gaps > _GAP * np.median(gaps))
         after = f" After point {late[0] + 1} of it there is a gap." if len(late) else ""
         raise DataFileError(
-            f"{path}: line {line + 1} has {in_line[line]} markers of points (marker {plan.point_marker}) of "
-            f"{columns}.{after} The photons of a line without all its markers cannot be told apart"
+            f"{path}: line {line + 1} has {in_line[line]} markers of points of {columns}.{after} Its photons "
+            "cannot be told apart; check --point-marker, --line-marker and --grid"
         )
     if not records.truncated and lines != rows:
-        raise DataFileError(
-            f"{path} holds {lines} markers of lines (marker {plan.line_marker}), the plan has {rows}"
+        raise UsageError(
+            f"{path} holds {lines} markers of lines (--line-marker), but the plan has {rows} lines"
         )
 
 
-def _gaps(tags: NDArray[np.int64], plan: Visits) -> str:
-    """Say where markers seem to be missing, or to be too many."""
-    if len(tags) > plan.points:
-        return "There are too many: check --grid, and the marker's hold-off time"
-    if len(tags) < 3:
-        return "Check --grid and --point-marker"
+def _gap(tags: NDArray[np.int64], plan: Visits) -> str:
+    """Say where a marker seems to be missing."""
     gaps = np.diff(tags)
     late = np.flatnonzero(gaps > _GAP * np.median(gaps))
     if not len(late):
-        return "They follow one another evenly, so that the first or the last are missing: check --grid"
+        return "They follow one another evenly, so that the first or the last are missing; check --grid"
     return f"The first gap is after {plan.place(int(late[0]))}, where one seems to be missing"
 
 

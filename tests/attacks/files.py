@@ -63,6 +63,13 @@ def matlab_file(folder: Path) -> Path:
     return folder / "good.mat"
 
 
+def records_file(folder: Path) -> Path:
+    from rig.exporters import export
+
+    export(scan_file(folder), folder / "good.ptu")
+    return folder / "good.ptu"
+
+
 def read_scan(path: Path) -> None:
     from rig.acquire.acquisition import interrupted
     from rig.files import ScanFile
@@ -94,6 +101,7 @@ PARSERS = {
     "volume": (volume_file, read_volume),
     "import": (matlab_file, import_any),
     "import-scan": (scan_file, import_any),
+    "import-records": (records_file, import_any),
 }
 
 
