@@ -31,7 +31,7 @@ from rig.importers.source import Source
 from rig.importers.visits import Visits, visits
 
 NAME = "PicoQuant records"
-SIGN = ".ptu with the records of a HydraHarp, MultiHarp or TimeHarp 260"
+SIGN = ".ptu with the records of a HydraHarp or MultiHarp, T2 or T3"
 PARTS = ("TTResultFormat_TTTRRecType", "TTResult_NumberOfRecords")
 
 #: Record types by their number in the head; the last two are those of MultiHarp and its kin.
@@ -359,6 +359,9 @@ def _points(
             f"{path} holds {len(begins):,} markers of points (--point-marker {marks.point}), but the plan "
             f"has {plan.points:,} points"
         )
+        frames = len(begins) // plan.points
+        if frames > 1 and frames * plan.points == len(begins):
+            raise UsageError(f"{said}: it holds {frames} frames of --grid, and only one can be read")
         if len(begins) < 3 or len(begins) > plan.points:
             raise UsageError(f"{said}; check --grid, --point-marker, and the marker's hold-off time")
         raise DataFileError(f"{said}. {_gap(tags, plan)}")

@@ -97,6 +97,12 @@ def test_markers_that_are_too_many_are_refused(tmp_path, events):
         import_scan(source, tmp_path / "a.h5", **{k: v for k, v in GRID.items() if k != "point_marker"})
 
 
+def test_several_frames_are_refused_by_their_number(tmp_path):
+    source = ptu(tmp_path / "a.ptu", records_of(scan_events(18, 5)))
+    with pytest.raises(UsageError, match="it holds 2 frames"):
+        import_scan(source, tmp_path / "a.h5", **GRID)
+
+
 def test_a_file_that_was_cut_off_gives_the_points_that_are_whole(tmp_path, events):
     records = records_of(events)
     at = [index for index, record in enumerate(records) if record >> 31 and record >> 25 & 63 < 16]
@@ -204,11 +210,15 @@ def test_curves_are_the_points_of_a_grid(tmp_path):
     capture, same = load(tmp_path / "a.h5")
     np.testing.assert_array_equal(same, counts)
     assert capture.bin_width_s == 4e-12
-    with pytest.raises(DataFileError, match="6 curves, but the plan has 9"):
+    with pytest.raises(UsageError, match="6 curves, but the plan has 9"):
         import_scan(source, tmp_path / "b.h5", **given | {"grid": (3, 3)})
     source.write_bytes(source.read_bytes()[:-10])
-    with pytest.raises(DataFileError, match="cut off: curve 6 of 6"):
-        import_scan(source, tmp_path / "b.h5", **given)
+    report = import_scan(source, tmp_path / "b.h5", **given)
+    assert any("cut off: 5 of its 6 curves are whole" in line for line in report.assumed)
+    np.testing.assert_array_equal(load(tmp_path / "b.h5")[1], counts[:5])
+    source.write_bytes(source.read_bytes()[:-400])
+    with pytest.raises(DataFileError, match="none of its 6 curves is whole"):
+        import_scan(source, tmp_path / "c.h5", **given)
 
 
 # --- records out
