@@ -153,8 +153,14 @@ def test_t2_photons_are_counted_after_the_last_sync_pulse(tmp_path):
     given = GRID | {"grid": (1, 2), "input": 1}
     with pytest.raises(UsageError, match="--bin-width"):
         import_scan(source, tmp_path / "a.h5", **given)
+    put_tag(source, "MeasDesc_GlobalResolution", 0)
+    with pytest.raises(DataFileError, match="count 0 s"):
+        import_scan(source, tmp_path / "a.h5", bin_width_s=10e-12, **given)
+    put_tag(source, "MeasDesc_GlobalResolution", int(np.float64(1e-12).view(np.int64)))
     # 55 - 20 and 131 - 60 ps in bins of 10 ps; 2^25 + 3 - 20 ps is no time of a photon after its pulse
-    import_scan(source, tmp_path / "a.h5", bin_width_s=10e-12, **given)
+    report = import_scan(source, tmp_path / "a.h5", bin_width_s=10e-12, **given)
+    assert any("2 photons have no sync pulse" in line for line in report.assumed)
+    assert not any("between points" in line for line in report.assumed)
     capture, counts = load(tmp_path / "a.h5")
     np.testing.assert_allclose(capture.first_bin_s, 30e-12)
     np.testing.assert_array_equal(counts, [[1, 0, 0, 0, 0], [0, 0, 0, 0, 1]])
