@@ -38,6 +38,8 @@ _FORMATS = {
 _PIECE, _BLOCK_BYTES = 2**18, 2**25
 #: T2 times are as long as the pulses are apart; so many bins must do.
 MOST_BINS = 2**16
+#: A plan has 5 million points at most; with a marker each and one for each line there are fewer than these.
+_MOST_MARKERS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ class Records:
             )
         said, there = int(head.number("TTResult_NumberOfRecords")), (head.size - head.end) // 4
         if 0 < said <= there:
-            return cls(head, _FORMATS[kind], said, False, ())
+            more = f"behind its {said:,} records the file has {there - said:,} more, which are left out"
+            return cls(head, _FORMATS[kind], said, False, (more,) if there > said else ())
         of = f"{said:,}" if said > 0 else "a number that it does not say"
         told = f"the file is cut off: it holds {there:,} whole records of {of}"
         return cls(head, _FORMATS[kind], there, True, (told,))
@@ -162,11 +165,16 @@ class Survey:
         """Read all records once."""
         markers: list[tuple[NDArray, NDArray, NDArray]] = []
         counts, lowest, highest = np.zeros(64, np.int64), np.full(64, MOST_BINS), np.full(64, -1)
-        photons = syncs = unknown = timeless = 0
+        photons = syncs = unknown = timeless = there = 0
         for batch, bins, pulses in records.batches(width_s):
             if batch.markers:
                 masks = batch.marker_mask.copy()
                 markers.append((batch.marker_tag.copy(), masks, batch.marker_photon + photons))
+                there += batch.markers
+                if there > _MOST_MARKERS:
+                    raise DataFileError(
+                        f"{records.head.path} holds more than {_MOST_MARKERS:,} markers: no scan"
+                    )
             timeless += _survey(batch.channel, bins, counts, lowest, highest)
             photons, syncs, unknown = photons + batch.photons, syncs + pulses, unknown + batch.unknown
         empty = (np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.int64))

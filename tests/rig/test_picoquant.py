@@ -205,6 +205,20 @@ def test_memory_does_not_grow_with_the_records(tmp_path):
     assert peaks[1] - peaks[0] < 2e6
 
 
+def test_records_behind_the_last_are_told_of(tmp_path, events):
+    records = records_of(events)
+    source = ptu(tmp_path / "a.ptu", np.append(records, [5, 6]).astype("<u4"), said=len(records))
+    report = import_scan(source, tmp_path / "a.h5", **GRID)
+    assert any("has 2 more, which are left out" in line for line in report.assumed)
+    assert load(tmp_path / "a.h5")[1].sum() == 360
+
+
+def test_more_markers_than_any_plan_has_are_no_scan(tmp_path):
+    source = ptu(tmp_path / "a.ptu", np.full(10_000_001, 1 << 31 | 1 << 25, "<u4"))
+    with pytest.raises(DataFileError, match="more than 10,000,000 markers"):
+        import_scan(source, tmp_path / "a.h5", **GRID)
+
+
 # --- histograms in
 
 
