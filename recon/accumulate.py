@@ -6,7 +6,7 @@ positions that have arrived, without reading anything twice. Memory is that of t
 whatever is measured.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -39,6 +39,8 @@ class Accumulator:
 
     Attributes
     ----------
+    pulse
+        The virtual illumination.
     bins
         Bins that are needed of each position.
     arrived
@@ -53,7 +55,7 @@ class Accumulator:
     """
 
     def __init__(self, capture: Capture, pulse: VirtualPulse, grid: VoxelGrid, window: Window) -> None:
-        self._capture, self._pulse = capture, pulse
+        self._capture, self.pulse = capture, pulse
         self._problem = replace(plan(capture, pulse, grid, ConfocalCamera(), window), slopes=True)
         self._transform = Transform(capture, self._problem.depth_blocks, window)
         _, self._tally = tallied(capture, pulse, window)
@@ -80,26 +82,30 @@ class Accumulator:
         self._tally.add(positions, self.bins, seen)
         self.arrived[positions] = True
 
-    def image(self, among: int | None = None) -> Image:
+    def image(self, last: int | None = None, among: int | None = None) -> Image:
         """Image what has arrived.
 
         Parameters
         ----------
+        last
+            Use the first so many positions; None uses all.
         among
-            Use the first so many positions, those that have not arrived as dark ones. A lattice that is
-            measured in part stays one, which is the fastest for the solver. None uses what has arrived alone.
+            Show the solver the first so many positions, those that are not used as dark ones: a finer lattice
+            is faster than one that is coarser than half a wavelength. None shows it what is used alone.
         """
-        used = np.flatnonzero(self.arrived) if among is None else np.arange(among)
-        part = replace(
-            self._problem,
-            capture=subset(self._capture, used),
-            spectra=lambda *asked: [one[:, used] for one in self._transform.spectra],
-        )
-        return focused(part, "rsd", self._pulse)
+        bright = self.arrived.copy()
+        bright[len(bright) if last is None else last :] = False
+        shown = np.flatnonzero(bright) if among is None else np.arange(among)
+
+        def spectra(*asked: object) -> list[NDArray[np.complexfloating]]:
+            return [one[:, shown] * bright[shown] for one in self._transform.spectra]
+
+        part = replace(self._problem, capture=subset(self._capture, shown), spectra=spectra)
+        return focused(part, "rsd", self.pulse)
 
     def surface(self, image: Image) -> Surface:
         """Find the surface in an image of what has arrived."""
-        return find(image, photon_noise(self._tally, self._pulse, image.grid))
+        return find(image, photon_noise(self._tally, self.pulse, image.grid))
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ class Picture:
     Attributes
     ----------
     positions
-        How many had arrived.
+        How many it is made of.
     pulse, grid
         With which virtual pulse, on which voxels; x and y are those of all pictures of a scan.
     front
@@ -126,7 +132,10 @@ class Picture:
 
 
 class GrowingPicture:
-    """Pictures of a scan that is under way, with the wavelength that the finest complete round bears.
+    """Pictures of a scan that is under way, with the wavelength that its finest complete round bears.
+
+    Of a round that is not complete nothing is shown: the wall would be denser on one side, and the picture
+    less like the final one than that of the round before.
 
     Parameters
     ----------
@@ -143,20 +152,20 @@ class GrowingPicture:
     def __init__(
         self, capture: Capture, rounds: Sequence[int], window: Window, response_fwhm_s: float | None
     ) -> None:
-        self._rounds = tuple(rounds)
-        pulses = [
-            VirtualPulse(defaults.wavelength(subset(capture, np.arange(end)), response_fwhm_s).value)
-            for end in rounds
-        ]
-        fine = max(defaults.spacing_m(capture), pulses[-1].wavelength_m / 2)
-        #: for each pulse, in order: until which position it is needed, one round longer than it is shown
-        self._stages: dict[VirtualPulse, tuple[int, Accumulator]] = {}
-        for pulse, end in zip(pulses, (*self._rounds[1:], self._rounds[-1]), strict=True):
-            grid = defaults.voxels(capture, pulse, voxel_m=fine)
-            known = self._stages.get(pulse)
-            self._stages[pulse] = end, known[1] if known else Accumulator(capture, pulse, grid, window)
-        self._pulses = pulses
+        self.rounds = tuple(rounds)
         self.positions = 0
+        seen = [subset(capture, np.arange(end)) for end in rounds]
+        pulses = [VirtualPulse(defaults.wavelength(one, response_fwhm_s).value) for one in seen]
+        spacings_m = [defaults.spacing_m(one) for one in seen]
+        voxel_m = max(spacings_m[-1], pulses[-1].wavelength_m / 2)
+        accumulators = {
+            pulse: Accumulator(capture, pulse, defaults.voxels(capture, pulse, voxel_m=voxel_m), window)
+            for pulse in dict.fromkeys(pulses)
+        }
+        self._needed_until = dict(zip(pulses, rounds, strict=True))  # of each, its last round
+        self._accumulators = [accumulators[pulse] for pulse in pulses]
+        fine = [[s <= pulse.wavelength_m / 2 for s in spacings_m] for pulse in pulses]
+        self._among = [rounds[one.index(True, k) if any(one[k:]) else -1] for k, one in enumerate(fine)]
 
     def add(self, first: int, counts: NDArray) -> None:
         """Add the next positions, or positions that were added before once more.
@@ -168,22 +177,21 @@ class GrowingPicture:
         counts
             (block, bins) of neighbours in order.
         """
-        for until, accumulator in self._stages.values():
-            fitting = min(len(counts), until - first)
+        for accumulator in dict.fromkeys(self._accumulators):
+            fitting = min(len(counts), self._needed_until[accumulator.pulse] - first)
             if fitting > 0:
                 accumulator.add(slice(first, first + fitting), counts[:fitting])
         self.positions = max(self.positions, first + len(counts))
 
     def picture(self) -> Picture:
-        """Make the picture of the moment."""
-        complete = bisect_right(self._rounds, self.positions) - 1
-        pulse = self._pulses[max(complete, 0)]
-        among = self._rounds[bisect_left(self._rounds, self.positions)]
-        accumulator = self._stages[pulse][1]
-        image = accumulator.image(among)
+        """Make the picture of the complete rounds; before the first is complete, of what is there."""
+        number = max(bisect_right(self.rounds, self.positions) - 1, 0)
+        used = min(self.positions, self.rounds[number])
+        accumulator = self._accumulators[number]
+        image = accumulator.image(used, self._among[number])
         lifted = compensate_falloff(image.intensity, image.grid.z_m, image.falloff_power)
         front = np.sqrt(front_view(lifted))
-        return Picture(self.positions, pulse, image.grid, front, accumulator.surface(image))
+        return Picture(used, accumulator.pulse, image.grid, front, accumulator.surface(image))
 
 
 def likeness(one: NDArray[np.floating], other: NDArray[np.floating]) -> float:
