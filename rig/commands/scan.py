@@ -11,6 +11,7 @@ from rig.commands.options import AsJson, Config, Grid, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
+    from rig.image.until import Until
     from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
@@ -32,6 +33,14 @@ def scan(
             "anywhere."
         ),
     ] = Order.RASTER,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RULE",
+            help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
+            "'time 60s'; rig resume goes on.",
+        ),
+    ] = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -93,6 +102,7 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
     )
+    ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
@@ -106,7 +116,13 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed)
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending)
+
+
+def _ending(rule: str, plan: "ScanPlan") -> "Until":
+    from rig.image.until import Rule, Until
+
+    return Until(Rule.from_text(rule, plan))
 
 
 def _show_presets(as_json: bool) -> None:
