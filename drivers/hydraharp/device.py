@@ -373,7 +373,13 @@ class HydraHarp:
                 f"it reports a system error: {report[:500] or 'no details'}",
                 "Switch the HydraHarp off and on; if that does not help, send PicoQuant its debug report.",
             )
-        return tuple(text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit)
+        sentences = [text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit]
+        if unknown := int(flags) & ~int(hh.Flag.ACTIVE | sum(hh.FLAG_SENTENCES, hh.Flag(0))):
+            sentences.append(
+                f"The instrument raised flags 0x{unknown:X}, which HHLib {hh.LIBRARY_VERSION} does not "
+                "explain: ask PicoQuant what they mean before the counts are used."
+            )
+        return tuple(sentences)
 
     def _close(self, index: int, problem: BaseException | None) -> None:
         """Stop and close, whether or not something runs, and whatever ``problem`` is on its way."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceNotFoundError
+from drivers.errors import DeviceNotFoundError, ProtocolError
 from drivers.hydraharp.constants import (
     FIFO_RECORDS_STEP,
     MAX_CONTINUOUS_BLOCK_BYTES,
@@ -26,6 +26,10 @@ from drivers.hydraharp.constants import (
 )
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.limits import MAX_BINS
+
+#: What a histogram begins with until the library has written it. A bin that is full holds as many: 4 billion
+#: photons in the first bin, which no exposure here comes near.
+UNWRITTEN = 2**32 - 1
 
 #: The library is not re-entrant, not even for two instruments: one thread at a time.
 _ONE_THREAD = Lock()
@@ -298,8 +302,22 @@ class HHLib:
         return self._int("HH_CTCStatus", index) != 0
 
     def get_histogram(self, index: int, channel: int, into: "Array[c_uint]", *, clear: bool = False) -> None:
-        """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set."""
+        """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set.
+
+        Raises
+        ------
+        ProtocolError
+            If the library says that all is well and wrote nothing, so that the row holds older counts.
+        """
+        into[0] = UNWRITTEN
         self._call("HH_GetHistogram", index, into, channel, int(clear))
+        if into[0] == UNWRITTEN:
+            raise ProtocolError(
+                f"HydraHarp through {self.name}",
+                f"give the histogram of input {channel}",
+                "it said that all is well and wrote no counts",
+                "Check the USB link, and switch the HydraHarp off and on.",
+            )
 
     def get_resolution(self, index: int) -> float:
         """Return the bin width in force [ps]."""

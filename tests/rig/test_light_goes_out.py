@@ -8,7 +8,9 @@ import time
 
 import pytest
 
+from attacks.latency import ATTACKS
 from rig.files.scan import ScanFile
+from support.hanging import HANGING
 from support.served_bench import rig_command, served
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
@@ -132,33 +134,6 @@ def test_a_trip_is_acknowledged_by_a_person(rig, bench):
         forget_trip(config)
 
 
-HANGING = """
-import ctypes, sys, time
-from rig.__main__ import main
-from simulators.wire.hydraharp import HydraHarpSimulator
-
-made = HydraHarpSimulator.__init__
-
-
-def hanging(self, *arguments, **options):
-    made(self, *arguments, **options)
-    usual, calls = self.functions.HH_StartMeas, []
-
-    def start(index, duration_ms):  # the vendor's library returns nine times, and then never
-        calls.append(index)
-        if len(calls) > 9:
-            time.sleep(1e6)
-        return usual(index, duration_ms)
-
-    self.functions.HH_StartMeas = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)(start)
-
-
-HydraHarpSimulator.__init__ = hanging
-sys.argv[0] = "rig"
-main()
-"""
-
-
 def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(bench, tmp_path):
     lit_before = len(bench.values("laser emission"))
     arguments = ["scan", "--config", bench.config, *LONG, "--out", tmp_path / "a.h5"]
@@ -171,3 +146,11 @@ def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(benc
         assert scan.wait(2 * PATIENCE_S) == 3
         assert b"has not returned" in scan.stderr.read()
     assert bench.values("detector bias")[-1] == "0"
+
+
+@pytest.mark.parametrize("name", ["Ctrl-C once", "the interlock opens"])
+def test_an_exposure_of_100_hours_is_cut_at_once(bench, tmp_path, name):
+    times = ATTACKS[name](bench, tmp_path / "a.h5")
+    assert times["end"] < PATIENCE_S
+    assert times.get("live time", 1.0) > 0.5
+    assert times.get("photons", 1) > 0
