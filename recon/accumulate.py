@@ -164,7 +164,7 @@ class GrowingPicture:
         }
         self._needed_until = dict(zip(pulses, rounds, strict=True))  # of each, its last round
         self._accumulators = [accumulators[pulse] for pulse in pulses]
-        fine = [[s <= pulse.wavelength_m / 2 for s in spacings_m] for pulse in pulses]
+        fine = [[s < pulse.wavelength_m / 2 * (1 + 1e-3) for s in spacings_m] for pulse in pulses]
         self._among = [rounds[one.index(True, k) if any(one[k:]) else -1] for k, one in enumerate(fine)]
 
     def add(self, first: int, counts: NDArray) -> None:
