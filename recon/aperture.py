@@ -11,6 +11,8 @@ from recon.errors import GeometryError
 TOLERANCE_M = 2e-4
 #: Least part of the lattice's lines that must hold a position; scattered spots "fit" any fine enough lattice.
 MIN_LINES = 0.5
+#: Positions off the lattice that are taken for strays; of more, it is asked whether they make a finer one.
+STRAYS = 3
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,10 @@ def _axis(values_m: NDArray[np.float64], name: str) -> tuple[LatticeAxis, NDArra
         # The typical step is the pitch, unless so many lines are missing that most steps are longer.
         axis, index, error_m = _number(values_m, *_fit(levels, float(np.median(steps))))
         if error_m.max() > TOLERANCE_M:
+            if np.count_nonzero(error_m > TOLERANCE_M) > STRAYS:
+                # Lines of which only a few positions are measured yet belong to a finer lattice.
+                levels = np.array([line.mean() for line in lines])
+                steps = np.diff(levels)
             finer = _number(values_m, *_fit(levels, float(steps[steps < 1.5 * steps.min()].mean())))
             if finer[2].max() <= TOLERANCE_M and len(lines) >= MIN_LINES * finer[0].count:
                 axis, index, error_m = finer

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 #: Speed of light in vacuum [m/s], exact by definition.
 C_M_PER_S = 299_792_458.0
 
+#: Some of a capture's positions: a run of them, or their numbers.
+Positions = slice | NDArray[np.intp]
+
 
 class Histograms(Protocol):
     """Photon counts of many positions, readable in blocks, so that a file need not fit in memory."""
@@ -89,7 +92,7 @@ class Capture:
         """Number of bins B."""
         return self.histograms.shape[1]
 
-    def begins_s(self, positions: slice) -> NDArray[np.float64]:
+    def begins_s(self, positions: Positions) -> NDArray[np.float64]:
         """Return the left edge of bin 0 in rectified time for some positions: (block,), or (1,) for all."""
         return self.first_bin_s if len(self.first_bin_s) == 1 else self.first_bin_s[positions]
 

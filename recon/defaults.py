@@ -1,5 +1,6 @@
 """Sensible choices for a capture, with their reasons, and warnings about choices that are not."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil, floor, log10, pi
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
-from recon.aperture import LatticeAxis, recognise
+from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
@@ -34,6 +35,11 @@ WAVELENGTHS = 12.0
 MIN_WAVELENGTHS = 4.0
 #: Part of a lattice that must be filled for its pitch to be the spacing.
 MIN_FILLED = 0.5
+#: Part of a sub-grid's points that make it complete; some are left out around the detector's spot.
+COMPLETE = 0.9
+#: Where positions are denser on one side, because a round was not finished, they are at most twice as many as
+#: the complete sub-grid has: its spacing is sqrt(2) times the side of the square that each has, and a little.
+UNEVEN = 1.5
 #: Nearest object in the paper's rooms, and the farthest depth that is imaged unasked.
 NEAR_M, FAR_M = 0.5, 3.0
 
@@ -52,7 +58,8 @@ def spacing_m(capture: Capture) -> float:
     That is the coarser pitch of a regular grid, on a plane of any depth; for scattered positions, and for few
     points of a grid, the side of the square that each has to itself, sqrt(area / positions): random ones
     crowd, and the distance of nearest neighbours, half of that, would promise too much. Spots that are lit
-    more than once, with several detectors, count once.
+    more than once, with several detectors, count once. Of a scan from coarse to fine that was not finished it
+    is the spacing of the finest sub-grid that is complete.
     """
     return _spacing_of_m(capture.by_its_finer_aperture().laser_m)
 
@@ -63,9 +70,29 @@ def _spacing_of_m(spots_m: NDArray[np.float64]) -> float:
         aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
         return _side_of_each_m(spots_m)
+    pitch_m, side_m = max(aperture.x.pitch_m, aperture.y.pitch_m), _side_of_each_m(spots_m)
+    for spacings in _complete_spacings(aperture):
+        if spacings * pitch_m < UNEVEN * side_m:
+            return float(spacings * pitch_m)
     if len(spots_m) < MIN_FILLED * aperture.x.count * aperture.y.count:
-        return _side_of_each_m(spots_m)
-    return max(aperture.x.pitch_m, aperture.y.pitch_m)
+        return side_m
+    return pitch_m
+
+
+def _complete_spacings(aperture: Aperture) -> Iterator[float]:
+    """Yield the spacings, in the lattice's, of the sub-grids of it that are complete, from fine to coarse.
+
+    A scan from coarse to fine has, in turn, a square lattice of every 1st, 2nd, 4th or 8th point, and that
+    with the centres of its squares, whose points have sqrt(2) less to themselves.
+    """
+    there = np.zeros((aperture.y.count, aperture.x.count), bool)
+    there[aperture.row, aperture.column] = True
+    for stride in (1, 2, 4, 8):
+        corners, half = there[::stride, ::stride], stride // 2
+        if half and min(corners.mean(), there[half::stride, half::stride].mean()) >= COMPLETE:
+            yield stride / 2**0.5
+        if corners.mean() >= COMPLETE:
+            yield stride
 
 
 def shortest_wavelength_m(response_fwhm_s: float) -> float:
@@ -167,7 +194,7 @@ def voxels(
     """
     low, high = extent(capture)
     pitch_m = spacing_m(capture)
-    voxel_m = pitch_m if voxel_m is None else voxel_m
+    voxel_m = _on_the_lattice_m(capture, pitch_m) if voxel_m is None else voxel_m
     width_m = float(high[0] - low[0]) + pitch_m if width_m is None else width_m
     height_m = float(high[1] - low[1]) + pitch_m if height_m is None else height_m
     grid = VoxelGrid.from_spec(
@@ -182,6 +209,16 @@ def voxels(
     except GeometryError:
         return grid
     return VoxelGrid(_snapped(grid.x_m, aperture.x), _snapped(grid.y_m, aperture.y), grid.z_m)
+
+
+def _on_the_lattice_m(capture: Capture, spacing_m: float) -> float:
+    """Return the spacing, or, if the wall is a lattice, the greatest whole number of its pitch below it."""
+    try:
+        aperture = recognise(capture.laser_m)
+    except GeometryError:
+        return spacing_m
+    pitch_m = max(aperture.x.pitch_m, aperture.y.pitch_m)
+    return max(1, floor(spacing_m / pitch_m + 1e-6)) * pitch_m
 
 
 def _snapped(voxels_m: NDArray[np.float64], wall: LatticeAxis) -> NDArray[np.float64]:

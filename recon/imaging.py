@@ -104,14 +104,20 @@ def image(
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
-    problem = bounded(problem, solver, memory_bytes)
-    field = np.empty(grid.shape, np.complex64)
-    late_s = np.empty(grid.shape, np.float32) if problem.slopes else None
+    return focused(bounded(problem, solver, memory_bytes), solver, pulse)
+
+
+def focused(problem: ImagingProblem, solver: str, pulse: VirtualPulse) -> Image:
+    """Image a problem of one moment; raises as `image`."""
+    shape = problem.grid.shape
+    field = np.empty(shape, np.complex64)
+    late_s = np.empty(shape, np.float32) if problem.slopes else None
     for index, plane in enumerate(planes(problem, solver)):
         field[index] = plane[0]
         if late_s is not None:
             late_s[index] = lateness_s(plane[0], plane[1], pulse)
-    return Image(grid, field, solver, window, camera, pulse, problem.depth_blocks, late_s=late_s)
+    window, camera, blocks = problem.window, problem.camera, problem.depth_blocks
+    return Image(problem.grid, field, solver, window, camera, pulse, blocks, late_s=late_s)
 
 
 def lateness_s(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from recon.capture import C_M_PER_S, Capture
+from recon.capture import C_M_PER_S, Capture, Positions
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from recon.window import Window
@@ -80,11 +80,11 @@ class Tally:
         for positions, counts in self.capture.histograms.blocks(bins):
             self.whole &= bool(np.issubdtype(counts.dtype, np.integer))
             if fresh.any():
-                self._add(positions, slice(first, stop), counts if fresh.all() else counts * fresh)
+                self.add(positions, slice(first, stop), counts if fresh.all() else counts * fresh)
             yield positions, counts
         self._taken[first:stop] = True
 
-    def _add(self, positions: slice, bins: slice, counts: NDArray) -> None:
+    def add(self, positions: Positions, bins: slice, counts: NDArray) -> None:
         """Add counts to their cells; the window, which is wide, is taken at the cells' centres."""
         capture, cell_s = self.capture, self.group * self.capture.bin_width_s
         number = np.arange(bins.start, bins.stop) // self.group

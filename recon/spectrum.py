@@ -13,10 +13,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from recon.capture import Capture
+from recon.capture import Capture, Positions
 from recon.sampling import DepthBlock
 from recon.wave import Band
-from recon.window import Window, windowed_blocks
+from recon.window import Edges, Window
+
+#: Takes a capture, depth blocks, a window, what is told of progress, and a type; as `spectra`.
+Spectra = Callable[
+    [Capture, Sequence[DepthBlock], Window, Callable[[float], None] | None, DTypeLike],
+    list[NDArray[np.complexfloating]],
+]
 
 
 def spectra(
@@ -46,24 +52,69 @@ def spectra(
     list of ndarray
         (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
     """
-    real = np.empty(0, dtype).real.dtype
-    results = [np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks]
-    families = _families(depth_blocks)
-    if not families:
-        return results
-    bins = slice(min(one.edges[0] for one in families), max(one.edges[-1] for one in families))
-    matrices = [_fourier_matrix(one, capture.bin_width_s, dtype) for one in families]
-    for positions, counts in windowed_blocks(capture, window, bins, real):
-        for family, matrix in zip(families, matrices, strict=True):
-            for number, sums in family.sums(counts, matrix, bins.start):
-                results[number][:, positions] = sums.view(dtype).T
+    transform = Transform(capture, depth_blocks, window, dtype)
+    if transform.bins.stop == transform.bins.start:
+        return transform.spectra
+    for positions, counts in capture.histograms.blocks(transform.bins):
+        transform.add(positions, counts)
         if progress:
             progress(positions.stop / capture.positions)
-    for family in families:
-        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, capture.first_bin_s))
-        for number in family.members:
-            results[number] *= phases
-    return results
+    return transform.spectra
+
+
+class Transform:
+    """Adds positions to spectra, in any order and any number at once; what comes twice is added up.
+
+    Parameters
+    ----------
+    capture
+        Geometry and time axis; its histograms are not read.
+    depth_blocks, window, dtype
+        As of `spectra`.
+
+    Attributes
+    ----------
+    bins
+        Bins that are needed; empty where no depth block is reached.
+    spectra
+        (F, P) for each depth block, (0, P) for one that the record does not reach; zero for positions that
+        were not added yet.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        depth_blocks: Sequence[DepthBlock],
+        window: Window,
+        dtype: DTypeLike = np.complex64,
+    ) -> None:
+        self._capture, self._dtype = capture, dtype
+        self.spectra: list[NDArray[np.complexfloating]] = [
+            np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks
+        ]
+        self._families = _families(depth_blocks)
+        first = min((one.edges[0] for one in self._families), default=0)
+        self.bins = slice(first, max((one.edges[-1] for one in self._families), default=first))
+        self._matrices = [_fourier_matrix(one, capture.bin_width_s, dtype) for one in self._families]
+        self._edges = Edges(capture, window, self.bins, np.empty(0, dtype).real.dtype)
+
+    def add(self, positions: Positions, counts: NDArray) -> None:
+        """Add the counts of some positions, each of them once.
+
+        Parameters
+        ----------
+        positions
+            Which.
+        counts
+            (block, bins) of `bins`; they may be reused afterwards.
+        """
+        soft = self._edges.soften(positions, counts)
+        begins_s = self._capture.begins_s(positions)
+        for family, matrix in zip(self._families, self._matrices, strict=True):
+            phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, begins_s))
+            phases = phases.astype(self._dtype)
+            for number, sums in family.sums(soft, matrix, self.bins.start):
+                self.spectra[number][:, positions] += sums.view(self._dtype).T * phases
 
 
 @dataclass(frozen=True)

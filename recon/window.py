@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from recon.capture import Capture
+from recon.capture import Capture, Positions
 from recon.errors import ParameterError
 
 
@@ -78,6 +78,37 @@ class Window:
         return _raised_cosine(first_bin_s[:, None] - self.start_s + centres_s, self.rise_s)
 
 
+class Edges:
+    """Softens a part of the record.
+
+    Parameters
+    ----------
+    capture
+        Geometry and time axis; its histograms are not read.
+    window
+        Soft edges.
+    bins
+        Bins wanted, with both ends given.
+    dtype
+        Type of the counts that are given back.
+    """
+
+    def __init__(self, capture: Capture, window: Window, bins: slice, dtype: DTypeLike = np.float32) -> None:
+        self._capture, self._window, self._bins, self._dtype = capture, window, bins, dtype
+        self._end = window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(dtype)
+        falls = np.flatnonzero(self._end != 1)
+        self._falls_from = int(falls[0]) if len(falls) else len(self._end)
+
+    def soften(self, positions: Positions, counts: NDArray) -> NDArray[np.floating]:
+        """Return (block, bins) counts of some positions with soft edges, a copy."""
+        soft = np.array(counts, dtype=self._dtype)
+        begins_s = self._capture.begins_s(positions)
+        start = self._window.start_weights(begins_s, self._bins, self._capture.bin_width_s)
+        soft[:, : start.shape[1]] *= start
+        soft[:, self._falls_from :] *= self._end[self._falls_from :]
+        return soft
+
+
 def windowed_blocks(
     capture: Capture, window: Window, bins: slice, dtype: DTypeLike = np.float32
 ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
@@ -87,12 +118,8 @@ def windowed_blocks(
     ----------
     capture
         Histograms.
-    window
-        Soft edges.
-    bins
-        Bins wanted, with both ends given.
-    dtype
-        Type of the counts that are given.
+    window, bins, dtype
+        As of `Edges`.
 
     Yields
     ------
@@ -101,15 +128,9 @@ def windowed_blocks(
     counts
         (block, bins) of `dtype`, the reader's to change.
     """
-    end = window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(dtype)
-    falls = np.flatnonzero(end != 1)
-    first = int(falls[0]) if len(falls) else len(end)
+    edges = Edges(capture, window, bins, dtype)
     for block, counts in capture.histograms.blocks(bins):
-        soft = np.array(counts, dtype=dtype)
-        start = window.start_weights(capture.begins_s(block), bins, capture.bin_width_s)
-        soft[:, : start.shape[1]] *= start
-        soft[:, first:] *= end[first:]
-        yield block, soft
+        yield block, edges.soften(block, counts)
 
 
 def _raised_cosine(distance_s: NDArray[np.float64], length_s: float) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock, plane_times_s
+from recon.spectrum import Spectra, spectra
 from recon.wave import Band, Light
 from recon.window import Window
 
@@ -72,6 +73,8 @@ class ImagingProblem:
         plane, U and dU/dt - i omega_0 U. For images of one moment.
     wall_bytes
         Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
+    spectra
+        What takes the spectra of the capture, as `recon.spectrum.spectra`; they are the solver's to change.
     """
 
     capture: Capture
@@ -88,6 +91,7 @@ class ImagingProblem:
     fft: bool | None = None
     slopes: bool = False
     wall_bytes: int = 256 * 2**20
+    spectra: Spectra = spectra
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
         """(T, y or 1, x or 1) moments at which the plane is read."""

@@ -19,7 +19,6 @@ from recon.capture import Capture
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Solver, part_of
-from recon.spectrum import spectra
 from recon.wave import Band
 
 Field = NDArray[np.complexfloating]
@@ -141,7 +140,7 @@ def spectral(
         done = 0.0
         for pieces in passes:
             told = part_of(problem.progress, done, done := done + READING / len(passes))
-            found = spectra(problem.capture, pieces, problem.window, told, dtype)
+            found = problem.spectra(problem.capture, pieces, problem.window, told, dtype)
             for piece in pieces:
                 told = part_of(problem.progress, done, done := done + (1 - READING) * _work(piece) / work)
                 voxels = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[piece.planes])

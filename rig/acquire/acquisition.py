@@ -57,11 +57,14 @@ class Watch:
     consumers
         Told of every event, after the file.
     should_stop
-        Asked between positions whether to stop.
+        Asked between positions whether to stop; a text is the reason that the file will name.
+    begun
+        Told what a new scan is, before its first event.
     """
 
     consumers: Sequence[Consumer] = ()
-    should_stop: Callable[[], bool] = lambda: False
+    should_stop: Callable[[], bool | str] = lambda: False
+    begun: Callable[[ScanDescription], None] = lambda description: None
 
 
 class Recorder:
@@ -169,8 +172,10 @@ def record(
     operator: Operator | None = None,
 ) -> ScanResult:
     """Run a plan on open devices, into a new scan file; ``operator`` is asked for what passes need."""
-    with ScanWriter.create(target, describe(plan, state, devices)) as writer:
-        return _run(plan, state, devices, writer, watch or Watch(), operator)
+    watch, description = watch or Watch(), describe(plan, state, devices)
+    with ScanWriter.create(target, description) as writer:
+        watch.begun(description)
+        return _run(plan, state, devices, writer, watch, operator)
 
 
 def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:

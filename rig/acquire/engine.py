@@ -247,10 +247,18 @@ class ScanEngine:
         self._sync_tells = False
         self._vigil = Vigil(devices, state)
         self._consume: Consumer = lambda event: None
-        self._should_stop: Callable[[], bool] = lambda: False
+        self._asked: Callable[[], bool | str] = lambda: False
+        self._stopped_by = "stopped by the operator"
 
-    def run(self, consume: Consumer, should_stop: Callable[[], bool]) -> Ended:
-        """Measure all steps, or stop after the one at which ``should_stop`` becomes true.
+    def _should_stop(self) -> bool:
+        """Return whether a stop is asked for, and keep the reason where there is one."""
+        asked = self._asked()
+        if asked and isinstance(asked, str):
+            self._stopped_by = asked
+        return bool(asked)
+
+    def run(self, consume: Consumer, should_stop: Callable[[], bool | str]) -> Ended:
+        """Measure all steps, or stop after the one at which ``should_stop`` becomes true, or gives a reason.
 
         The laser is dark and the detector unbiased when this returns or raises.
 
@@ -261,7 +269,7 @@ class ScanEngine:
         RefusedError
             If no sync pulses arrive, or the laser goes dark by itself.
         """
-        self._consume, self._should_stop = consume, should_stop
+        self._consume, self._asked = consume, should_stop
         outcome, reason = Outcome.FAILED, "a device failed"
         during: BaseException | None = None
         try:
@@ -269,7 +277,7 @@ class ScanEngine:
             if self._done == len(self._plan):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
-                outcome, reason = Outcome.INTERRUPTED, "stopped by the operator"
+                outcome, reason = Outcome.INTERRUPTED, self._stopped_by
         except KeyboardInterrupt as interrupt:
             during = interrupt
             outcome, reason = Outcome.INTERRUPTED, "stopped at once by the operator"

@@ -1,5 +1,6 @@
 """Options that several verbs have, said once."""
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,21 @@ Config = Annotated[
 Grid = Annotated[
     str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
 ]
+
+
+class Order(Enum):
+    """Orders in which positions are visited; the value is the command's word."""
+
+    RASTER = "raster"
+    PROGRESSIVE = "progressive"
+    RANDOM = "random"
+
+    @property
+    def in_plan(self) -> str:
+        """The plan's word: its raster is a snake, lines alternate in direction."""
+        return "snake" if self is Order.RASTER else self.value
+
+
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]

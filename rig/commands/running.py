@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +18,19 @@ from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_duration
 
+if TYPE_CHECKING:
+    from rig.image.until import Until
+
 Acquisition = Callable[[Watch], ScanResult]
 
 
 def run(
-    acquisition: Acquisition, plan: ScanPlan, target: Path, as_json: bool, config: Path | None = None
+    acquisition: Acquisition,
+    plan: ScanPlan,
+    target: Path,
+    as_json: bool,
+    config: Path | None = None,
+    until: "Until | None" = None,
 ) -> None:
     """Run a scan into ``target`` and tell how it went.
 
@@ -35,6 +44,8 @@ def run(
         Whether the result is printed as a document.
     config
         The rig's configuration, if it takes one to go on with the scan.
+    until
+        What may end the scan before its last position; that is no failure.
 
     Raises
     ------
@@ -45,7 +56,7 @@ def run(
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with StopRequest(console.say) as stop:
-            result = acquisition(Watch([console.ScanProgress(len(plan))], stop))
+            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
@@ -55,8 +66,19 @@ def run(
             console.say(_safe(target, config))
         raise
     _show(result, plan, target, time.monotonic() - began_s, as_json)
+    if until and until.trouble:
+        console.warn(until.trouble)
+    if until and result.ended.outcome is Outcome.INTERRUPTED and result.ended.reason == until.reason():
+        console.say(f"Ended as asked: {until.reason()}. {_safe(target, config)}")
+        return
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
+
+
+def _watch(progress: console.ScanProgress, stop: StopRequest, until: "Until | None") -> Watch:
+    if until is None:
+        return Watch([progress], stop)
+    return Watch([progress, until], lambda: stop() or until.reason(), until.begun)
 
 
 def _is_there(target: Path) -> bool:
@@ -91,6 +113,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
             {
                 "file": str(target),
                 "status": result.ended.outcome.value,
+                "reason": result.ended.reason,
                 "positions": result.ended.steps_done,
                 "photons": result.photons,
                 "live_time_s": result.live_time_s,

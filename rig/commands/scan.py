@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Grid, Seed, Spacing
+from rig.commands.options import AsJson, Config, Grid, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
+    from rig.image.until import Until
     from rig.model.config import RigConfig
+    from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
     from rig.model.state import RigState
 
@@ -24,6 +26,21 @@ def scan(
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    order: Annotated[
+        Order,
+        typer.Option(
+            help="raster: line by line. progressive: coarse to fine, the whole wall again and again. random: "
+            "anywhere."
+        ),
+    ] = Order.RASTER,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RULE",
+            help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
+            "'time 60s'; rig resume goes on.",
+        ),
+    ] = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -83,7 +100,9 @@ def scan(
         rows=rows,
         spacing_m=parse(spacing, "length") if spacing else None,
         exposure_s=parse(exposure, "time") if exposure else None,
+        order=order.in_plan,
     )
+    ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
@@ -97,7 +116,13 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed)
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending)
+
+
+def _ending(rule: str, plan: "ScanPlan") -> "Until":
+    from rig.image.until import Rule, Until
+
+    return Until(Rule.from_text(rule, plan))
 
 
 def _show_presets(as_json: bool) -> None:
@@ -171,6 +196,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "plan": plan.model_dump(mode="json"),
                 "positions": len(plan),
                 "skipped": grid.skipped,
+                "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
                 "duration_s": plan.duration_s(config),
                 "bytes_in_memory": found.bytes_in_memory,
@@ -188,6 +214,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
         {
             "positions": f"{len(plan):,} of {grid.columns} x {grid.rows}, "
             f"{show_length(grid.spacing_m)} apart; {grid.skipped} skipped around the detector's spot",
+            "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
             "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
@@ -199,3 +226,9 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "calibrations": state.calibrations.in_words() or "none: as configured",
         },
     )
+
+
+def _order_in_words(grid: "GridPositions") -> str:
+    if grid.order != "progressive":
+        return {"snake": "raster, lines alternate in direction", "random": "random"}[grid.order]
+    return "progressive, the whole wall seen after " + ", ".join(f"{count:,}" for count in grid.rounds)

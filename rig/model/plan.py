@@ -22,6 +22,11 @@ Point = tuple[float, float, float]
 
 #: Spots of a list that are put on disk together, as those of a grid's line are.
 SPOTS_OF_A_LINE = 100
+#: How often a progressive order halves the pitch: it begins with every eighth position along both axes.
+HALVINGS = 3
+#: A mirror whose servo is linear comes to rest exponentially: a step that is larger by e takes longer by one
+#: time constant. A small step is at rest after so many (to 1e-4 of it).
+SETTLING_CONSTANTS = 9.2
 #: More steps than this are no scan, but a slip in typing or a damaged file.
 MAX_STEPS = 5_000_000
 
@@ -51,8 +56,9 @@ class Grid(_Part):
     rows: int = Field(ge=1)
     spacing_m: float = Field(gt=0)
     """Distance between neighbours."""
-    order: Literal["snake", "random"] = "snake"
-    """snake: lines alternate in direction, so that the mirror never jumps."""
+    order: Literal["snake", "random", "progressive"] = "snake"
+    """snake: lines alternate in direction, so that the mirror never jumps. progressive: from coarse to fine,
+    in rounds, each of them a snake (`_rounds`)."""
     seed: int = 0
     """Of the random order."""
     without: tuple[Square, ...] = ()
@@ -78,22 +84,76 @@ class Grid(_Part):
         """Number of grid positions left out."""
         return self.places - len(self.spots_m)
 
+    @property
+    def rounds(self) -> tuple[int, ...]:
+        """Number of spots visited by the end of each round; one round, unless the order is progressive."""
+        of_spot = self._visited[2]
+        return tuple(
+            (np.flatnonzero(np.append(of_spot[1:] != of_spot[:-1], True)) + 1)[: len(of_spot)].tolist()
+        )
+
     @cached_property
-    def _visited(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        x_m = (np.arange(self.columns) - (self.columns - 1) / 2) * self.spacing_m
-        y_m = (np.arange(self.rows) - (self.rows - 1) / 2) * self.spacing_m
-        grid_m = np.zeros((self.rows, self.columns, 3))
-        grid_m[..., 0], grid_m[..., 1] = x_m, y_m[:, None]
-        grid_m[1::2] = grid_m[1::2, ::-1]
-        spots_m = grid_m.reshape(-1, 3)
-        lines = np.repeat(np.arange(self.rows), self.columns)
+    def _visited(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+        """(P, 3) spots in order, and (P,) line and round of each."""
+        shape = self.rows, self.columns
+        rounds = _rounds(shape) if self.order == "progressive" else np.zeros(shape, np.int64)
+        rows, columns, lines = _snakes(rounds)
+        spots_m = np.zeros((self.places, 3))
+        spots_m[:, 0] = (columns - (self.columns - 1) / 2) * self.spacing_m
+        spots_m[:, 1] = (rows - (self.rows - 1) / 2) * self.spacing_m
         if self.order == "random":
             spots_m = spots_m[np.random.default_rng(self.seed).permutation(len(spots_m))]
         kept = np.ones(len(spots_m), bool)
         for square in self.without:
             away_m = np.abs(spots_m[:, :2] - (square.x_m, square.y_m)).max(axis=1)
             kept &= away_m > square.side_m / 2
-        return spots_m[kept], lines[kept]
+        return spots_m[kept], lines[kept], rounds[rows, columns][kept]
+
+
+def _rounds(shape: tuple[int, int]) -> NDArray[np.int64]:
+    """Return in which round of a progressive order each position comes, (rows, columns).
+
+    Round 0 has every eighth position along both axes. Then, in turn, a round adds the centres of the
+    squares that were measured, which leaves a lattice turned by 45 degrees, and the next the centres of that
+    one's squares, which leaves a square lattice of half the pitch. So each round doubles the positions, and
+    after each they are evenly spread over the whole aperture.
+    """
+    row, column = np.indices(shape)
+    rounds = np.zeros(shape, np.int64)
+    stride = 1
+    for number in range(2 * HALVINGS, 0, -2):
+        on_lattice = (row % stride == 0) & (column % stride == 0)
+        odd_row, odd_column = row // stride % 2 == 1, column // stride % 2 == 1
+        rounds[on_lattice & (odd_row != odd_column)] = number
+        rounds[on_lattice & odd_row & odd_column] = number - 1
+        stride *= 2
+    return rounds
+
+
+def _snakes(rounds: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Order positions round by round, line by line, so that the mirror goes on from near where it is.
+
+    Rounds go up and down in turn, and the lines of a round to the right and to the left.
+
+    Parameters
+    ----------
+    rounds
+        (rows, columns) round of each position.
+
+    Returns
+    -------
+    rows, columns, lines
+        (P,) place of each position in the grid, and its line, in the order of visits.
+    """
+    height = len(rounds)
+    row, column = (index.ravel() for index in np.indices(rounds.shape))
+    of_place = rounds.ravel()
+    number = of_place * height + np.where(of_place % 2 == 0, row, height - 1 - row)
+    numbers, line = np.unique(number, return_inverse=True)
+    first = np.searchsorted(numbers, of_place * height)  # the line with which its round begins
+    along = np.where((line - first) % 2 == 0, column, -column)
+    order = np.lexsort((along, line))
+    return row[order], column[order], line[order]
 
 
 class Spots(_Part):
@@ -287,7 +347,21 @@ class ScanPlan(_Part):
 
     def duration_s(self, config: RigConfig) -> float:
         """Estimate how long the scan takes on hardware: exposure, settling and readout of each step."""
-        return self.exposure_total_s + len(self) * (config.galvo.settle_time_s + config.tcspc.readout_time_s)
+        settling = sum(one.frames * _settling(one.positions) for one in self.passes)
+        return (
+            self.exposure_total_s
+            + settling * config.galvo.settle_time_s
+            + len(self) * config.tcspc.readout_time_s
+        )
+
+
+def _settling(positions: Grid | Spots) -> float:
+    """Return how long the mirror takes to settle at all positions, in times of a small step."""
+    spots_m = positions.spots_m
+    if isinstance(positions, Spots) or len(spots_m) < 2:
+        return float(len(spots_m))
+    steps = np.linalg.norm(np.diff(spots_m, axis=0), axis=1) / positions.spacing_m
+    return len(spots_m) + float(np.log(np.maximum(steps, 1)).sum()) / SETTLING_CONSTANTS
 
 
 def _with_passes(older: dict[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from drivers.errors import LimitError
 from rig.acquire.preflight import check
 from rig.errors import RefusedError
 from rig.model.config import built_in, built_in_with
-from rig.model.plan import ScanPlan
+from rig.model.plan import Grid, ScanPlan, Square
 from rig.model.pointing import Pointing
 from rig.model.state import RigState
 
@@ -86,3 +86,65 @@ def test_the_duration_counts_exposure_settling_and_readout():
     config = built_in()
     plan = ScanPlan.grid(config, columns=10, rows=10, skip_m=0.0, exposure_s=0.1)
     assert plan.duration_s(config) == pytest.approx(100 * (0.1 + 0.006 + 0.005))
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 12))
+def test_a_progressive_order_visits_each_position_once(columns, rows, skip_spacings):
+    without = (Square(x_m=0.02, y_m=0.01, side_m=0.01 * skip_spacings),) if skip_spacings else ()
+    raster = Grid(columns=columns, rows=rows, spacing_m=0.01, without=without)
+    grid = raster.model_copy(update={"order": "progressive"})
+    assert sorted(map(tuple, grid.spots_m)) == sorted(map(tuple, raster.spots_m))
+    assert grid.rounds[-1:] == raster.rounds[-1:]
+
+
+@given(st.integers(1, 40), st.integers(1, 40))
+def test_the_whole_aperture_is_seen_after_a_sixteenth(columns, rows):
+    plan = progressive(columns, rows)
+    cells = -(-columns // 4) * -(-rows // 4)  # a sixteenth of the steps, and the cells that the rim cuts
+    corner_m = plan.spots_m.min(axis=0)
+    column, row, _ = np.rint((plan.spots_m[:cells] - corner_m) / 0.01).astype(int).T
+    assert len(set(zip(column // 4, row // 4, strict=True))) == cells
+
+
+@given(st.integers(2, 40), st.integers(2, 40))
+def test_a_round_is_scanned_in_short_steps(columns, rows):
+    plan = progressive(columns, rows)
+    place = np.rint((plan.spots_m - plan.spots_m.min(axis=0)) / 0.01)
+    begins = 0
+    for number, end in enumerate(plan.passes[0].positions.rounds):
+        steps = np.abs(np.diff(place[begins:end], axis=0)).max(axis=1, initial=0)
+        # the pitch along a line: 8 spacings in the first three rounds, then halved by every second
+        assert steps.max(initial=0) <= 8 // 2 ** (max(0, number - 1) // 2)
+        begins = end
+    assert end == len(plan)
+
+
+def test_a_line_of_a_progressive_order_is_one_of_the_walls():
+    plan = progressive(20, 13)
+    grid = plan.passes[0].positions
+    assert (np.diff(grid.line_of_spot) >= 0).all()
+    for line in np.unique(grid.line_of_spot):
+        assert len(np.unique(plan.spots_m[grid.line_of_spot == line, 1])) == 1
+
+
+def test_a_progressive_plan_is_stored_and_read():
+    plan = progressive(20, 13)
+    again = ScanPlan.from_json(plan.model_dump_json(), "the file")
+    assert again == plan
+    assert np.array_equal(again.spots_m, plan.spots_m)
+
+
+def test_longer_steps_of_the_mirror_take_longer():
+    config = built_in()
+    raster, coarse_to_fine = (
+        ScanPlan.grid(config, order=order, skip_m=0.0) for order in ("snake", "progressive")
+    )
+    more_s = coarse_to_fine.duration_s(config) - raster.duration_s(config)
+    # no step but six is longer than 8 spacings: ln 8 time constants of 9.2 in 6 ms, and most are of 2 or less
+    assert 0 < more_s < len(raster) * 0.006 * np.log(2.5) / 9.2
+
+
+def progressive(columns, rows):
+    return ScanPlan.grid(
+        built_in(), columns=columns, rows=rows, spacing_m=0.01, skip_m=0.0, order="progressive"
+    )
