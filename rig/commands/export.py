@@ -24,7 +24,7 @@ def export(
     """Write a scan or a volume for other programs; the layout follows the ending.
 
     A volume: .npz (NumPy), .mat (MATLAB v5), .vti (VTK, ParaView), .tif (a page for each plane, ImageJ).
-    A scan: .hdf5 (TAL, for y-tal), .mat (MATLAB v5).
+    A scan: .hdf5 (TAL, for y-tal), .mat (MATLAB v5), .ptu (PicoQuant's records, with markers).
 
     [bold]Examples[/bold]
 

@@ -41,6 +41,41 @@ def import_(
         str | None,
         typer.Option(metavar="LENGTH", help="Length of one depth index, where the wall is not flat."),
     ] = None,
+    grid: Annotated[
+        str | None,
+        typer.Option(metavar="COLSxROWS", help="Points of the scan, where the file holds photons alone."),
+    ] = None,
+    spacing: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="From one spot of that grid to the next.")
+    ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXIS,AXIS",
+            help="Along a line, then from line to line: x,y or, against an axis, -y,x. [dim]\\[x,y][/dim]",
+        ),
+    ] = None,
+    snake: Annotated[bool, typer.Option("--snake", help="Every other line runs backwards.")] = False,
+    detector: Annotated[
+        str | None,
+        typer.Option(metavar="confocal|X,Y", help="Where the detector looks, e.g. 10cm,0cm."),
+    ] = None,
+    places: Annotated[
+        Path | None, typer.Option(metavar="SCAN.h5", help="Places of this scan, in place of --grid.")
+    ] = None,
+    point_marker: Annotated[
+        int | None, typer.Option(metavar="1-4", help="The marker at which a point begins.")
+    ] = None,
+    line_marker: Annotated[
+        int | None, typer.Option(metavar="1-4", help="The marker at which a line begins.")
+    ] = None,
+    time_zero: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="When the pulse is on the wall, in the instrument's time."),
+    ] = None,
+    input_: Annotated[
+        int | None, typer.Option("--input", metavar="N", help="The instrument's input, from 0.")
+    ] = None,
     estimate: Annotated[
         str | None,
         typer.Option(
@@ -60,8 +95,11 @@ def import_(
       rig import sub_Sig.mat nt.h5 --bin-width 32ps --wall-size 1m --depth-pitch 1cm    Liu 2023
 
       rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps --wall-size 2m    Lindell 2019
+
+      rig import scan.ptu a.h5 --grid 64x64 --spacing 1cm --detector confocal --point-marker 1    PicoQuant
     """
     from rig.commands import console
+    from rig.commands.scan import columns_and_rows
     from rig.importers import import_scan
     from rig.model.quantities import parse
 
@@ -75,6 +113,16 @@ def import_(
         delays=tof,
         bounces=_numbers(bounces) if bounces else None,
         depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
+        grid=columns_and_rows(grid) if grid else None,
+        spacing_m=parse(spacing, "length") if spacing else None,
+        order=order,
+        snake=snake or None,
+        detector=_spot(detector) if detector else None,
+        places=places,
+        point_marker=point_marker,
+        line_marker=line_marker,
+        time_zero_s=parse(time_zero, "time") if time_zero else None,
+        input=input_,
         estimate=[name.strip() for name in estimate.split(",")] if estimate else (),
     )
     if as_json:
@@ -102,3 +150,15 @@ def _numbers(text: str) -> tuple[int, ...]:
     if not all(part.strip().isdecimal() for part in parts):
         raise UsageError(f"'{text}' is no list of bounces; write numbers from 1, e.g. --bounces 2,3")
     return tuple(int(part) for part in parts)
+
+
+def _spot(text: str) -> str | tuple[float, float]:
+    from rig.errors import UsageError
+    from rig.model.quantities import parse
+
+    if text == "confocal":
+        return text
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise UsageError(f"--detector '{text}': write confocal, or x and y of its spot, e.g. 10cm,0cm")
+    return parse(parts[0], "length"), parse(parts[1], "length")

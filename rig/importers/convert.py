@@ -29,6 +29,8 @@ from rig.importers import (
     liu2019,
     liu2020,
     neutral,
+    phu,
+    ptu,
     rsd3d,
     tal,
     wu2021,
@@ -64,6 +66,8 @@ LAYOUTS: tuple[ModuleType, ...] = (
     cmu,
     dlct,
     dirac,
+    ptu,
+    phu,
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.importers.content import Content
-from rig.importers.options import SPELLING, Options
+from rig.importers.options import OF_PLAN, SPELLING, Options
 from rig.model.quantities import show, show_length
 
 #: A given number says the same as the file's where they differ by no more than this part: rounding alone.
@@ -88,6 +88,10 @@ def _said(name: str, given: Any, content: Content) -> tuple[str, bool]:
             said = f"the places of its spots are known, and they span {show_length(across_m, 7)}"
             return said, isclose(given, across_m, rel_tol=_SAME)
         return f"the places of its spots are known, and their depths differ by {show_length(deep_m)}", False
+    if name in OF_PLAN:
+        return "it holds the places of its spots, or a grid of them, itself", False
+    if name == "time_zero_s":
+        return "it says itself what its time zero is", False
     if name == "bounces":
         return "it does not keep bounces apart", False
     if content.time_origin == "wall":
@@ -96,8 +100,8 @@ def _said(name: str, given: Any, content: Content) -> tuple[str, bool]:
 
 
 def _shown(name: str, given: Any) -> str:
-    if name == "bin_width_s":
+    if name in {"bin_width_s", "time_zero_s"}:
         return show(given, "s", 7)
-    if name in {"wall_size_m", "depth_pitch_m"}:
+    if name in {"wall_size_m", "depth_pitch_m", "spacing_m"}:
         return show_length(given, 7)
     return ",".join(map(str, given)) if name == "bounces" else str(given)

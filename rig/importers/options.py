@@ -15,8 +15,30 @@ SPELLING = {
     "fade_from_s": "--fade-from",
     "delays": "--tof",
     "bounces": "--bounces",
+    "grid": "--grid",
+    "spacing_m": "--spacing",
+    "order": "--order",
+    "snake": "--snake",
+    "detector": "--detector",
+    "places": "--places",
+    "point_marker": "--point-marker",
+    "line_marker": "--line-marker",
+    "time_zero_s": "--time-zero",
+    "input": "--input",
 }
-_POSITIVE = ("bin_width_s", "wall_size_m", "depth_pitch_m")
+#: What tells the plan of a scan whose file holds photons and markers alone.
+OF_PLAN = (
+    "grid",
+    "spacing_m",
+    "order",
+    "snake",
+    "detector",
+    "places",
+    "point_marker",
+    "line_marker",
+    "input",
+)
+_POSITIVE = ("bin_width_s", "wall_size_m", "depth_pitch_m", "spacing_m")
 
 
 class Given(TypedDict, total=False):
@@ -38,6 +60,24 @@ class Given(TypedDict, total=False):
         File with the time of flight to each position.
     bounces
         Which entries of a bounce axis to add up, counted from one.
+    grid
+        Columns and rows of the scan, where the file holds photons and markers alone.
+    spacing_m
+        From one spot of that grid to the next.
+    order
+        Axis along a line, then from line to line, e.g. ``x,-y``.
+    snake
+        Whether every other line runs backwards.
+    detector
+        ``confocal``, or x and y of the detector's spot.
+    places
+        Scan file with the same plan, in place of a grid.
+    point_marker, line_marker
+        Marker (1 to 4) at which a point, and a line, begins.
+    time_zero_s
+        When the pulse is on the wall, in the instrument's time.
+    input
+        Which input of the instrument is imaged, from 0.
     """
 
     bin_width_s: float | None
@@ -47,6 +87,16 @@ class Given(TypedDict, total=False):
     fade_from_s: float | None
     delays: str | Path | None
     bounces: tuple[int, ...] | None
+    grid: tuple[int, int] | None
+    spacing_m: float | None
+    order: str | None
+    snake: bool | None
+    detector: str | tuple[float, float] | None
+    places: str | Path | None
+    point_marker: int | None
+    line_marker: int | None
+    time_zero_s: float | None
+    input: int | None
 
 
 class Options:

@@ -9,14 +9,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError
+from rig.errors import DataFileError, printable
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
+from rig.files.picoquant import MAGIC_HISTOGRAMS, MAGIC_RECORDS, OLDER, Head, read_head
 from rig.importers.matlab5 import Variables, open_variables
 
 
 class Source:
-    """An HDF5 file (MATLAB v7.3 is one) or a MATLAB v5 file.
+    """An HDF5 file (MATLAB v7.3 is one), a MATLAB v5 file, or a file of PicoQuant's.
 
     Attributes
     ----------
@@ -26,9 +27,11 @@ class Source:
         Shape of each array by its name, ``group/name`` in a group or struct at the top level; None for
         groups, structs and empty placeholders.
     hdf5
-        The open file, None for MATLAB v5.
+        The open file of HDF5, else None.
     variables
-        Of MATLAB v5, None for HDF5.
+        Of MATLAB v5, else None.
+    head
+        Of PicoQuant's, else None; `shapes` has the names of its tags then.
     """
 
     def __init__(
@@ -37,16 +40,18 @@ class Source:
         shapes: dict[str, tuple[int, ...] | None],
         hdf5: h5py.File | None = None,
         variables: Variables | None = None,
+        head: Head | None = None,
     ) -> None:
         self.path = path
         self.shapes = shapes
         self.hdf5 = hdf5
         self.variables = variables
+        self.head = head
 
     @property
     def matlab5(self) -> bool:
         """Whether it is a MATLAB v5 file."""
-        return self.hdf5 is None
+        return self.variables is not None
 
     def has(self, *names: str) -> bool:
         """Return whether it holds all these names."""
@@ -184,7 +189,7 @@ def open_source(path: Path) -> Iterator[Source]:
     Raises
     ------
     DataFileError
-        If it is missing, damaged, or neither HDF5 nor MATLAB.
+        If it is missing, damaged, or of none of these kinds.
     """
     if not path.is_file():
         raise DataFileError(f"{path} does not exist, or is no file; check the name")
@@ -198,11 +203,26 @@ def open_source(path: Path) -> Iterator[Source]:
             with reading(path):
                 shapes = dict(_members(hdf5))
             yield Source(path, shapes, hdf5=hdf5)
+    elif head.startswith((MAGIC_RECORDS, MAGIC_HISTOGRAMS)):
+        tags = read_head(path)
+        yield Source(path, dict.fromkeys(tags.values), head=tags)
     else:
-        raise DataFileError(
-            f"{path} is neither HDF5 nor MATLAB: it begins with {head[:12]!r}. "
-            "Photon records of other kinds need the plan of the scan that made them"
+        raise DataFileError(_foreign(path, head))
+
+
+def _foreign(path: Path, head: bytes) -> str:
+    """Say what a file is that this program does not read."""
+    older = next((name for name in OLDER if head.startswith(name)), None)
+    if older is not None:
+        version = printable(head[16:22].rstrip(b"\0").decode("latin-1"))
+        return (
+            f"{path} is a file of {older.decode()} in PicoQuant's older format {version}, which has a layout "
+            "of its own for each instrument and version. Only unified files (.ptu, .phu) are read: save or "
+            "convert it as one of them"
         )
+    return (
+        f"{path} is neither HDF5, nor MATLAB, nor a unified file of PicoQuant's: it begins with {head[:12]!r}"
+    )
 
 
 def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:

@@ -1,0 +1,87 @@
+"""PicoQuant ``.phu``: histograms, one after the other, each a curve of the instrument."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import DataFileError
+from rig.files.picoquant import MAGIC_HISTOGRAMS, Head
+from rig.importers.content import Content
+from rig.importers.options import Options
+from rig.importers.source import Source
+from rig.importers.visits import visits
+
+NAME = "PicoQuant histograms"
+SIGN = ".phu whose curves are the points of a scan"
+PARTS = ("HistoResult_NumberOfCurves", "HistResDscr_DataOffset", "HistResDscr_HistogramBins")
+
+
+def recognise(source: Source) -> bool:
+    """Return whether the file has this layout."""
+    return source.head is not None and source.head.magic == MAGIC_HISTOGRAMS and source.holds(*PARTS)
+
+
+def read(source: Source, options: Options) -> Content:
+    """Read the curves, one for each point of the plan.
+
+    Raises
+    ------
+    UsageError
+        If places are not known and were not given.
+    DataFileError
+        If the file is cut off, its curves differ in their bins, or are not as many as the plan's points.
+    """
+    assert source.head is not None
+    head = source.head
+    offset, bins, width_s = _curves(head)
+    plan = visits(head, options)
+    if len(offset) != plan.points:
+        raise DataFileError(
+            f"{source.path} holds {len(offset):,} curves, but the plan has {plan.points:,} points; "
+            "check --grid"
+        )
+    laser_m, detector_m, delay_s = plan.pairs(plan.points)
+    return Content(
+        laser_m=laser_m,
+        detector_m=detector_m,
+        bins=bins,
+        bin_width_s=width_s,
+        first_bin_s=plan.first_bin_s,
+        dtype=np.dtype("<u4"),
+        blocks=_blocks(head, offset, bins),
+        delay_s=delay_s,
+        assumed=plan.assumed,
+    )
+
+
+def _curves(head: Head) -> tuple[NDArray[np.int64], int, float]:
+    """Return where each curve lies, and number and width of their bins."""
+    curves = int(head.number("HistoResult_NumberOfCurves"))
+    offset, bins, width_s = (
+        head.numbers(f"HistResDscr_{name}") for name in ("DataOffset", "HistogramBins", "MDescResolution")
+    )
+    if not 0 < curves == len(offset) == len(bins) == len(width_s):
+        raise DataFileError(
+            f"{head.path} says that it holds {curves} curves, but describes {len(offset)}; it is damaged"
+        )
+    if len(np.unique(bins)) > 1 or len(np.unique(width_s)) > 1 or not bins[0] > 0 or not width_s[0] > 0:
+        raise DataFileError(
+            f"{head.path}: its curves differ in number or width of bins; they are no one scan"
+        )
+    if head.number("HistoResult_BitsPerBin", 32) != 32:
+        raise DataFileError(f"{head.path}: bins of other than 32 bits are not known")
+    missing = np.flatnonzero((offset < 0) | (offset + 4 * bins > head.size))
+    if len(missing):
+        raise DataFileError(
+            f"{head.path} is cut off: curve {missing[0] + 1} of {curves} ends beyond the file's "
+            f"{head.size:,} bytes"
+        )
+    return offset.astype(np.int64), int(bins[0]), float(width_s[0])
+
+
+def _blocks(head: Head, offset: NDArray[np.int64], bins: int) -> Iterator[NDArray[np.uint32]]:
+    with head.path.open("rb") as file:
+        for place in offset:
+            file.seek(place)
+            yield np.fromfile(file, "<u4", bins)[None]
