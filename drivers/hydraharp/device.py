@@ -16,7 +16,7 @@ from drivers.clock import Clock, wait_until
 from drivers.errors import LinkError
 from drivers.hydraharp import constants as hh
 from drivers.hydraharp.errors import HydraHarpError
-from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates
+from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error
 from drivers.hydraharp.library import HHLib, histogram_buffers
 from drivers.hydraharp.settings import HydraHarpSettings, Integers
 
@@ -165,5 +165,5 @@ class HydraHarp(Instrument):
         if not flags:
             return ()
         if flags & hh.Flag.SYSERROR:
-            raise self._system_error()
+            raise system_error(self._library, self._index, self._name)
         return tuple(text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit)

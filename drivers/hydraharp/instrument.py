@@ -252,16 +252,6 @@ class Instrument(ABC):
                 "Switch the HydraHarp off and on.",
             )
 
-    def _system_error(self) -> DeviceError:
-        """Return what to raise where counts are worthless, with the instrument's own report."""
-        report = " ".join(self._library.get_hardware_debug_info(self._index).split())
-        return DeviceError(
-            self._name,
-            "measure",
-            f"it reports a system error: {report[:500] or 'no details'}",
-            "Switch the HydraHarp off and on; if that does not help, send PicoQuant its debug report.",
-        )
-
     def _close(self, index: int, problem: BaseException | None) -> None:
         """Stop and close, whether or not something runs, and whatever ``problem`` is on its way."""
 
@@ -270,6 +260,17 @@ class Instrument(ABC):
                 self._library.stop_meas(index)
 
         leave([stop, lambda: self._library.close_device(index)], problem)
+
+
+def system_error(library: HHLib, index: int, name: str) -> DeviceError:
+    """Return what to raise where counts are worthless, with the instrument's own report."""
+    report = " ".join(library.get_hardware_debug_info(index).split())
+    return DeviceError(
+        name,
+        "measure",
+        f"it reports a system error: {report[:500] or 'no details'}",
+        "Switch the HydraHarp off and on; if that does not help, send PicoQuant its debug report.",
+    )
 
 
 def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:

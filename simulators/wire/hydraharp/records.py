@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 #: Bins after a sync edge that a record can tell.
 DTIME_BINS = 1 << 15
-#: The inputs that a photon's record can tell.
-MOST_INPUTS = 64
+#: The inputs that a record can tell; channel 63 is the overflows'.
+MOST_INPUTS = 63
 
 _EDGES = 1 << 10
 _MOST_OVERFLOWS = _EDGES - 1
