@@ -27,8 +27,8 @@ DRAIN_S = 1e-3
 #: So many reads in a row must bring nothing after the end (vendor's demos: more than five).
 EMPTY_READS = 6
 
-#: Reads that empty a full memory of 2 million records, four times over: what comes then is not waited for.
-LAST_READS = 64
+#: How long a memory that was full is read [s]; USB 2 takes a quarter of it for 2 million records.
+REST_S = 1.0
 
 #: Pieces that may wait for the caller: at 40 million records a second those of 0.8 s, in 128 MiB; at low
 #: rates, with a piece each `POLL_S`, those of 2.5 s.
@@ -199,10 +199,11 @@ class Reader:
 
     def _read_rest(self) -> None:
         """Read what is left in a memory that was full."""
-        for _ in range(LAST_READS):
-            if not self._read_once():
-                return
+        until_s = self._clock.now_s() + REST_S
+        empty = 0
+        while empty < EMPTY_READS and self._clock.now_s() < until_s:
             self._clock.sleep(DRAIN_S)
+            empty = 0 if self._read_once() else empty + 1
 
     def _read_once(self) -> int:
         """Read, look at the flags, and hand over; return the number of records."""

@@ -1,13 +1,15 @@
-"""Time-tagged mode, driver and simulator together: what the bench does must come out as records, once each."""
+"""Time-tagged mode, driver and simulator together: what the bench does comes out as records, once each."""
 
 import threading
 import time
+from contextlib import nullcontext
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceError, LimitError
+from drivers.clock import SystemClock
+from drivers.errors import DeviceError, LimitError, LinkError
 from drivers.hydraharp.constants import Flag
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.errors import HydraHarpError
@@ -18,6 +20,8 @@ from drivers.hydraharp.stream import HydraHarpStream
 from simulators.bench import Bench, BenchGeometry, Channel, Detections
 from simulators.clock import BenchClock
 from simulators.wire.hydraharp import Fifo, HydraHarpSimulator, Nonlinearity, Timing
+from simulators.wire.hydraharp.codes import Slot
+from simulators.wire.served.timing import ServedBench, TimingFaults
 from support.hydraharp_wire import bench_with
 
 BIN_S = 4e-12
@@ -250,16 +254,253 @@ def test_photons_stand_on_the_right_side_of_a_marker():
     assert (batch.tag[place:] >= 50_000).all()
 
 
-def test_a_memory_that_nobody_reads_is_full():
-    """2 MHz for 1.5 s into a memory of 2 097 152 records, in real time: it must say so, and lose the rest."""
-    simulator = HydraHarpSimulator(random_bench(4e6), fifo=Fifo(1 << 15))
-    library = HHLib(simulator.functions)
-    with HydraHarpStream(library, clock=simulator.instrument.bench.clock) as stream:
-        simulator.instrument.fifo.link_hz = 1e6  # a quarter of what comes
+def test_a_link_slower_than_the_photons_fills_the_memory():
+    """What is read before is all that happened until then; it must not end as if all were well."""
+    whole = records_of(random_bench(4e6))
+    _, stream = tagged(random_bench(4e6), instrument={"fifo": Fifo(1 << 15, link_hz=1e6)})
+    with stream:
+        stream.start(0.2)
+        read, problem = until_it_fails(stream)
+        assert "memory was full" in str(problem)
+        (fault,) = [fault for piece in read for fault in piece.faults]
+        assert fault.flag == Flag.FIFOFULL
+        records = joined(read)
+        assert 1 << 15 <= len(records) < len(whole)
+        assert np.array_equal(records, whole[: len(records)])
+        assert fault.record <= len(records)
+        stream.start(1e-3)  # the next measurement begins with an empty memory
+        assert [piece.faults for piece in stream.pieces()] == [()]
+
+
+def records_of(bench):
+    _, stream = tagged(bench)
+    with stream:
+        stream.start(0.2)
+        return joined(list(stream.pieces()))
+
+
+def joined(pieces):
+    assert all(one.first + len(one.records) == two.first for one, two in pairwise(pieces))
+    return np.concatenate([piece.records for piece in pieces])
+
+
+def until_it_fails(stream, error=DeviceError):
+    read = []
+    with pytest.raises(error) as caught:
+        read.extend(stream.pieces())  # keeps those before the failure
+    return read, caught.value
+
+
+class Timetable(BenchClock):
+    """A clock during whose waits things happen: (seconds after `begin`, what)."""
+
+    def __init__(self):
+        super().__init__()
+        self.due = []
+
+    def begin(self, *due):
+        self.due = [(self.now_s() + after_s, what) for after_s, what in due]
+
+    def sleep(self, duration_s):
+        super().sleep(duration_s)
+        while self.due and self.now_s() >= self.due[0][0]:
+            self.due.pop(0)[1]()
+
+
+def test_a_dark_laser_is_a_fault_at_its_place_and_the_count_of_pulses_stands_still():
+    clock = Timetable()
+    bench = random_bench(1e6, clock=clock)
+    _, stream = tagged(bench)
+    with stream:
+        clock.begin(
+            (0.095, lambda: bench.change_light(emitting=False)),
+            (0.195, lambda: bench.change_light(emitting=True)),
+        )
+        stream.start(0.4)
+        taken = Taken(stream)
+    (fault,) = taken.faults
+    assert fault.flag == Flag.SYNC_LOST
+    assert "laser" in fault.sentence
+    # waits are of 10 ms, so it is dark from 0.10 to 0.20 s; beside the photons, each 1024th pulse is told
+    assert abs(fault.record - 100_000 - 1_000_000 // 1024) < 5 * np.sqrt(1e5)
+    assert taken.edge.max() < 3_000_010  # 0.3 s of pulses, and the latest photons
+    assert abs(len(taken.edge) - 300_000) < 5 * np.sqrt(3e5)
+    before = np.count_nonzero(taken.edge < 1_000_000)
+    assert abs(before - 100_000) < 5 * np.sqrt(1e5)
+
+
+def test_a_reference_that_is_missing_is_a_fault():
+    _, stream = tagged(random_bench(1e5), external_reference=True)
+    with stream:
+        stream.start(0.02)
+        taken = Taken(stream)
+    assert [(fault.flag, fault.record) for fault in taken.faults] == [(Flag.REF_LOST, 0)]
+    assert all(piece.flags == Flag.REF_LOST for piece in taken.pieces)
+
+
+def test_an_instrument_that_is_unplugged_ends_the_stream_after_what_was_read():
+    clock = Timetable()
+    simulator, stream = tagged(random_bench(1e6, clock=clock))
+    with stream:
+        clock.begin((0.095, lambda: simulator.connection.slots.__setitem__(0, Slot.CLOSED)))
         stream.start(1.0)
-        pieces = []
-        with pytest.raises(DeviceError, match="memory was full"):
-            pieces.extend(stream.pieces())
-            for piece in stream.pieces():
-                pieces.append(piece)
+        read, problem = until_it_fails(stream, HydraHarpError)
+    assert problem.code == -10
+    # 1 MHz for 90 ms, overflows beside
+    assert abs(len(joined(read)) - 90_000 * 1.01) < 5 * np.sqrt(9e4)
+
+
+def test_a_failure_inside_the_library_reaches_who_takes_the_pieces():
+    bench = random_bench(1e6)
+    simulator, stream = tagged(bench)
+    with stream:
+        bench.photons = (None,)
+        stream.start(1.0)
+        read, problem = until_it_fails(stream, HydraHarpError)
+        assert (read, problem.code) == ([], -99)
+        with pytest.raises(AttributeError, match="detections"):
+            simulator.raise_pending()
+        bench.photons = (EvenLight(1e6),)
+        stream.start(0.01)
+        assert len(Taken(stream).edge) > 9000
+
+
+def test_a_caller_who_takes_nothing_ends_the_stream(monkeypatch):
+    """No photon is dropped silently: what was read is whole, and then comes the error."""
+    monkeypatch.setattr("drivers.hydraharp.reader.PATIENCE_S", 0.05)
+    whole = records_of(random_bench(1e6))
+    _, stream = tagged(random_bench(1e6), queue_pieces=3)
+    with stream:
+        stream.start(0.2)
+        time.sleep(0.3)
+        read, problem = until_it_fails(stream)
+    assert "were not taken" in str(problem)
+    records = joined(read)
+    assert len(read) == 3
+    assert np.array_equal(records, whole[: len(records)])
+
+
+def test_a_slow_caller_loses_nothing():
+    whole = records_of(random_bench(1e6))
+    _, stream = tagged(random_bench(1e6), queue_pieces=2)
+    with stream:
+        stream.start(0.2)
+        read = []
+        for piece in stream.pieces():
+            time.sleep(0.01)
+            read.append(piece)
+    assert np.array_equal(joined(read), whole)
+
+
+def test_until_stopped():
+    bench = random_bench(1e6)
+    simulator, stream = tagged(bench)
+    with stream:
+        stream.start()
+        with pytest.raises(DeviceError, match="one still runs"):
+            stream.start()
+        taken = Taken(stream, until=lambda taken: len(taken.pieces) == 10)
+        assert not simulator.instrument.running
+        assert len(taken.pieces) >= 10
+        assert len(taken.edge) >= 80_000
+        assert list(stream.pieces()) == []
+        stream.start(0.01)
+        assert Taken(stream).edge.max() < 100_010  # counted anew
     simulator.raise_pending()
+
+
+@pytest.mark.parametrize("error", [None, ValueError])
+def test_leaving_in_the_middle(error):
+    simulator, stream = tagged(random_bench(1e6))
+    left = pytest.raises(ValueError, match="mine") if error else nullcontext()
+    with left, stream:
+        stream.start()
+        next(stream.pieces())
+        if error:
+            raise error("mine")
+    assert simulator.connection.slots[0] is Slot.CLOSED
+    simulator.raise_pending()
+
+
+def test_a_call_that_does_not_return(monkeypatch):
+    """The caller gets an error in time, also on leaving; the library, with a thread inside, is asked no more."""
+    monkeypatch.setattr("drivers.hydraharp.reader.SILENT_S", 0.3)
+    go_on, bench = threading.Event(), random_bench(1e6)
+
+    class Stuck(EvenLight):
+        def detections(self, *arguments):
+            go_on.wait(10.0)
+            return super().detections(*arguments)
+
+    bench.photons = (Stuck(1e6),)
+    _, stream = tagged(bench)
+    with pytest.raises(LinkError, match="does not return") as caught, stream:  # noqa: PT012
+        stream.start(0.01)
+        next(stream.pieces())
+    assert "while leaving" in caught.value.__notes__[0]
+    go_on.set()
+    for thread in threading.enumerate():
+        if thread.name.startswith("records of"):
+            thread.join(10.0)
+
+
+def test_in_real_time():
+    bench = random_bench(1e5, clock=BenchClock(real_time=True))
+    simulator, stream = tagged(bench)
+    with stream:
+        stream.start(0.2)
+        begun_s = time.monotonic()
+        came_s = []
+        for piece in stream.pieces():
+            came_s.append(time.monotonic() - begun_s)
+            assert len(piece.records)
+        assert came_s[0] < 0.15  # while it runs, not after it
+        assert came_s[-1] > 0.15
+    simulator.raise_pending()
+
+
+def test_over_a_served_bench():
+    """The bench behind a socket, with a clock that runs."""
+    server_of = pytest.importorskip("simulators.wire.served.server", reason="pseudo-terminals are POSIX")
+    bench = random_bench(1e5, clock=BenchClock(real_time=True))
+    with server_of.BenchServer(bench, TimingFaults(Timing(), 2**32 - 1)) as server:
+        serving = threading.Thread(target=server.run)
+        serving.start()
+        try:
+            with ServedBench(server.addresses.timing) as served:
+                library = HHLib(HydraHarpSimulator(served).functions)
+                with HydraHarpStream(library, clock=SystemClock()) as stream:
+                    bench.mark(1, bench.clock.now_s() + 0.05)
+                    stream.start(0.1)
+                    taken = Taken(stream)
+        finally:
+            server.stop()
+            serving.join()
+    assert abs(len(taken.edge) - 10_000) < 5 * np.sqrt(10_000)
+    assert taken.marker_mask.tolist() == [1]
+
+
+def test_rates_and_warnings_before_the_start():
+    _, stream = tagged(random_bench(1e5), offset_s=20e-9)
+    with stream:
+        assert stream.rates().sync_hz == 10e6
+        assert any("offset" in sentence for sentence in stream.warnings())
+        assert stream.settings()["mode"] == "time-tagged"
+        assert stream.settings()["markers"] == "M1, M2, M3, M4"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"), [({"bins": 32769}, "32768 bins"), ({"inputs": (63,)}, "inputs up to 62")]
+)
+def test_more_than_records_can_tell(settings, message):
+    with pytest.raises(LimitError, match=message):
+        tagged(bench_with([], 0), **settings)
+
+
+def test_durations_and_hold_offs_must_be_possible():
+    with pytest.raises(LimitError, match="hold-off"):
+        Markers(hold_off_s=1e-3)
+    simulator, stream = tagged(bench_with([], 0))
+    with stream, pytest.raises(LimitError, match="nearest possible value is 2 ms"):
+        stream.start(1.7e-3)
+    assert not simulator.instrument.running
