@@ -269,7 +269,7 @@ def test_a_link_slower_than_the_photons_fills_the_memory():
         assert np.array_equal(records, whole[: len(records)])
         assert fault.record <= len(records)
         stream.start(1e-3)  # the next measurement begins with an empty memory
-        assert [piece.faults for piece in stream.pieces()] == [()]
+        assert not any(piece.faults for piece in stream.pieces())
 
 
 def records_of(bench):
@@ -423,7 +423,7 @@ def test_leaving_in_the_middle(error):
 
 
 def test_a_call_that_does_not_return(monkeypatch):
-    """The caller gets an error in time, also on leaving; the library, with a thread inside, is asked no more."""
+    """The caller gets an error in time, also on leaving; the library with a thread inside is left alone."""
     monkeypatch.setattr("drivers.hydraharp.reader.SILENT_S", 0.3)
     go_on, bench = threading.Event(), random_bench(1e6)
 
