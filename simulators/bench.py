@@ -4,11 +4,12 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
-from bisect import bisect_left, insort
+from bisect import insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import dist, radians, tan
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -243,10 +244,6 @@ class _Stretch:
     first_pulse: int
 
 
-def _when(mark: Mark) -> float:
-    return mark.at_s
-
-
 def _drawn(
     photons: Photons, delay_s: float, stretches: Sequence[_Stretch], rng: np.random.Generator
 ) -> Detections:
@@ -393,13 +390,17 @@ class Bench:
         """
         if not 0 < mask < 16:
             raise ValueError(f"there are four marker inputs, with a mask of 1 to 15, not {mask}")
-        insort(self._marks, Mark(self.clock.now_s() if at_s is None else at_s, mask, width_s), key=_when)
+        insort(
+            self._marks,
+            Mark(self.clock.now_s() if at_s is None else at_s, mask, width_s),
+            key=attrgetter("at_s"),
+        )
 
     def take_marks(self, before_s: float) -> list[Mark]:
         """Take away the pulses at the marker inputs that begin before a time, in order."""
-        number = bisect_left(self._marks, before_s, key=_when)
-        taken = self._marks[:number]
-        del self._marks[:number]
+        taken = []
+        while self._marks and self._marks[0].at_s < before_s:  # another thread may send one meanwhile
+            taken.append(self._marks.pop(0))
         return taken
 
     def forget_before(self, at_s: float) -> None:

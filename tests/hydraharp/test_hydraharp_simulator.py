@@ -226,6 +226,7 @@ def test_a_memory_that_nobody_reads_is_full():
     hh.bench.clock.sleep(0.5)
     assert read(hh) == []  # it takes no more
     hh("HH_StopMeas")
+    assert hh("HH_GetFlags") == 0x02
     hh("HH_StartMeas", 10)
     assert hh("HH_GetFlags") == 0x20
 

@@ -29,19 +29,23 @@ class Fifo:
     def __init__(self, capacity: int = 1 << 21, link_hz: float = 40e6) -> None:
         self.capacity = capacity
         self.link_hz = link_hz
-        self.clear(0.0)
+        self.start(0.0)
 
-    def clear(self, now_s: float) -> None:
-        """Throw all records away."""
+    def start(self, now_s: float) -> None:
+        """Begin anew, empty."""
         self.full = False
-        self._chunks: deque[NDArray[np.uint32]] = deque()
-        self._held = 0
         self._link_took = 0.0  # records that the link has had time for
         self._asked_s = now_s
+        self.drop()
+
+    def drop(self) -> None:
+        """Throw all records away."""
+        self._chunks: deque[NDArray[np.uint32]] = deque()
+        self._held = 0
 
     def put(self, words: NDArray[np.uint32]) -> None:
         """Take records, as many as there is room for."""
-        if self.full:
+        if self.full or not len(words):
             return
         room = self.capacity - self._held
         self.full = len(words) > room

@@ -132,6 +132,7 @@ class Instrument:
         self.last: Measurement | None = None
         self.sync_lost = False
         self._stream: TagStream | None = None
+        self.fifo.start(self.bench.clock.now_s())
         self.clear()
         self.restart_rates()
 
@@ -227,7 +228,7 @@ class Instrument:
         run, self.running = self.last, False
         if run is not None and not self.ended():
             self._finish(run, self.bench.clock.now_s())
-        self.fifo.clear(self.bench.clock.now_s())
+        self.fifo.drop()
 
     def read_records(self, count: int) -> NDArray[np.uint32]:
         """Return the records at hand, at most ``count``; none unless a measurement runs."""

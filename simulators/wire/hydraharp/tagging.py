@@ -153,7 +153,7 @@ class TagStream:
         self._told_edge = 0
         self._held = no_events()
         bench.take_marks(start_s)  # nobody listened to these
-        fifo.clear(start_s)
+        fifo.start(start_s)
 
     def advance(self, until_s: float) -> None:
         """Record what happened until now, in whole pieces."""
