@@ -13,12 +13,24 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import DeviceNotFoundError, LimitError, LinkError, ProtocolError, RefusedError
+from drivers.errors import (
+    DeviceError,
+    DeviceNotFoundError,
+    LimitError,
+    LinkError,
+    ProtocolError,
+    RefusedError,
+)
 from drivers.leaving import leave
 from drivers.lines.usb_finder import find_instrument
 from drivers.lines.usbtmc import UsbTmc
 
 ID120 = (0x1DDC, 0x0330)
+
+BEWARE = "Treat the detector as BIASED: switch it off by hand."
+
+#: So often the bias is taken away before the detector is said to be biased.
+DISABLE_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -180,13 +192,27 @@ class Id120Spad:
         RefusedError
             The detector says that it still runs.
         LinkError, ProtocolError
-            No answer, or none that makes sense.
+            It was told to go off, and whether it did cannot be known.
         """
         if self._link is None:
             return
-        self._tell("REG:RUN FALSE")
-        if self._flag("REG:RUN?"):
-            raise self._refused("stop", "it says that it still runs")
+        doubt: BaseException | None = None
+        interrupted: BaseException | None = None
+        for _ in range(DISABLE_TRIES):  # neither a garbled transfer nor an interrupt must leave the bias on
+            try:
+                self._tell("REG:RUN FALSE")
+                if not self._flag("REG:RUN?"):
+                    break
+                doubt = RefusedError(self.name, "be without bias", "it says that it still runs", BEWARE)
+            except DeviceError as problem:
+                doubt = type(problem)(self.name, "be without bias", problem.answered, BEWARE)
+            except BaseException as problem:
+                doubt = interrupted = problem
+        else:
+            assert doubt is not None
+            raise doubt
+        if interrupted is not None:
+            raise interrupted
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
         """Move the gate: opening edge after the sync pulse, and how long it stays open.

@@ -2,8 +2,14 @@
 
 import json
 import os
+import signal
 import sys
+import time
 import traceback
+from types import FrameType
+
+#: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
+SAME_WISH_S = 1.0
 
 
 def main() -> None:
@@ -12,6 +18,37 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
     safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
     """
+    stop = _Interrupts()
+    signal.signal(signal.SIGINT, stop)
+    try:
+        code = _to_the_end()
+    except KeyboardInterrupt:
+        code = stop.said()
+    stop.ended = True
+    sys.exit(code)
+
+
+class _Interrupts:
+    """Ctrl-C, once for as long as it is held; after the program's end it has nothing to end any more."""
+
+    def __init__(self) -> None:
+        self.ended = False
+        self._last_s = -SAME_WISH_S
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
+        if anew and not self.ended:
+            raise KeyboardInterrupt
+
+    def said(self) -> int:
+        """Say that the program was stopped; return the exit code."""
+        self.ended = True
+        print("rig: stopped.", file=sys.stderr)
+        return 130
+
+
+def _to_the_end() -> int | None:
     from rig.commands.streams import dropping
 
     with dropping() as out:
@@ -22,7 +59,9 @@ def main() -> None:
             _report(
                 f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
             )
-    sys.exit(code)
+        if code == 130:  # the frame of commands takes Ctrl-C without a word
+            _report("stopped", code)
+    return code
 
 
 def _run() -> int | None:
@@ -37,19 +76,19 @@ def _run() -> int | None:
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:
-        code = _exit_code(error)
+        code = exit_code(error)
         if code is None:
             traceback.print_exc()
             print("rig: this is a defect in rig; please report it with the lines above.", file=sys.stderr)
             return 1
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
-        _report(f"{_in_words(error)}{_hint(error)}", code)
+        _report(f"{told(error)}{_hint(error)}", code)
         return code
     return 0
 
 
-def _exit_code(error: Exception) -> int | None:
+def exit_code(error: Exception) -> int | None:
     """Return the exit code of a failure that a person can mend, None for a defect."""
     from drivers.errors import DeviceError, LimitError
     from recon.errors import ReconError
@@ -71,7 +110,12 @@ def _is_of_a_file(error: Exception) -> bool:
     return isinstance(error, OSError) and error.errno is not None and error.filename is not None
 
 
-def _in_words(error: Exception) -> str:
+def told(error: BaseException) -> str:
+    """Return what a person reads of a failure: it, and what failed after it, each once."""
+    return "\n".join(dict.fromkeys([_in_words(error), *getattr(error, "__notes__", ())]))
+
+
+def _in_words(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
     if isinstance(error, OSError):

@@ -1,6 +1,7 @@
 """The command line as a person meets it: arguments in, exit code and both streams out."""
 
 import os
+import signal
 import sys
 from dataclasses import dataclass
 
@@ -37,11 +38,13 @@ def rig(capsys, monkeypatch, tmp_path):
 
     def run(*arguments) -> Finished:
         monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        code = 0
+        code, on_ctrl_c = 0, signal.getsignal(signal.SIGINT)
         try:
             main()
         except SystemExit as ended:
             code = ended.code or 0
+        finally:
+            signal.signal(signal.SIGINT, on_ctrl_c)
         streams = capsys.readouterr()
         return Finished(code, streams.out, streams.err)
 

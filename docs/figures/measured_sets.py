@@ -46,13 +46,18 @@ class MeasuredSet:
     legible: bool = True
     """Whether an object is seen in the picture; if not, a depth says nothing."""
 
+    def options(self) -> list[str]:
+        """Return the options of ``rig import``."""
+        named = {"bin_width_s": ("--bin-width", 1 / PS, "ps"), "wall_size_m": ("--wall-size", 1, "m")}
+        told: list[str] = []
+        for key, value in self.given.items():
+            option, times, unit = named[key]
+            told += [option, f"{value * times:g}{unit}"]
+        return told
+
     def command(self) -> str:
         """Return the command lines."""
-        options = {"bin_width_s": ("--bin-width", 1 / PS, "ps"), "wall_size_m": ("--wall-size", 1, "m")}
-        told = "".join(
-            f" {options[key][0]} {value * options[key][1]:g}{options[key][2]}"
-            for key, value in self.given.items()
-        )
+        told = "".join(f" {word}" for word in self.options())
         near, far, step = self.depth_m
         voxel = f" --voxel {self.voxel_m / CM:g}cm" if self.voxel_m else ""
         return (
@@ -139,7 +144,7 @@ def image_of(measured: MeasuredSet, data: Path, folder: Path) -> tuple[Volume, t
 
 
 def found_m(volume: Volume, published_m: tuple[float, ...]) -> list[float]:
-    """Return the median depth of the bright pixels near each published one; halfway divides two."""
+    """Return the median depth of bright pixels near each published one; halfway divides two; NaN for none."""
     seen = np.isfinite(volume.depth_m)
     depth_m = np.asarray(volume.depth_m)[seen]
     bright = compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0)[seen]
@@ -147,7 +152,10 @@ def found_m(volume: Volume, published_m: tuple[float, ...]) -> list[float]:
     medians = []
     for number in range(len(published_m)):
         here = part == number
-        medians.append(float(np.median(depth_m[here & (bright >= BRIGHT * bright[here].max())])))
+        greatest = bright[here].max(initial=0)
+        medians.append(
+            float(np.median(depth_m[here & (bright >= BRIGHT * greatest)])) if greatest else np.nan
+        )
     return medians
 
 

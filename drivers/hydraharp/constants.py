@@ -99,17 +99,10 @@ WARNING_SENTENCES = {
     Warn.OFFSET_UNNECESSARY: "The offset is not needed: the histogram spans the sync period without it.",
 }
 
-#: What a flag says about a stream of records.
-STREAM_SENTENCES = {
-    Flag.FIFOFULL: "The memory of the instrument was full, so records are lost: attenuate.",
-    Flag.SYNC_LOST: "The sync was lost, so photons are missing: check laser and sync cable.",
-    Flag.REF_LOST: "The external reference clock was lost, so times may be wrong: check its source.",
-    Flag.SYSERROR: "The instrument reports a system error.",
-}
-
-#: What a flag says about a histogram; SYSERROR is no sentence but an error, FIFOFULL is of other modes.
+#: What a flag says about a measurement; SYSERROR is no sentence but an error, ACTIVE says nothing of counts.
 FLAG_SENTENCES = {
     Flag.OVERFLOW: "A bin of the histogram is full: expose shorter, attenuate, or move the gate.",
+    Flag.FIFOFULL: "The instrument's buffer was full, so photons are missing: attenuate.",
     Flag.SYNC_LOST: "The sync was lost, so photons are missing: check laser and sync cable.",
     Flag.REF_LOST: "The external reference clock was lost, so times may be wrong: check its source.",
 }

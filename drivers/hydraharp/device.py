@@ -16,7 +16,7 @@ from drivers.clock import Clock, wait_until
 from drivers.errors import LinkError
 from drivers.hydraharp import constants as hh
 from drivers.hydraharp.errors import HydraHarpError
-from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error
+from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error, told
 from drivers.hydraharp.library import HHLib, histogram_buffers
 from drivers.hydraharp.settings import HydraHarpSettings, Integers
 
@@ -166,4 +166,4 @@ class HydraHarp(Instrument):
             return ()
         if flags & hh.Flag.SYSERROR:
             raise system_error(self._library, self._index, self._name)
-        return tuple(text for bit, text in hh.FLAG_SENTENCES.items() if flags & bit)
+        return tuple(text for _, text in told(flags))

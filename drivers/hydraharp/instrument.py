@@ -262,6 +262,18 @@ class Instrument(ABC):
         leave([stop, lambda: self._library.close_device(index)], problem)
 
 
+def told(flags: hh.Flag) -> list[tuple[hh.Flag, str]]:
+    """Return flags with what each says about a measurement; those that nobody knows come as one."""
+    sentences = [(bit, text) for bit, text in hh.FLAG_SENTENCES.items() if flags & bit]
+    if unknown := int(flags) & ~int(sum(hh.FLAG_SENTENCES, hh.Flag.ACTIVE | hh.Flag.SYSERROR)):
+        text = (
+            f"The instrument raised flags 0x{unknown:X}, which HHLib {hh.LIBRARY_VERSION} does not explain: "
+            "ask PicoQuant what they mean before the counts are used."
+        )
+        sentences.append((hh.Flag(unknown), text))
+    return sentences
+
+
 def system_error(library: HHLib, index: int, name: str) -> DeviceError:
     """Return what to raise where counts are worthless, with the instrument's own report."""
     report = " ".join(library.get_hardware_debug_info(index).split())

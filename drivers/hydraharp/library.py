@@ -8,7 +8,7 @@ from ctypes import POINTER, Array, byref, c_char, c_double, c_int, c_uint, c_voi
 from threading import Lock
 from typing import Any
 
-from drivers.errors import DeviceNotFoundError
+from drivers.errors import DeviceNotFoundError, ProtocolError
 from drivers.hydraharp.constants import (
     FIFO_RECORDS_STEP,
     MAX_CONTINUOUS_BLOCK_BYTES,
@@ -23,6 +23,10 @@ from drivers.hydraharp.constants import (
 )
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.limits import MAX_BINS
+
+#: What a histogram or records begin with until the library has written them. A bin that is full holds as
+#: many: 4 billion photons in the first bin, which no exposure here comes near. No record has all bits set.
+UNWRITTEN = 2**32 - 1
 
 #: The library is not re-entrant, not even for two instruments: one thread at a time.
 _ONE_THREAD = Lock()
@@ -302,8 +306,22 @@ class HHLib:
         return self._int("HH_CTCStatus", index) != 0
 
     def get_histogram(self, index: int, channel: int, into: "Array[c_uint]", *, clear: bool = False) -> None:
-        """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set."""
+        """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set.
+
+        Raises
+        ------
+        ProtocolError
+            If the library says that all is well and wrote nothing, so that the row holds older counts.
+        """
+        into[0] = UNWRITTEN
         self._call("HH_GetHistogram", index, into, channel, int(clear))
+        if into[0] == UNWRITTEN:
+            raise ProtocolError(
+                f"HydraHarp through {self.name}",
+                f"give the histogram of input {channel}",
+                "it said that all is well and wrote no counts",
+                "Check the USB link, and switch the HydraHarp off and on.",
+            )
 
     def get_resolution(self, index: int) -> float:
         """Return the bin width in force [ps]."""
@@ -340,10 +358,26 @@ class HHLib:
         return _plain(text)
 
     def read_fifo(self, index: int, into: "Array[c_uint]") -> int:
-        """Copy the records at hand into a `fifo_buffer`, at most as many as it holds; return their number."""
+        """Copy the records at hand into a `fifo_buffer`, at most as many as it holds; return their number.
+
+        Raises
+        ------
+        ProtocolError
+            If that is more than there is room for, or if nothing was written, so that older ones are there.
+        """
         received = c_int()
+        into[0] = UNWRITTEN
         self._call("HH_ReadFiFo", index, into, len(into), byref(received))
-        return received.value
+        number = received.value
+        possible = 0 <= number <= len(into)
+        if possible and not (number and into[0] == UNWRITTEN):
+            return number
+        raise ProtocolError(
+            f"HydraHarp through {self.name}",
+            f"read {len(into)} records at most",
+            f"it said that these are {number}, {'and wrote no records' if possible else 'which cannot be'}",
+            "Check the USB link, and switch the HydraHarp off and on.",
+        )
 
     def get_cont_mode_block(self, index: int) -> bytes:
         """Return the next block of continuous mode; empty where none is ready."""

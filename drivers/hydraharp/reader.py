@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.errors import DeviceError, LinkError, ProtocolError
+from drivers.errors import DeviceError, LinkError
 from drivers.hydraharp import constants as hh
 from drivers.hydraharp.errors import HydraHarpError
-from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, system_error
+from drivers.hydraharp.instrument import CLOCK_ERROR, LATE_S, system_error, told
 from drivers.hydraharp.library import HHLib, fifo_buffer
 
 #: How long to wait when all there is was read, and after the end of the acquisition time [s].
@@ -40,8 +40,7 @@ PATIENCE_S = 1.0
 #: When the thread has given no sign for so long [s], a call of the library does not return.
 SILENT_S = 10.0
 
-#: Flags that tell a fault; after some of them it is no use to go on.
-FAULTS = hh.Flag.FIFOFULL | hh.Flag.SYNC_LOST | hh.Flag.REF_LOST | hh.Flag.SYSERROR
+#: Flags after which it is no use to go on.
 FATAL = hh.Flag.FIFOFULL | hh.Flag.SYSERROR
 
 
@@ -76,9 +75,9 @@ class Piece:
     first
         Number of the first of them in the measurement.
     flags
-        The faults that the instrument showed right after the read.
+        What the instrument showed right after the read, without `ACTIVE`.
     faults
-        Those that it had not shown the time before.
+        What it had not shown the time before. A system error is told by the exception that follows it.
     """
 
     records: NDArray[np.uint32]
@@ -209,20 +208,11 @@ class Reader:
         """Read, look at the flags, and hand over; return the number of records."""
         self._sign_s = time.monotonic()
         number = self._library.read_fifo(self._index, self._buffer)
-        if not 0 <= number <= len(self._buffer):
-            raise ProtocolError(
-                self._name,
-                f"read {len(self._buffer)} records at most",
-                f"it says that these are {number}",
-                "Switch the HydraHarp off and on.",
-            )
         first, self._read = self._read, self._read + number
-        before, self._flags = self._flags, self._library.get_flags(self._index) & FAULTS
-        faults = tuple(
-            Fault(flag, self._read, text)
-            for flag, text in hh.STREAM_SENTENCES.items()
-            if flag & self._flags & ~before
-        )
+        before, now = self._flags, self._library.get_flags(self._index)
+        self._flags = hh.Flag(int(now) & ~int(hh.Flag.ACTIVE))  # ~ of a flag would drop what nobody knows
+        new = hh.Flag(int(self._flags) & ~int(before))
+        faults = tuple(Fault(flag, self._read, text) for flag, text in told(new))
         if number or faults:
             self._wait_for_room()
             self._pieces.put(Piece(self._records[:number].copy(), first, self._flags, faults))

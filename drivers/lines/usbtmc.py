@@ -8,7 +8,9 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from math import ceil
+from typing import TypeVar
 
 import usb.core
 import usb.util
@@ -42,6 +44,8 @@ DEV_DEP_MSG_IN = 2
 END_OF_MESSAGE = 0x01
 
 _HEADER = struct.Struct("<BBBxIB3x")
+
+Transferred = TypeVar("Transferred")
 
 #: Asked for in one request; a longer answer comes in several frames.
 MAX_BYTES = 4096
@@ -204,7 +208,8 @@ class UsbTmc:
         """
         self._tag = next_tag(self._tag)
         with self._mapped(f"take {message!r}", abort=self._abort_out):
-            self._device.write(self._out, message_out(self._tag, message), self._timeout_ms)
+            frame = message_out(self._tag, message)
+            self._unstalled(lambda: self._device.write(self._out, frame, self._timeout_ms))
 
     def read(self, asked: str) -> bytes:
         """Return one whole message, however many frames it takes.
@@ -225,7 +230,8 @@ class UsbTmc:
         with self._mapped(asked, abort=self._abort_in):
             while True:
                 self._tag = next_tag(self._tag)
-                self._device.write(self._out, request_in(self._tag, MAX_BYTES), self._timeout_ms)
+                request = request_in(self._tag, MAX_BYTES)
+                self._unstalled(partial(self._device.write, self._out, request, self._timeout_ms))
                 try:
                     answer = parse_answer(self._read_frame(), self._tag)
                     if not answer.payload and not answer.end_of_message:
@@ -290,7 +296,7 @@ class UsbTmc:
         """Read transfers until the frame is as long as its header says."""
         # A whole number of packets, so that no packet can overflow the buffer.
         most = ceil((HEADER_SIZE + MAX_BYTES + 3) / self._packet) * self._packet
-        frame = bytes(self._device.read(self._in, most, self._timeout_ms))
+        frame = bytes(self._unstalled(lambda: self._device.read(self._in, most, self._timeout_ms)))
         if announced_size(frame) > MAX_BYTES:
             raise FrameError(f"it announces {announced_size(frame)} bytes where {MAX_BYTES} were asked for")
         while len(frame) < HEADER_SIZE + announced_size(frame):
@@ -299,6 +305,21 @@ class UsbTmc:
                 break
             frame += piece
         return frame
+
+    def _unstalled(self, transfer: Callable[[], Transferred]) -> Transferred:
+        """Do a transfer; one that stalled is done once more, after the halt was cleared.
+
+        An instrument halts an endpoint when what came was garbled on the way (USBTMC 1.0, 3.2.2.3), and takes
+        nothing more until the halt is cleared. What stalled was not taken, so that nothing is done twice.
+        """
+        try:
+            return transfer()
+        except usb.core.USBError as stalled:
+            if stalled.errno != errno.EPIPE:
+                raise
+            self._device.clear_halt(self._out)
+            self._device.clear_halt(self._in)
+            return transfer()
 
     def _control(self, to: int, request: int, value: int, index: int, size: int) -> bytes:
         answer = bytes(self._device.ctrl_transfer(to, request, value, index, size, self._timeout_ms))

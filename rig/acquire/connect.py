@@ -51,7 +51,28 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
-        yield _open(config, wires, stack, first)
+        yield stack.enter_context(devices_on(config, wires, first))
+
+
+@contextmanager
+def devices_on(config: RigConfig, wires: Wires, first: int = 0) -> Iterator[Devices]:
+    """Open and identify the devices at the ends of these wires; leave them safe at the end, the laser first.
+
+    Raises
+    ------
+    drivers.errors.DeviceError
+        If a device is missing, is another one, or fails.
+    """
+    with ExitStack() as stack:
+        galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
+        spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
+        yield Devices(
+            galvo=galvo,
+            spad=spad,
+            tcspc=stack.enter_context(TIMING[config.tcspc.kind].open(config, wires, first)),
+            laser=_guarded(config, wires, stack, spad),  # the last, so that it is the first to be made safe
+            clock=wires.clock,
+        )
 
 
 @contextmanager
@@ -74,7 +95,7 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
-        yield Station(_open(config, wires, stack, 0), operator, cameras)
+        yield Station(stack.enter_context(devices_on(config, wires)), operator, cameras)
 
 
 @contextmanager
@@ -94,19 +115,6 @@ def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
             ),
             bench,
         )
-
-
-def _open(config: RigConfig, wires: Wires, stack: ExitStack, first: int) -> Devices:
-    """Enter the devices; the laser last, so that it is the first to be made safe."""
-    galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
-    spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
-    return Devices(
-        galvo=galvo,
-        spad=spad,
-        tcspc=stack.enter_context(TIMING[config.tcspc.kind].open(config, wires, first)),
-        laser=_guarded(config, wires, stack, spad),
-        clock=wires.clock,
-    )
 
 
 def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> GuardedLaser:

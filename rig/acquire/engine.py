@@ -1,12 +1,14 @@
 """The scan engine: a loop over a plan that speaks to devices and tells what happens as events."""
 
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum
+from functools import partial
 
 from drivers.errors import DeviceError, LimitError
+from drivers.leaving import leave
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
@@ -32,6 +34,10 @@ RATE_SETTLING_S = 0.4
 
 #: An exposure with more than this left is cut when a stop is asked for; a shorter one is finished.
 WORTH_CUTTING_S = 0.3
+
+
+#: What is said of a detector whose bias could not be taken away, or that could not be asked.
+BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
 
 
 class Phase(Enum):
@@ -257,25 +263,24 @@ class ScanEngine:
         """
         self._consume, self._should_stop = consume, should_stop
         outcome, reason = Outcome.FAILED, "a device failed"
+        during: BaseException | None = None
         try:
             self._run_passes()
             if self._done == len(self._plan):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
                 outcome, reason = Outcome.INTERRUPTED, "stopped by the operator"
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
+            during = interrupt
             outcome, reason = Outcome.INTERRUPTED, "stopped at once by the operator"
             raise
-        except Exception as error:
-            reason = str(error)
+        except BaseException as error:
+            during, reason = error, str(error)
             raise
         finally:
-            with ExitStack() as last:  # every step is tried, whatever fails before it
-                ended = Ended(outcome, self._done, reason)
-                last.callback(consume, ended)
-                last.callback(self._devices.spad.disable)
-                last.callback(self._put_out)
-                last.callback(consume, PhaseChanged(Phase.CLOSING))
+            ended = Ended(outcome, self._done, reason)
+            closing, told = partial(consume, PhaseChanged(Phase.CLOSING)), partial(consume, ended)
+            leave([closing, self._put_out, self._take_bias, told], during)
         return ended
 
     def _run_passes(self) -> None:
@@ -303,7 +308,7 @@ class ScanEngine:
             return
         if self._lit:
             self._put_out()
-            self._devices.spad.disable()
+            self._take_bias()
         self._consume(PhaseChanged(Phase.PREPARING))
         if asked is not None:
             if self._operator is None:
@@ -419,13 +424,22 @@ class ScanEngine:
         try:
             self._devices.laser.stop()
             self._require_no_sync()
-        except BaseException:
-            self._consume(LightChanged(None, _now()))
+        except BaseException as problem:
+            leave([partial(self._consume, LightChanged(None, _now()))], problem)
             if beam_dump_rad := self._state.config.galvo.beam_dump_rad:
                 with suppress(DeviceError):
                     self._devices.galvo.point(*beam_dump_rad)
             raise
         self._consume(LightChanged(False, _now()))
+
+    def _take_bias(self) -> None:
+        """Take the detector's bias away, and tell if that cannot be confirmed."""
+        try:
+            self._devices.spad.disable()
+        except BaseException as problem:
+            at = min(self._done, len(self._plan) - 1)
+            leave([partial(self._consume, Noticed(BIASED, at, at))], problem)
+            raise
 
     def _require_no_sync(self) -> None:
         if not self._sync_tells:

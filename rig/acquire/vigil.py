@@ -7,12 +7,13 @@ and has not.
 """
 
 from collections.abc import Mapping
-from math import isclose, sqrt
+from math import ceil, isclose, sqrt
 from typing import Protocol
 
 from drivers.errors import DeviceError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
+from rig.model.config import RigConfig
 from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, Tcspc
 from rig.model.quantities import show
 from rig.model.state import RigState
@@ -41,7 +42,7 @@ PILE_UP = 0.05
 #: From one line to the next the rate may change by this factor; the wall's own variation is far less.
 LEAP = 2.5
 
-#: A line whose rate promises so many photons and that has none did not happen by chance (1e-9).
+#: An exposure, or a line, whose rate promises so many photons and that has none is no chance (2e-9).
 EXPECTED_AT_LEAST = 20.0
 
 
@@ -87,9 +88,9 @@ class Vigil:
     def __init__(self, rig: Rig, state: RigState) -> None:
         self._rig = rig
         config = state.config
-        fastest_hz = min(config.laser.repetition_hz, 1 / max(config.detector.hold_off_s, 1e-9))
         asked_hz = config.detector.max_count_rate_hz
-        self._bearable_hz = len(config.channels) * (BEARABLE * fastest_hz if asked_hz is None else asked_hz)
+        each_hz = BEARABLE * _fastest_hz(config) if asked_hz is None else asked_hz
+        self._bearable_hz = len(config.channels) * each_hz
         self._settings: dict[str, object] = {}
         self._sync_hz = 0.0
         self._count_hz = 0.0
@@ -123,9 +124,21 @@ class Vigil:
             )
 
     def measured(self, exposure: Exposure) -> None:
-        """Add up what was counted since everything was read back the last time."""
+        """Add up what was counted since everything was read back the last time.
+
+        Raises
+        ------
+        DoubtError
+            If nothing was recorded although the instrument counts, or there is too much light.
+        """
         self._photons += exposure.photons
         self._live_s += exposure.live_time_s
+        if not exposure.photons and self._count_hz * exposure.live_time_s >= EXPECTED_AT_LEAST:
+            self._require_photons(self._rig.tcspc.rates(), 0, exposure.live_time_s)
+        now_s = self._rig.clock.now_s()
+        if self._too_bright or now_s - self._looked_s >= LOOK_S:
+            self._looked_s = now_s
+            self._bright(self._rig.tcspc.rates())
 
     def look(self) -> None:
         """Look at mirror and count rates during a long exposure, and now and then at everything.
@@ -168,7 +181,7 @@ class Vigil:
         rates = self._rig.tcspc.rates()
         self._bright(rates)
         self._require_sync(rates)
-        self._require_photons(rates)
+        self._require_photons(rates, self._photons, self._live_s)
         noticed = [*self._leap(), *self._pile_up(rates)]
         self._line_before = (self._photons, self._live_s)
         self._photons, self._live_s = 0, 0.0
@@ -207,11 +220,11 @@ class Vigil:
                 "the laser's repetition rate and the sync cable."
             )
 
-    def _require_photons(self, rates: Rates) -> None:
-        expected = min(self._count_hz, rates.input_hz or self._count_hz) * self._live_s
-        if self._photons == 0 and expected >= EXPECTED_AT_LEAST:
+    def _require_photons(self, rates: Rates, photons: int, live_s: float) -> None:
+        expected = min(self._count_hz, rates.input_hz or self._count_hz) * live_s
+        if photons == 0 and expected >= EXPECTED_AT_LEAST:
             raise DoubtError(
-                f"nothing was recorded in {show(self._live_s, 's')}, although the instrument counted "
+                f"nothing was recorded in {show(live_s, 's')}, although the instrument counted "
                 f"{show(self._count_hz, 'counts/s')}: check the detector, its cable, and that the histogram "
                 "covers the gate (tcspc.offset, tcspc.bins)."
             )
@@ -244,6 +257,15 @@ class Vigil:
             return []
         percent = 100 * rates.input_hz / rates.sync_hz
         return [f"{percent:.0f} % of the pulses are counted: early photons hide late ones (pile-up)"]
+
+
+def _fastest_hz(config: RigConfig) -> float:
+    """Return the detections a second that are possible: a gated detector misses the gates that it holds off."""
+    hold_off_s = max(config.detector.hold_off_s, 1e-9)
+    if not config.detector.gated:
+        return 1 / hold_off_s
+    pulses_hz = config.laser.repetition_hz
+    return pulses_hz / (1 + ceil(hold_off_s * pulses_hz - 1e-6))  # a hold-off of one period closes one gate
 
 
 def _flat(settings: Mapping[str, Settings]) -> dict[str, object]:

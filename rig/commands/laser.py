@@ -88,9 +88,10 @@ def _made_dark(rig: "RigConfig") -> bool:
 def status(as_json: AsJson = False) -> None:
     """Say which programs on this computer have a laser in their hands, and which trips are open."""
     from rig.commands import console
-    from rig.light.state import trips, watchmen
+    from rig.light.state import trips
+    from rig.light.switch import present
 
-    guards = [{"rig": one.rig, "laser": one.laser, "guard": one.pid} for one in watchmen()]
+    guards = [{"rig": one.rig, "laser": one.laser, "guard": one.pid} for one in present()]
     open_trips = [{"rig": one.rig, "when": one.when, "reason": one.reason} for one in trips()]
     if as_json:
         console.print_json({"guards": guards, "trips": open_trips})

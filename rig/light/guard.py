@@ -22,7 +22,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.errors import DeviceError, RefusedError
+from drivers.errors import DeviceError, LinkError, RefusedError
 from rig.model.devices import Clock, Laser, Settings
 
 #: How often a laser that is lit is looked at.
@@ -88,6 +88,8 @@ class Guard:
         self.light = Light.DARK
         self._until_s = 0.0
         self._looked_s = 0.0
+        self._alarm = "the laser could not be made dark"
+        self._within_reach = True
 
     def arm(self) -> None:
         """Prepare the laser; still dark.
@@ -114,7 +116,9 @@ class Guard:
         try:
             self._laser.emit()
         except BaseException:
-            self._put_out()
+            if problem := self._put_out():
+                self._alarm = str(problem)
+                self._tell(Lost(self._alarm, False, True))
             raise
         self.light = Light.LIT
         self._looked_s = self._clock.now_s()
@@ -122,7 +126,7 @@ class Guard:
 
     def hold(self, until_s: float) -> None:
         """Take it that all is well until a time of the clock."""
-        self._until_s = min(until_s, self._clock.now_s() + LONGEST_LEASE_S)
+        self._until_s = min(self._clock.now_s() + LONGEST_LEASE_S, until_s)  # NaN gives the first
 
     def emitting(self) -> bool:
         """Ask the laser now; light that is gone is lost.
@@ -147,6 +151,8 @@ class Guard:
             If the laser does not confirm that it is dark; the guard goes on trying.
         """
         if problem := self._put_out():
+            self._alarm = str(problem)
+            self._tell(Lost(self._alarm, False, True))
             raise problem
 
     def settings(self) -> Settings:
@@ -157,7 +163,7 @@ class Guard:
         """Put the light out without the program's wish, and tell it."""
         problem = self._put_out()
         if problem:
-            reason = f"{reason}. {problem}"
+            self._alarm = reason = f"{reason}. {problem}"
         self._tell(Lost(reason, problem is None, trip or problem is not None))
 
     def turn(self) -> None:
@@ -171,9 +177,13 @@ class Guard:
             elif now_s - self._looked_s >= LOOK_S:
                 self._look()
 
+    def let_go(self) -> None:
+        """Know nothing of the laser until `take`: its line is closed, and a closed laser takes any order."""
+        self._within_reach = False
+
     def take(self, laser: Laser) -> None:
         """Go on with a laser that was opened anew, which has put it out."""
-        self._laser = laser
+        self._laser, self._within_reach = laser, True
         self._try_again(at_once=True)
 
     def _look(self) -> None:
@@ -197,13 +207,14 @@ class Guard:
             return
         self._looked_s = now_s
         if self._put_out() is None:
-            self._tell(Lost("the laser is dark at last", True, True))
+            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True))
 
     def _put_out(self) -> DeviceError | None:
         """Make the laser dark; return why that is not confirmed, if it is not."""
         self.light = Light.ALARM  # until it is known better
         self._until_s = 0.0
         try:
+            self._require_line()
             self._laser.stop()
         except DeviceError as problem:
             self._looked_s = self._clock.now_s()
@@ -215,6 +226,15 @@ class Guard:
             raise
         self.light = Light.DARK
         return None
+
+    def _require_line(self) -> None:
+        if not self._within_reach:
+            raise LinkError(
+                "laser",
+                "be dark",
+                "its line cannot be opened any more",
+                "Treat the laser as EMITTING: turn its key off by hand, and look at its cable.",
+            )
 
     def _not_in_alarm(self, asked: str) -> None:
         if self.light is Light.ALARM:

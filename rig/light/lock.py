@@ -26,20 +26,25 @@ def locked(config: RigConfig) -> Iterator[None]:
         If another program has it, which is named.
     """
     path = folder() / f"rig-{key(config)}.lock"
-    with path.open("a+", encoding="utf-8") as file:
+    with path.open("ab+", buffering=0) as file:
         if not _lock(file):
             holder = _holder(path)
             raise RefusedError(
                 f"{config.name} is in use by {holder}. Wait for its end, or stop it; rig laser off puts its "
                 "light out"
             )
-        file.truncate(0)
-        file.write(f"{' '.join(['rig', *sys.argv[1:]])!r}, process {os.getpid()}, since {now()}")
-        file.flush()
+        with suppress(OSError):  # a full disk; the lock holds without words, too
+            _write(file, f"{' '.join(['rig', *sys.argv[1:]])!r}, process {os.getpid()}, since {now()}")
         try:
             yield
         finally:
-            file.truncate(0)
+            with suppress(OSError):
+                _write(file, "")
+
+
+def _write(file: IO[bytes], words: str) -> None:
+    file.truncate(0)
+    file.write(words.encode(errors="backslashreplace"))
 
 
 def _holder(path: Path) -> str:
@@ -54,7 +59,7 @@ if sys.platform == "win32":
     #: Bytes that are locked lie far behind the text, so that others can read it.
     _BEYOND = 1 << 20
 
-    def _lock(file: IO[str]) -> bool:
+    def _lock(file: IO[bytes]) -> bool:
         file.seek(_BEYOND)
         try:
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
@@ -65,7 +70,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def _lock(file: IO[str]) -> bool:
+    def _lock(file: IO[bytes]) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

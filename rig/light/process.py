@@ -15,11 +15,13 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from types import FrameType
 from typing import Any, TextIO
 
 from drivers.clock import SystemClock
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, LinkError, RefusedError
 from rig.devices.wires import detector_by_address, laser_by_address
+from rig.errors import printable
 from rig.light.guard import Guard, Light, Lost
 from rig.light.guarded import in_words
 from rig.light.switch import Switch
@@ -29,6 +31,12 @@ from rig.model.devices import Laser
 
 #: Longest pause between two looks at what has come and at the light.
 PAUSE_S = 0.05
+
+#: So often the program hears, while there is light, that the guard is there.
+PULSE_S = 0.5
+
+#: Longest wait for a terminal that takes no text.
+SHOUT_S = 0.5
 
 #: A laser that cannot be made dark: how often its line is opened anew, and how often a person is told.
 REOPEN_S = 2.0
@@ -70,9 +78,11 @@ class Inbox:
         self._queue.put(message)
 
     def _read(self, source: TextIO) -> None:
-        with suppress(OSError, ValueError):  # a line that is no JSON is the end, too
+        with suppress(OSError, ValueError, RecursionError):
             for line in source:
                 message = json.loads(line)
+                if not isinstance(message, dict):  # what is no message is the end, as what is no JSON
+                    break
                 if message.get("do") == "stop":
                     self.urgent.set()
                 self._queue.put(message)
@@ -116,27 +126,44 @@ class GuardProcess:
         self._clock = GuardClock(inbox.urgent)
         self._laser_stack = ExitStack()
         self._guard = Guard(self._open(), self._clock, self._lost)
-        self._told_s = self._reopened_s = time.monotonic()
+        self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
         self._alone = False
+        self._off = False
 
     def serve(self, number: int) -> None:
         """Answer the question that began all, and then all others, until the end."""
-        switch = Switch(self._config, self._inbox.put)
-        try:
+        with ExitStack() as stack:
+            stack.callback(self._leave)
+            try:
+                switch = Switch(self._config, self._inbox.put)
+            except OSError as problem:
+                self._say({"id": number, "error": as_error(cannot_begin(problem))})
+                return
+            stack.callback(switch.close)
             self._say({"id": number, "answer": self._laser.identity})
-            while (message := self._inbox.get(PAUSE_S)) is not None:
-                if message.get("do") == "end":
-                    self._alone = True
-                    self._answer(message, self._guard.stop)
-                    break
-                self._obey(message)
-                self._watch()
-            else:
-                self._program_is_gone()
+            try:
+                self._converse()
+            except Exception as defect:  # whatever is wrong here, it must not leave the light on
+                shout(f"a defect: {defect!r}")
+                self._guard.lose("the guard of the laser has a defect", trip=False)
             self._try_on()
-        finally:
-            switch.close()
+
+    def _converse(self) -> None:
+        """Do what the program asks, and watch, until that ends."""
+        while (message := self._inbox.get(PAUSE_S)) is not None:
+            if message.get("do") == "end":
+                self._alone = True
+                self._answer(message, self._guard.stop)
+                return
+            self._obey(message)
+            self._watch()
+        self._program_is_gone()
+
+    def _leave(self) -> None:
+        try:
             self._laser_stack.close()
+        except DeviceError as problem:
+            shout(f"while leaving: {problem}")
 
     def _open(self) -> Laser:
         self._laser = self._laser_stack.enter_context(laser_by_address(self._config, self._clock))
@@ -148,7 +175,7 @@ class GuardProcess:
                 self._guard.hold(message["until_s"])
             case "arm":
                 self._inbox.urgent.clear()
-                self._answer(message, self._guard.arm)
+                self._answer(message, self._arm)
             case "emit":
                 self._answer(message, lambda: self._emit(message["until_s"]))
             case "stop":
@@ -159,6 +186,11 @@ class GuardProcess:
                 self._answer(message, lambda: dict(self._guard.settings()))
             case "off":
                 self._switched_off(message)
+
+    def _arm(self) -> None:
+        if self._off:
+            raise RefusedError("laser", "arm", "it was switched off by rig laser off", "Scan again.")
+        self._guard.arm()
 
     def _emit(self, until_s: float) -> None:
         self._clock.lighting = True
@@ -172,20 +204,21 @@ class GuardProcess:
             self._clock.lighting = False
 
     def _switched_off(self, message: dict[str, Any]) -> None:
-        """Obey the switch by which anybody on this computer can put the light out."""
-        if self._guard.light in (Light.LIT, Light.ALARM):
-            self._guard.lose("the light was switched off by rig laser off", trip=False)
-        else:
-            with suppress(DeviceError):
-                self._guard.stop()
+        """Obey the switch by which anybody on this computer can put the light out; it stays out."""
+        self._off = True
+        self._guard.lose("the light was switched off by rig laser off", trip=False)
         message["reply"]({"dark": self._guard.light is not Light.ALARM})
 
     def _watch(self) -> None:
         self._guard.turn()
+        now_s = time.monotonic()
+        if self._guard.light is Light.LIT and now_s - self._pulsed_s > PULSE_S:
+            self._pulsed_s = now_s
+            self._say({"alive": True})
         if self._guard.light is not Light.ALARM:
             return
-        now_s = time.monotonic()
-        if now_s - self._reopened_s > REOPEN_S:
+        # a server that is gone never comes back, and its pseudo-terminal may be another's by now
+        if now_s - self._reopened_s > REOPEN_S and not self._config.served:
             self._reopened_s = now_s
             self._reopen()
         if now_s - self._told_s > TELL_AGAIN_S:
@@ -194,6 +227,7 @@ class GuardProcess:
 
     def _reopen(self) -> None:
         """Open the line anew: a plug may have been pulled and put back. Opening puts the light out."""
+        self._guard.let_go()
         with suppress(DeviceError):
             self._laser_stack.close()
         for _ in range(2):  # the first may find the laser emitting, put it out, and refuse
@@ -218,8 +252,9 @@ class GuardProcess:
         shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
         if not sys.stderr.isatty():
             silent = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(silent, sys.stderr.fileno())  # who waits for the end of what the program says gets it
-            os.dup2(silent, self._replies.fileno())
+            # who waits for the end of what the program says gets it
+            for stream in (sys.stderr, sys.stdout, self._replies):
+                os.dup2(silent, stream.fileno())
         began_s = time.monotonic()
         while self._guard.light is Light.ALARM and time.monotonic() - began_s < GIVE_UP_S:
             time.sleep(PAUSE_S)
@@ -256,10 +291,45 @@ class GuardProcess:
 
 
 def shout(sentence: str) -> None:
-    """Tell whoever still looks at the terminal."""
-    with suppress(OSError, ValueError):
-        sys.stderr.write(f"\nrig: LASER GUARD: {sentence}\n")
-        sys.stderr.flush()
+    """Tell whoever looks at the terminal; one that takes no text, as after Ctrl-S, is not waited for."""
+
+    def write() -> None:
+        with suppress(OSError):
+            os.write(2, f"\nrig: LASER GUARD: {printable(sentence)}\n".encode(errors="backslashreplace"))
+
+    writing = threading.Thread(target=write, daemon=True)
+    writing.start()
+    writing.join(SHOUT_S)
+
+
+def cannot_begin(problem: OSError) -> DeviceError:
+    """Return in words why a guard could not begin."""
+    return LinkError(
+        "guard of the laser",
+        "begin",
+        f"{problem.filename or 'the system'} says: {problem.strerror}",
+        "Nothing was lit. Free space or memory, and scan again.",
+    )
+
+
+def heed_sigterm(off: Callable[[dict[str, Any]], None]) -> None:
+    """Take SIGTERM as a wish for darkness.
+
+    A handler runs in the middle of anything, where what it needs may be locked; so it wakes a thread.
+    """
+    heard, wake = os.pipe()
+    os.set_blocking(wake, False)
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        with suppress(BlockingIOError):
+            os.write(wake, b"\0")
+
+    def wait() -> None:
+        while os.read(heard, 1):
+            off({"do": "off", "reply": lambda said: None})
+
+    threading.Thread(target=wait, daemon=True).start()
+    signal.signal(signal.SIGTERM, handle)
 
 
 def main() -> None:
@@ -267,6 +337,7 @@ def main() -> None:
     for name in (
         "SIGHUP",
         "SIGINT",
+        "SIGBREAK",
         "SIGQUIT",
         "SIGTSTP",
         "SIGTTIN",
@@ -280,10 +351,8 @@ def main() -> None:
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but replies goes to the program
     inbox = Inbox(sys.stdin)
-    if hasattr(signal, "SIGTERM"):
-        signal.signal(
-            signal.SIGTERM, lambda number, frame: inbox.put({"do": "off", "reply": lambda said: None})
-        )
+    if sys.platform != "win32":  # there, a process is ended without a word
+        heed_sigterm(inbox.put)
     first = inbox.get(60.0)
     if not first:
         return

@@ -15,7 +15,7 @@ from typing import Any, Self
 from drivers.errors import DeviceError, LinkError
 from rig.errors import LightLostError
 from rig.light.guard import Lost
-from rig.light.guarded import BEWARE, FIRST_LEASE_S, raise_lost
+from rig.light.guarded import FIRST_LEASE_S, in_words, raise_lost
 from rig.light.words import from_words
 from rig.model.config import RigConfig
 from rig.model.devices import Settings
@@ -23,11 +23,21 @@ from rig.model.devices import Settings
 #: Longest wait for an answer of the guard: a laser takes up to 10 s to light, and several tries to go dark.
 PATIENCE_S = 40.0
 
+#: How the laser's driver says that it found a laser emitting and made it dark.
+SWITCHED_OFF = "it has been switched off"
+
 #: A beat is sent when it changes by more than this until when the light is granted.
 WORTH_SENDING_S = 0.05
 
+#: How often program and guard are looked at, by a thread of its own.
+TURN_S = 0.5
+
 #: A program that has not said for so long that all is well hangs, in a call that never returns.
 HANGS_S = 10.0
+
+#: A guard that tells nothing for so long while there is light hangs: it looks at the laser's line, which has
+#: time limits, and does nothing else.
+GUARD_HANGS_S = 15.0
 
 
 class GuardedElsewhere:
@@ -52,21 +62,23 @@ class GuardedElsewhere:
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._lost: list[Lost] = []
         self._granted_until_s = 0.0
-        self._lit = False
+        self._heard_s = 0.0
+        self._asking = self._lit = self._leaving = False
+        self._alone: Lost | None = None
+        self._alone_lock = threading.Lock()
         self._closed = threading.Event()
         self.when_hanging: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        options: dict[str, Any] = {"start_new_session": True}
-        if sys.platform == "win32":
-            options = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "rig.light.process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            **options,
-        )
+        try:
+            self._process = _start()
+        except OSError as problem:
+            raise LinkError(
+                "guard of the laser",
+                "start its process",
+                f"the system says: {problem.strerror}",
+                "Nothing was lit. End other programs, and scan again.",
+            ) from None
         self._hearing = threading.Thread(target=self._hear, daemon=True)
         self._hearing.start()
         try:
@@ -74,14 +86,16 @@ class GuardedElsewhere:
         except BaseException:
             self._hang_up()
             raise
-        threading.Thread(target=self._mind_the_program, daemon=True).start()
+        threading.Thread(target=self._mind, daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._leaving = True
         try:
-            self._ask("end")
+            if not (self._alone and self._alone.dark):
+                self._ask("end")
         except (DeviceError, LightLostError) as failure:
             if problem is None:
                 raise
@@ -101,7 +115,7 @@ class GuardedElsewhere:
 
     def arm(self) -> None:
         """Prepare the laser; still dark."""
-        self._lost.clear()
+        raise_lost(self._lost)  # somebody wants darkness
         self._ask("arm")
 
     def emit(self) -> None:
@@ -112,9 +126,11 @@ class GuardedElsewhere:
         self.beat(FIRST_LEASE_S)
 
     def stop(self) -> None:
-        """Put the light out."""
+        """Put the light out; where the guard is gone, that has been done."""
         self._lit = False
-        self._ask("stop")
+        if not (self._alone and self._alone.dark):
+            self._ask("stop")
+            self._lost.clear()
 
     def emitting(self) -> bool:
         """Ask the laser now."""
@@ -136,8 +152,20 @@ class GuardedElsewhere:
 
     def _ask(self, what: str, **details: object) -> Any:
         """Ask the guard, and return its answer or raise the failure of the device that it tells."""
-        self._numbers += 1
-        self._tell({"do": what, "id": self._numbers, **details})
+        self._asking = True
+        try:
+            self._numbers += 1
+            self._tell({"do": what, "id": self._numbers, **details})
+            answer = self._answer()
+        finally:
+            self._heard_s = time.monotonic()
+            self._asking = False
+        if "error" in answer:
+            raise from_words(answer["error"])
+        return answer["answer"]
+
+    def _answer(self) -> dict[str, Any]:
+        """Wait for the answer to the question asked last; a guard that gives none is ended."""
         until_s = time.monotonic() + PATIENCE_S
         while (left_s := until_s - time.monotonic()) > 0:
             try:
@@ -145,14 +173,11 @@ class GuardedElsewhere:
             except queue.Empty:
                 break
             if answer is None:
-                self._guard_is_gone()
-            elif answer["id"] == self._numbers:
-                if "error" in answer:
-                    raise from_words(answer["error"])
-                return answer["answer"]
-        raise LinkError(
-            "guard of the laser", f"answer '{what}'", f"nothing came in {PATIENCE_S:g} s", f"{BEWARE}."
-        )
+                raise self._guard_is_gone()
+            if answer.get("id") == self._numbers:
+                return answer
+        self._process.kill()
+        raise self._guard_is_gone()
 
     def _tell(self, message: dict[str, Any]) -> None:
         assert self._process.stdin is not None
@@ -160,48 +185,76 @@ class GuardedElsewhere:
             self._process.stdin.write(json.dumps(message) + "\n")
             self._process.stdin.flush()
         except (OSError, ValueError):
-            self._guard_is_gone()
+            raise self._guard_is_gone() from None
 
     def _hear(self) -> None:
-        """Take in what the guard says, in a thread of its own."""
+        """Take in what the guard says, in a thread of its own; at its end, put the light out without it."""
         assert self._process.stdout is not None
-        with suppress(OSError, ValueError), self._process.stdout as lines:
+        with suppress(OSError, ValueError, TypeError, KeyError), self._process.stdout as lines:
             for line in lines:
+                self._heard_s = time.monotonic()
                 said = json.loads(line)
                 if "lost" in said:
                     self._lost.append(Lost(**said["lost"]))
-                else:
+                elif "id" in said:
                     self._answers.put(said)
+        if not self._leaving and not self._closed.is_set():
+            self._lost.append(self._without_guard())
         self._answers.put(None)
 
-    def _guard_is_gone(self) -> None:
-        """Put the light out without the guard, which was killed, and raise."""
+    def _guard_is_gone(self) -> LightLostError:
+        """Put the light out without the guard, which was killed, and say so."""
+        return LightLostError(in_words(self._without_guard()))
+
+    def _without_guard(self) -> Lost:
+        """Open the laser here, which puts it out; once, whichever thread is first."""
+        with self._alone_lock:
+            if self._alone is None:
+                self._alone = self._put_out_here()
+            return self._alone
+
+    def _put_out_here(self) -> Lost:
         from rig.devices.wires import laser_by_address
 
-        self._hang_up()
+        with suppress(OSError, ValueError):
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(2.0)
+        dark, found = True, "the laser was dark"
         try:
             with laser_by_address(self._config):
-                found = "the laser was dark"
+                pass
         except DeviceError as problem:
-            found = str(problem)
-        raise LightLostError(f"the guard of the laser has ended, which it never should: {found}")
+            dark, found = problem.answered.endswith(SWITCHED_OFF), str(problem)
+        return Lost(f"the guard of the laser has ended, which it never should: {found}", dark, trip=False)
 
-    def _mind_the_program(self) -> None:
-        """End a program whose main thread hangs; the guard has put the light out by then."""
-        while not self._closed.wait(0.5):
-            if not self._lit or time.monotonic() - self._granted_until_s < HANGS_S:
-                continue
-            for safe in self.when_hanging:
-                helper = threading.Thread(target=_quietly, args=(safe,), daemon=True)
-                helper.start()
-                helper.join(3.0)
-            sys.stderr.write(
-                f"\nrig: a device's library has not returned for {HANGS_S:.0f} s. The guard has put the "
-                "laser out, and the program ends here. Lines that were finished are safe; switch the timing "
-                "instrument off and on, and go on with rig resume.\n"
-            )
-            sys.stderr.flush()
-            os._exit(3)
+    def _mind(self) -> None:
+        """End a guard that hangs, and a program whose main thread does: the guard has put the light out then.
+
+        The thread's own turns are counted, not the time: nothing hangs in a program that was suspended.
+        """
+        program_s = guard_s = 0.0
+        while not self._closed.wait(TURN_S):
+            now_s = time.monotonic()
+            program_s = program_s + TURN_S if self._lit and now_s > self._granted_until_s else 0.0
+            silent = self._lit and not self._asking and now_s - self._heard_s > 2 * TURN_S
+            guard_s = guard_s + TURN_S if silent else 0.0
+            if guard_s >= GUARD_HANGS_S:
+                self._process.kill()  # its end is heard, and the light put out
+            if program_s >= HANGS_S:
+                self._end_the_program()
+
+    def _end_the_program(self) -> None:
+        for safe in self.when_hanging:
+            _in_time(safe, 3.0)
+        sentence = (
+            f"\nrig: a device's library, a disk or the terminal has not returned for {HANGS_S:.0f} s. "
+            "The guard has put the laser out, and the program ends here. Lines that were finished are safe; "
+            "switch the timing instrument off and on, and go on with rig resume.\n"
+        )
+        _in_time(lambda: os.write(2, sentence.encode()), 1.0)  # the terminal may be what hangs
+        os._exit(3)
 
     def _hang_up(self) -> None:
         self._closed.set()
@@ -213,6 +266,29 @@ class GuardedElsewhere:
             self._hearing.join(2.0)
 
 
-def _quietly(act: Callable[[], None]) -> None:
-    with suppress(Exception):
-        act()
+def _start() -> "subprocess.Popen[str]":
+    """Start a guard that no terminal reaches, with the modules that this program has."""
+    options: dict[str, Any] = {"start_new_session": True}
+    if sys.platform == "win32":  # a console that is closed ends all that is attached to it
+        options = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+    return subprocess.Popen(
+        # -P: what lies in the folder where somebody works, a queue.py, is no module of the guard
+        [sys.executable, "-P", "-m", "rig.light.process"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        **options,
+    )
+
+
+def _in_time(act: Callable[[], object], limit_s: float) -> None:
+    """Try something that may fail or never return."""
+
+    def quietly() -> None:
+        with suppress(Exception):
+            act()
+
+    helper = threading.Thread(target=quietly, daemon=True)
+    helper.start()
+    helper.join(limit_s)

@@ -29,8 +29,12 @@ def folder() -> Path:
 
 
 def key(config: RigConfig) -> str:
-    """Return a name for the rig that a configuration opens: that of its laser's line."""
-    return hashlib.sha256(str(config.laser.address).encode()).hexdigest()[:16]
+    """Return a name for the rig that a configuration opens: that of its laser's line.
+
+    A served laser is another one with each server, though pseudo-terminals have the same names again.
+    """
+    served = getattr(config.tcspc, "address", None) or ""
+    return hashlib.sha256(f"{config.laser.address} {served}".encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from rig.light.state import Watchman, announce
+from rig.light.state import Watchman, announce, watchmen
 from rig.model.config import RigConfig
 
 #: Longest question and answer in bytes, and the longest wait for one: a laser may need several tries.
 LONGEST = 4096
 PATIENCE_S = 15.0
+
+#: What anybody may ask: which guard listens here.
+THERE = "there?"
 
 
 class Switch:
@@ -56,7 +59,10 @@ class Switch:
     def _hear(self, caller: socket.socket) -> None:
         with suppress(OSError), caller:
             caller.settimeout(PATIENCE_S)
-            if caller.recv(LONGEST).decode("ascii", "replace").strip() != self._token:
+            asked = caller.recv(LONGEST).decode("ascii", "replace").strip()
+            if asked == THERE:
+                caller.sendall(json.dumps({"guard": os.getpid()}).encode())
+            if asked != self._token:
                 return
             answered = threading.Event()
 
@@ -69,6 +75,11 @@ class Switch:
             answered.wait(PATIENCE_S)
 
 
+def present() -> list[Watchman]:
+    """Return the guards that were made known and answer; a killed one leaves its file."""
+    return [one for one in watchmen() if (_said_by(one, THERE) or {}).get("guard") == one.pid]
+
+
 def switch_off(watchman: Watchman) -> bool | None:
     """Have a guard put its light out.
 
@@ -77,10 +88,17 @@ def switch_off(watchman: Watchman) -> bool | None:
     bool or None
         Whether the laser confirmed that it is dark; None if no such guard answers.
     """
+    said = _said_by(watchman, str(watchman.token))
+    return None if said is None or "dark" not in said else bool(said["dark"])
+
+
+def _said_by(watchman: Watchman, asked: str) -> dict[str, Any] | None:
+    """Return what a guard answers; None if none does."""
     try:
         with socket.create_connection(("127.0.0.1", watchman.port), timeout=2.0) as caller:
             caller.settimeout(PATIENCE_S)
-            caller.sendall(watchman.token.encode())
-            return bool(json.loads(caller.recv(LONGEST))["dark"])
-    except (OSError, ValueError, KeyError):
+            caller.sendall(asked.encode())
+            said = json.loads(caller.recv(LONGEST))
+    except (OSError, ValueError, TypeError, OverflowError):  # also a file that nobody of us wrote
         return None
+    return said if isinstance(said, dict) else None

@@ -143,7 +143,23 @@ def test_a_system_error_brings_the_instruments_report():
     report = ("HH_GetHardwareDebugInfo(0)", "board 3 is hot")
     pieces, error = play([*OPEN, *START, *read(1, flags=0x30), *rest, report, *STOP, *CLOSE])
     assert "board 3 is hot" in str(error)
-    assert [fault.flag for fault in pieces[0].faults] == [Flag.SYSERROR]
+    assert [piece.flags for piece in pieces] == [Flag.SYSERROR]
+
+
+def test_a_flag_that_nobody_knows_is_a_fault():
+    pieces, error = play([*OPEN, *START, *read(1, flags=0x60), *ENDED, *LAST, *STOP, *CLOSE])
+    assert error is None
+    (fault,) = pieces[0].faults
+    assert fault.flag == 0x40
+    assert "0x40" in fault.sentence
+
+
+def test_a_read_that_wrote_nothing_does_not_bring_the_last_records_again():
+    lines = [*OPEN, *START, *read(1, 2), *RUNS, (READ, [], 2), *STOP, *CLOSE]
+    pieces, error = play(lines)
+    assert isinstance(error, ProtocolError)
+    assert "wrote no records" in str(error)
+    assert [piece.records.tolist() for piece in pieces] == [[1, 2]]
 
 
 @pytest.mark.parametrize("number", [-1, 131073])

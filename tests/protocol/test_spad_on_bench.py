@@ -114,7 +114,7 @@ def test_unplugged_in_the_middle(rig):
 
     with pytest.raises(LinkError, match="unplugged") as raised:
         work()
-    assert any("REG:RUN FALSE" in note for note in raised.value.__notes__)
+    assert any("Treat the detector as BIASED" in note for note in raised.value.__notes__)
 
 
 def test_of_two_detectors_the_serial_number_says_which(rig):

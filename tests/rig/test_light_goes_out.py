@@ -9,6 +9,7 @@ import time
 import pytest
 
 from rig.files.scan import ScanFile
+from support.hanging import HANGING
 from support.served_bench import rig_command, served
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
@@ -130,33 +131,6 @@ def test_a_trip_is_acknowledged_by_a_person(rig, bench):
         assert "by a person" in automatic.err
     finally:
         forget_trip(config)
-
-
-HANGING = """
-import ctypes, sys, time
-from rig.__main__ import main
-from simulators.wire.hydraharp import HydraHarpSimulator
-
-made = HydraHarpSimulator.__init__
-
-
-def hanging(self, *arguments, **options):
-    made(self, *arguments, **options)
-    usual, calls = self.functions.HH_StartMeas, []
-
-    def start(index, duration_ms):  # the vendor's library returns nine times, and then never
-        calls.append(index)
-        if len(calls) > 9:
-            time.sleep(1e6)
-        return usual(index, duration_ms)
-
-    self.functions.HH_StartMeas = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)(start)
-
-
-HydraHarpSimulator.__init__ = hanging
-sys.argv[0] = "rig"
-main()
-"""
 
 
 def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(bench, tmp_path):

@@ -102,7 +102,7 @@ def test_all_depths_go_to_the_file(rig, scan):
         (("--frames", "1ns:2ns:0.1ns", "--over", "max"), "--frames and --over would have no effect"),
         (("--all-depths",), "--all-depths would have no effect; add --camera transient"),
         (("--solver", "bp", "--cycles", "3"), "--cycles would have no effect; use rsd"),
-        (("--cycles", "1.1"), "a pulse needs 1.2 or more"),
+        (("--cycles", "1.1"), "a pulse has 1.2 to 10000"),
         (("--camera", "transient", "--video", "a.avi"), "must be .gif or .mp4"),
         (("--camera", "transient", "--frames", "2ns:1ns:1ns"), "moments must ascend"),
         (("--camera", "transient", "--frames", "2ns"), "--frames 2ns:20ns:0.2ns"),

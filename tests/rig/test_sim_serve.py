@@ -17,6 +17,7 @@ import serial
 
 from rig.acquire.connect import open_devices
 from rig.files.scan import ScanFile
+from rig.light.state import forget_trip
 from rig.model.config import load
 from support.served_bench import rig_command, served
 
@@ -200,6 +201,10 @@ def test_a_server_that_goes_away_ends_a_scan_in_words(rig, tmp_path):
         assert client.returncode in (3, 4)  # whichever is noticed first: a device, or the light
         assert b"Traceback" not in said
         assert not Path(bench.told["timing"]).parent.exists()
+        tripped = rig("scan", "--config", bench.config, *GRID, "--yes", "--out", "b.h5")
+        assert tripped.code == 4  # its laser could not be made dark any more
+        assert "rig laser acknowledge" in tripped.err
+        forget_trip(load(bench.config))
         gone = rig("scan", "--config", bench.config, *GRID, "--yes", "--out", "b.h5")
         assert gone.code == 3
         assert "rig sim serve" in gone.err

@@ -1,0 +1,162 @@
+"""A tiny scan in this process, on a bench whose wires have taps, judged by the bench's physical state."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attacks.serial_url import protocol_attacked
+from attacks.taps import Tap, TappedLibrary, TappedUsb
+from drivers.hydraharp.library import HHLib
+from rig.__main__ import exit_code, told
+from rig.acquire.acquisition import Watch, record
+from rig.acquire.connect import devices_on
+from rig.acquire.engine import Event, Outcome
+from rig.bench.simulated import simulated_bench
+from rig.devices.kinds import Wires
+from rig.files.scan import ScanFile
+from rig.model.config import RigConfig, built_in_with
+from rig.model.plan import ScanPlan
+from rig.model.state import RigState
+from simulators.bench import Bench
+from simulators.clock import BenchClock
+from simulators.wire.galvo import GalvoBoard
+from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.laser import KatanaHead
+from simulators.wire.spad import SpadInstrument
+
+_numbers = count(1)
+
+
+def tiny_config(changes: dict | None = None) -> RigConfig:
+    """Return the built-in simulated rig with short histograms."""
+    tiny = {"tcspc": {"kind": "hydraharp", "bins": 1500, "bin_width": "32ps"}, "calibration": {"use": False}}
+    return built_in_with(tiny | (changes or {}))
+
+
+def tiny_plan(config: RigConfig, columns: int = 4, rows: int = 3, exposure_s: float = 1e-3) -> ScanPlan:
+    """Return a plan of few short exposures."""
+    return ScanPlan.grid(config, columns=columns, rows=rows, spacing_m=0.1, exposure_s=exposure_s, skip_m=0.0)
+
+
+@dataclass
+class AttackedRig:
+    """A simulated rig: the bench, and the devices behind its wires as they are, to be broken by a test."""
+
+    bench: Bench
+    galvo: GalvoBoard
+    laser: KatanaHead
+    spad: SpadInstrument
+    harp: HydraHarpSimulator
+    usb: TappedUsb
+    wires: Wires
+    addresses: dict[str, str]
+
+    def unplug(self, name: str) -> None:
+        """Pull a plug: ``galvo``, ``laser`` or ``spad``."""
+        if name == "spad":
+            self.usb.unplug(self.spad)
+        else:
+            protocol_attacked.detach(self.addresses[name])
+
+
+@contextmanager
+def attacked_rig(
+    config: RigConfig, tap: Tap | None = None, *, real_time: bool = False
+) -> Iterator[AttackedRig]:
+    """Build a rig with taps in its wires; what its scene sends back is rendered once."""
+    tap = tap or Tap()
+    rendered = simulated_bench_of(config)
+    clock = BenchClock(real_time=real_time)
+    bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed, clock=clock)
+    galvo, laser, spad = GalvoBoard(bench), KatanaHead(bench), SpadInstrument(bench)
+    harp, usb = HydraHarpSimulator(bench), TappedUsb([spad], tap)
+    name = str(next(_numbers))
+    addresses = {
+        device: protocol_attacked.attach(name, device, firmware, bench.clock, tap)
+        for device, firmware in (("galvo", galvo), ("laser", laser))
+    }
+    library = TappedLibrary(harp.functions, tap)
+    wires = Wires(addresses["galvo"], addresses["laser"], usb, lambda: HHLib(library), bench.clock)
+    try:
+        yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)
+    finally:
+        for address in addresses.values():
+            protocol_attacked.detach(address)
+
+
+_rendered: dict[str, Bench] = {}
+
+
+def simulated_bench_of(config: RigConfig) -> Bench:
+    """Return a bench whose physics are as configured; its state is not to be used."""
+    key = config.model_dump_json()
+    if key not in _rendered:
+        _rendered[key] = simulated_bench(config, real_time=False)
+    return _rendered[key]
+
+
+@dataclass(frozen=True)
+class End:
+    """How a scan ended.
+
+    Attributes
+    ----------
+    code
+        The exit code that the command line gives it; 1 is a defect, 130 an interrupt.
+    error
+        The kind of error, empty for none.
+    said
+        What a person reads: the message, and what was noticed.
+    emitting, biased
+        The bench's state: whether light leaves the laser, whether the detector has its bias.
+    """
+
+    code: int
+    error: str
+    said: str
+    emitting: bool
+    biased: bool
+
+
+def scan(
+    rig: AttackedRig,
+    config: RigConfig,
+    plan: ScanPlan,
+    target: Path,
+    consumers: Sequence[Callable[[Event], None]] = (),
+) -> End:
+    """Run a scan on a rig, and judge it as the command line does."""
+    state = RigState(config)
+    code, kind, said = 0, "", ""
+    try:
+        with devices_on(config, rig.wires) as devices:
+            result = record(plan, state.of_devices(devices.identities()), devices, target, Watch(consumers))
+        code = 0 if result.ended.outcome is Outcome.COMPLETE else 6
+    except KeyboardInterrupt as interrupt:
+        code, kind, said = 130, "KeyboardInterrupt", told(interrupt)
+    except Exception as error:
+        code, kind, said = exit_code(error) or 1, type(error).__name__, told(error)
+    light = rig.bench.light
+    return End(code, kind, said, light.emitting, light.biased)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a scan file holds: status, warnings, counts (positions, bins) and which are measured."""
+
+    status: str
+    warnings: tuple[str, ...]
+    counts: NDArray[np.uint32]
+    done: NDArray[np.bool_]
+
+
+def kept(path: Path) -> Kept:
+    """Read a scan file."""
+    with ScanFile(path) as file:
+        counts = np.asarray(file.counts(range(file.steps)))
+        return Kept(file.status, tuple(file.warnings), counts.reshape(file.steps, -1), file.done.copy())

@@ -1,0 +1,1 @@
+"""Where pyserial finds the port that faults are put into."""

@@ -1,0 +1,63 @@
+"""A short pass of the faults at exchanges with devices: whatever happens, it is dark, unbiased, told and right."""
+
+from collections import Counter
+
+import pytest
+
+from attacks.exchanges import FAULTS, Attacked, Outcome
+from attacks.taps import Fault
+
+#: Each fault at eight exchanges of a scan, at others than the fault before: together at a hundred.
+EVERY, NEXT = 127, 11
+
+#: Calls that say that all is well and do nothing, and leave no trace: a histogram that was not cleared, and a
+#: clock's or an offset's setting that cannot be read back.
+WITHOUT_A_TRACE = {"HH_ClearHistMem", "HH_SetOffset", "HH_StartMeas", "HH_StopMeas"}
+
+
+@pytest.fixture(scope="module")
+def attacked(tmp_path_factory):
+    return Attacked(tmp_path_factory.mktemp("exchanges"))
+
+
+def lies(one: Outcome) -> bool:
+    """Return whether an instrument lied without a trace."""
+    return one.struck[1] in WITHOUT_A_TRACE
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_at_any_exchange(attacked, name):
+    fault = FAULTS[name]
+    silent = fault.kind in ("drop", "flip")
+    for one in attacked.outcomes(fault, EVERY, NEXT * list(FAULTS).index(name)):
+        assert one.told, one
+        if not fault.lasting:
+            assert not one.end.emitting, one
+            assert not one.end.biased, one
+        assert one.end.code in ((130,) if fault.kind == "interrupt" else (0, 3, 4)), one
+        assert one.file != "unreadable", one
+        if not (silent and lies(one)):
+            assert one.wrong == 0, one
+            assert one.resumed == "equal", one
+
+
+def test_faults_reach_all_wires(attacked):
+    devices = Counter(device for device, _ in attacked.exchanges)
+    assert set(devices) == {"galvo", "laser", "spad", "tcspc"}
+    assert min(devices.values()) > 50
+
+
+@pytest.mark.parametrize("operation", ["HH_GetHistogram", "HH_StartMeas"])
+def test_a_library_that_says_all_is_well_and_does_nothing_is_found_out(attacked, operation):
+    at = [number for number, (_, name) in enumerate(attacked.exchanges) if name == operation]
+    one = attacked.outcome(Fault("drop"), at[5])
+    assert one.end.code in (3, 4), one
+    assert one.wrong == 0
+    assert one.resumed == "equal"
+
+
+def test_a_garbled_transfer_does_not_leave_the_bias_on(attacked):
+    writes = [number for number, (_, name) in enumerate(attacked.exchanges) if name == "bulk_write"]
+    for at in writes[-4:]:  # the last of them take the bias away
+        one = attacked.outcome(Fault("flip"), at)
+        assert not one.end.biased, one
