@@ -10,12 +10,11 @@ import struct
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.hydraharp.records import MAX_CHANNEL, MAX_DTIME, T3, Batch, Encoder
 from rig.errors import UsageError
 from rig.files import ScanFile
 from rig.files.picoquant import (
@@ -33,6 +32,9 @@ from rig.files.picoquant import (
     head_bytes,
     place_of,
 )
+
+if TYPE_CHECKING:
+    from drivers.hydraharp.records import Batch
 
 NAME = "PicoQuant records, T3"
 ENDINGS = (".ptu",)
@@ -57,6 +59,8 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
         If the scan holds no photons but expectations, has more bins than a record can tell, or is to be
         rectified.
     """
+    from drivers.hydraharp.records import T3, Encoder  # compiled kernels: not for all files
+
     _check(scan, rectify)
     steps, histograms = scan.imaged
     laser_m = scan.laser_m[steps]
@@ -75,6 +79,8 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
 
 
 def _check(scan: ScanFile, rectify: bool) -> None:
+    from drivers.hydraharp.records import MAX_CHANNEL, MAX_DTIME
+
     if rectify:
         raise UsageError(
             "--rectified is not for .ptu, whose times are those of an instrument: the delays are kept beside "
@@ -160,7 +166,7 @@ def _batches(
     pulses: NDArray[np.int64],
     masks: NDArray[np.uint8],
     inputs: NDArray[np.int8],
-) -> Iterator[Batch]:
+) -> Iterator["Batch"]:
     """Yield each point's marker and photons."""
     rng = np.random.default_rng(0)
     point, start = 0, 0
@@ -178,8 +184,10 @@ def _batches(
 
 def _point(
     counts: NDArray, place: tuple[int, int, int], inputs: NDArray[np.int8], rng: np.random.Generator
-) -> tuple[Batch, int]:
+) -> tuple["Batch", int]:
     """Return a point's marker and photons, and the first pulse of the next."""
+    from drivers.hydraharp.records import Batch
+
     start, pulses, mask = place
     channel, dtime = np.nonzero(counts)
     times = counts[channel, dtime]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError
+from rig.errors import DataFileError, UsageError
 from rig.files.picoquant import MAGIC_HISTOGRAMS, Head
 from rig.importers.content import Content
 from rig.importers.options import Options
@@ -28,20 +28,20 @@ def read(source: Source, options: Options) -> Content:
     Raises
     ------
     UsageError
-        If places are not known and were not given.
+        If places are not known and were not given, or are not as many as the curves.
     DataFileError
-        If the file is cut off, its curves differ in their bins, or are not as many as the plan's points.
+        If the file has no whole curve, or its curves differ in their bins.
     """
     assert source.head is not None
     head = source.head
-    offset, bins, width_s = _curves(head)
+    offset, bins, width_s, told = _curves(head)
     plan = visits(head, options)
-    if len(offset) != plan.points:
-        raise DataFileError(
+    if len(offset) > plan.points or (len(offset) < plan.points and not told):
+        raise UsageError(
             f"{source.path} holds {len(offset):,} curves, but the plan has {plan.points:,} points; "
             "check --grid"
         )
-    laser_m, detector_m, delay_s = plan.pairs(plan.points)
+    laser_m, detector_m, delay_s = plan.pairs(len(offset))
     return Content(
         laser_m=laser_m,
         detector_m=detector_m,
@@ -51,12 +51,12 @@ def read(source: Source, options: Options) -> Content:
         dtype=np.dtype("<u4"),
         blocks=_blocks(head, offset, bins),
         delay_s=delay_s,
-        assumed=plan.assumed,
+        assumed=(*told, *plan.assumed),
     )
 
 
-def _curves(head: Head) -> tuple[NDArray[np.int64], int, float]:
-    """Return where each curve lies, and number and width of their bins."""
+def _curves(head: Head) -> tuple[NDArray[np.int64], int, float, tuple[str, ...]]:
+    """Return where each whole curve lies, number and width of their bins, and what is to be said."""
     curves = int(head.number("HistoResult_NumberOfCurves"))
     offset, bins, width_s = (
         head.numbers(f"HistResDscr_{name}") for name in ("DataOffset", "HistogramBins", "MDescResolution")
@@ -72,12 +72,16 @@ def _curves(head: Head) -> tuple[NDArray[np.int64], int, float]:
     if head.number("HistoResult_BitsPerBin", 32) != 32:
         raise DataFileError(f"{head.path}: bins of other than 32 bits are not known")
     missing = np.flatnonzero((offset < 0) | (offset + 4 * bins > head.size))
+    told: tuple[str, ...] = ()
     if len(missing):
-        raise DataFileError(
-            f"{head.path} is cut off: curve {missing[0] + 1} of {curves} ends beyond the file's "
-            f"{head.size:,} bytes"
+        whole = int(missing[0])
+        told = (
+            f"the file is cut off: {whole} of its {curves} curves are whole, those before curve {whole + 1}",
         )
-    return offset.astype(np.int64), int(bins[0]), float(width_s[0])
+        if not whole:
+            raise DataFileError(f"{head.path} is cut off: none of its {curves} curves is whole")
+        offset = offset[:whole]
+    return offset.astype(np.int64), int(bins[0]), float(width_s[0]), told
 
 
 def _blocks(head: Head, offset: NDArray[np.int64], bins: int) -> Iterator[NDArray[np.uint32]]:

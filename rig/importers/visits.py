@@ -20,7 +20,6 @@ from rig.files.picoquant import (
     FIRST_BIN,
     INPUTS,
     LASER,
-    POINT_MARKER,
     Head,
 )
 from rig.importers.options import Options, positive
@@ -40,11 +39,9 @@ class Visits:
     detector_m
         (1 or P, C, 3) spots of each channel.
     inputs
-        Inputs of the channels; None where a person may choose the only one.
+        Inputs of the channels, where the file says them.
     columns
         Points in a line; None where lines differ or are not known.
-    point_marker, line_marker
-        Counted from 1; None where there is none.
     first_bin_s
         Left edge of dtime 0, where t = 0 is the pulse on the wall, or at the laser where there are delays.
     delay_s
@@ -61,8 +58,6 @@ class Visits:
     detector_m: NDArray[np.float64]
     inputs: tuple[int, ...] | None = None
     columns: int | None = None
-    point_marker: int | None = None
-    line_marker: int | None = None
     first_bin_s: float = 0.0
     delay_s: NDArray[np.float64] | None = None
     fade_from_s: float | None = None
@@ -111,6 +106,8 @@ def visits(head: Head, options: Options) -> Visits:
         return _own(head)
     like = options.optional("places")
     if like is not None:
+        if options.optional("grid") is not None:
+            raise UsageError("--places and --grid both say where the laser was; leave one of them out")
         return _of_scan(Path(like), options)
     return _of_grid(head.path, options)
 
@@ -135,7 +132,6 @@ def _own(head: Head) -> Visits:
         laser_m.reshape(points, 3),
         detector_m.reshape(-1, channels, 3),
         inputs=tuple(int(one) for one in inputs),
-        point_marker=POINT_MARKER,
         first_bin_s=float(head.number(FIRST_BIN)),
         delay_s=None if delay_s is None else delay_s.reshape(points, channels),
         fade_from_s=float(head.number(FADE)) if FADE in head.values else None,
@@ -150,8 +146,6 @@ def _of_scan(path: Path, options: Options) -> Visits:
     return Visits(
         capture.laser_m,
         capture.detector_m[:, None],
-        point_marker=_marker("point_marker", options),
-        line_marker=_marker("line_marker", options),
         first_bin_s=-_zero_s(options),
         assumed=(f"places, and their order, are those of {path.name}", *_said_of_zero(options)),
     )
@@ -172,8 +166,6 @@ def _of_grid(path: Path, options: Options) -> Visits:
         laser_m,
         laser_m[:, None] if confocal else np.array([[[*seen, 0.0]]], float),
         columns=columns,
-        point_marker=_marker("point_marker", options),
-        line_marker=_marker("line_marker", options),
         first_bin_s=-_zero_s(options),
         assumed=(told, *_said_of_zero(options)),
     )
@@ -208,14 +200,3 @@ def _said_of_zero(options: Options) -> tuple[str, ...]:
         "the pulse is on the wall when the instrument's time is zero: neither the file nor --time-zero says "
         "otherwise",
     )
-
-
-def _marker(name: str, options: Options) -> int | None:
-    number: int | None = options.optional(name)
-    if number is not None and number not in {1, 2, 3, 4}:
-        raise UsageError(f"--{name.replace('_', '-')} {number}: markers are 1 to 4")
-    if name == "line_marker" and number is not None and number == options.optional("point_marker"):
-        raise UsageError(
-            "--point-marker and --line-marker are the same; give the line's own, or leave it out"
-        )
-    return number

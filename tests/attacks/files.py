@@ -63,6 +63,13 @@ def matlab_file(folder: Path) -> Path:
     return folder / "good.mat"
 
 
+def records_file(folder: Path) -> Path:
+    from rig.exporters import export
+
+    export(scan_file(folder), folder / "good.ptu")
+    return folder / "good.ptu"
+
+
 def read_scan(path: Path) -> None:
     from rig.acquire.acquisition import interrupted
     from rig.files import ScanFile
@@ -88,12 +95,19 @@ def import_any(path: Path) -> None:
     import_scan(path, path.with_suffix(".imported"), bin_width_s=32e-12, wall_size_m=0.5, time_origin="wall")
 
 
+def import_records(path: Path) -> None:
+    from rig.importers import import_scan
+
+    import_scan(path, path.with_suffix(".imported"))
+
+
 #: By name: what makes a good file, and what reads any.
 PARSERS = {
     "scan": (scan_file, read_scan),
     "volume": (volume_file, read_volume),
     "import": (matlab_file, import_any),
     "import-scan": (scan_file, import_any),
+    "import-records": (records_file, import_records),
 }
 
 

@@ -7,10 +7,13 @@ from test_import_more_layouts import matlab, znlos
 from test_import_published import lct, liu2019
 from test_import_tal import tal
 
+from support.picoquant_files import phu, ptu, records_of, scan_events
+
 GRID_M = np.array([[x, y, 0.0] for x in (-0.2, 0.0, 0.2) for y in (-0.15, 0.0, 0.15)])
 CUBE = np.random.default_rng(3).poisson(3.0, (3, 3, 8)).astype(float)
 BIN = {"bin_width_s": 32e-12}
 WALL = {"wall_size_m": 0.5}
+PLAN = {"grid": (3, 3), "spacing_m": 0.03, "detector": (0.1, 0.2)}
 
 
 def _neutral(folder):
@@ -121,6 +124,14 @@ def _general_raw(folder):
     return _mat(folder, counts=CUBE.reshape(9, 8))
 
 
+def _ptu(folder):
+    return ptu(folder / "a.ptu", records_of(scan_events(9, 20)))
+
+
+def _phu(folder):
+    return phu(folder / "a.phu", CUBE.reshape(9, 8))
+
+
 #: By the layout's name: what writes a file into a folder and returns its path; what must be given with it.
 EXAMPLES = {
     "neutral HDF5": (_neutral, {}),
@@ -141,4 +152,6 @@ EXAMPLES = {
     "Tsai 2019, CMU": (_cmu, BIN),
     "Young 2020, D-LCT": (_dlct, {}),
     "NLOS-DIRAC": (_dirac, {}),
+    "PicoQuant records": (_ptu, PLAN | {"point_marker": 1}),
+    "PicoQuant histograms": (_phu, PLAN),
 }

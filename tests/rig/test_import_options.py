@@ -20,6 +20,16 @@ VALUES = {
     "fade_from_s": (5e-12, 9e-12),
     "delays": ("first.mat", "second.mat"),
     "bounces": ((1,), (2, 3)),
+    "grid": ((3, 3), (2, 2)),
+    "spacing_m": (0.01, 0.02),
+    "order": ("x,-y", "y,x"),
+    "snake": (True, False),
+    "detector": ("confocal", (0.1, 0.0)),
+    "places": ("first.h5", "second.h5"),
+    "point_marker": (1, 3),
+    "line_marker": (2, 4),
+    "time_zero_s": (1e-12, 2e-12),
+    "input": (0, 5),
 }
 
 
