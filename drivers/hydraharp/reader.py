@@ -27,6 +27,9 @@ DRAIN_S = 1e-3
 #: So many reads in a row must bring nothing after the end (vendor's demos: more than five).
 EMPTY_READS = 6
 
+#: So many reads may come after the time by which it must have ended: twice what a full memory takes.
+LAST_READS = 32
+
 #: How long a memory that was full is read [s]; USB 2 takes a quarter of it for 2 million records.
 REST_S = 1.0
 
@@ -180,19 +183,20 @@ class Reader:
 
     def _read_to_the_end(self) -> None:
         until_s = self._clock.now_s() + self._duration_s * (1 + CLOCK_ERROR) + LATE_S
-        empty = 0
+        empty = overdue = 0
         while empty < EMPTY_READS:
             number = self._read_once()
             if self._flags & FATAL:
                 self._read_rest()
                 raise self._fatal()
+            overdue += self._clock.now_s() > until_s
+            if overdue > LAST_READS:
+                raise self._late()
             if number == len(self._buffer):
                 continue
             if self._ending.is_set():
                 return
             ended = self._library.ctc_ended(self._index)
-            if not ended and self._clock.now_s() > until_s:
-                raise self._late()
             empty = empty + 1 if ended and not number else 0
             self._clock.sleep(DRAIN_S if ended else POLL_S)
 
@@ -243,6 +247,6 @@ class Reader:
         return LinkError(
             self._name,
             f"measure for {self._duration_s:g} s",
-            "the measurement still runs much later",
+            f"it is not over {LATE_S:g} s after its end, and not after {LAST_READS} reads more",
             "Check the USB link, and switch the HydraHarp off and on.",
         )
