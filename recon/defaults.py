@@ -26,8 +26,8 @@ RESPONSES = 1.5
 #: Response that is taken where none is known: laser, detector and timing of the usual rig.
 USUAL_RESPONSE_S = 65e-12
 #: A rendering has neither response nor noise. Then it is cost that decides: half the wavelength is four times
-#: the work.
-SPACINGS_RENDERED = 2.0
+#: the work. A wave as long as the usual instrument's is cheap enough on any wall, and no longer one is wanted.
+SPACINGS_RENDERED, CHEAP_M = 2.0, 0.04
 #: Where no response is known, so many wavelengths are to fit on the wall.
 WAVELENGTHS = 12.0
 #: Fewest wavelengths across the wall with which anything is told apart.
@@ -111,7 +111,9 @@ def wavelength(capture: Capture, response_fwhm_s: float | None = None, *, render
     """
     spots_m = np.unique(np.round(capture.by_its_finer_aperture().laser_m, 4), axis=0)
     pitch_m, few = spacing_m(capture), min(2.0, max(1.0, (MANY_POSITIONS / len(spots_m)) ** 0.5))
-    spacings = SPACINGS_CONFOCAL if capture.confocal else SPACINGS_RENDERED if rendered else SPACINGS
+    spacings = SPACINGS_CONFOCAL if capture.confocal else SPACINGS
+    if rendered and not capture.confocal:
+        spacings = max(SPACINGS, min(SPACINGS_RENDERED, CHEAP_M / pitch_m))
     spaced = Choice(
         few * spacings * pitch_m,
         f"for {len(spots_m):,} positions {pitch_m * 100:.3g} cm apart",
