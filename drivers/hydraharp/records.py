@@ -12,9 +12,9 @@ A record is 32 bits, little endian (source: the vendor's description of the form
     1        1 to 15   markers, a bit each; several inputs may come in one record
     1        0         T2 only: a sync pulse
 
-Version 1 of the records (2008 to 2010) says one wrap a record, and wraps in T2 after 33,552,000; version 2
-wraps after 2^25, and puts the number of wraps into the tag's field, where 0 means 1. The generic records of
-MultiHarp and TimeHarp 260 are those of version 2.
+Version 1 of the records says one wrap a record, and wraps in T2 after 33,552,000; version 2 wraps after 2^25,
+and puts the number of wraps into the tag's field, where 0 means 1. The generic records of a MultiHarp are
+those of version 2.
 
     decoder = Decoder(T3)
     while reading:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from drivers.hydraharp.records import (
@@ -72,7 +72,6 @@ streams = st.lists(photon | marker | overflow | anything, max_size=60).map(lambd
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@settings(deadline=None)
 @given(streams, st.lists(st.integers(0, 60), max_size=5))
 @example(np.array([OVERFLOW | 3, 1 << 31 | 0b0101 << 25 | 7, 1 << 31 | 0b1000 << 25 | 7], np.uint32), [1, 2])
 def test_any_records_cut_anywhere_are_read_as_one_by_one(name, records, cuts):
@@ -81,7 +80,6 @@ def test_any_records_cut_anywhere_are_read_as_one_by_one(name, records, cuts):
     assert told(Decoder(FORMATS[name]).decode(records)) == expected
 
 
-@settings(deadline=None)
 @given(streams, st.integers(0, 60))
 def test_a_truncated_stream_gives_what_is_whole(records, end):
     assert told(Decoder(T3).decode(records[:end])) == one_by_one(records[:end], "t3")
@@ -110,7 +108,6 @@ def batches(draw, t3):
 
 
 @pytest.mark.parametrize("name", ["t3", "t2"])
-@settings(deadline=None)
 @given(st.data())
 def test_what_was_encoded_is_decoded(name, data):
     encoder, decoder = Encoder(FORMATS[name]), Decoder(FORMATS[name])
