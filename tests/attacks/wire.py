@@ -184,6 +184,7 @@ HARP: dict[str, tuple[Any, ...]] = {
     "HH_GetWarnings": (0,),
     "HH_GetWarningsText": ("no warning",),
     "HH_GetHardwareDebugInfo": ("all well",),
+    "HH_GetHistogram": (0,),
     "HH_GetFeatures": (0x07,),
     "HH_ReadFiFo": (0, 0),
 }
