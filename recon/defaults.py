@@ -26,7 +26,7 @@ RESPONSES = 1.5
 #: Response that is taken where none is known: laser, detector and timing of the usual rig.
 USUAL_RESPONSE_S = 65e-12
 #: A rendering has neither response nor noise. Then it is cost that decides: half the wavelength is four times
-#: the work. A wave as long as the usual instrument's is cheap enough on any wall, and no longer one is wanted.
+#: the work. A wave as long as the usual instrument's is cheap enough on any wall, and none longer is wanted.
 SPACINGS_RENDERED, CHEAP_M = 2.0, 0.04
 #: Where no response is known, so many wavelengths are to fit on the wall.
 WAVELENGTHS = 12.0

@@ -1,6 +1,7 @@
 """Entry of the command ``rig``: runs a verb, and turns every failure into one message and an exit code."""
 
 import json
+import math
 import os
 import signal
 import sys
@@ -11,6 +12,8 @@ from types import FrameType
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
 SAME_WISH_S = 1.0
 
+STOPPED = "stopped by Ctrl-C"
+
 
 def main() -> None:
     """Run the command line and exit.
@@ -18,34 +21,28 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
     safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
     """
-    stop = _Interrupts()
-    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGINT, _Interrupts())
     try:
         code = _to_the_end()
     except KeyboardInterrupt:
-        code = stop.said()
-    stop.ended = True
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        code = 130
+        _report(STOPPED, code)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it would spoil the interpreter's own end
     sys.exit(code)
 
 
 class _Interrupts:
-    """Ctrl-C, once for as long as it is held; after the program's end it has nothing to end any more."""
+    """Ctrl-C, once for as long as it is held."""
 
     def __init__(self) -> None:
-        self.ended = False
-        self._last_s = -SAME_WISH_S
+        self._last_s = -math.inf
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         now_s = time.monotonic()
         anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
-        if anew and not self.ended:
+        if anew:
             raise KeyboardInterrupt
-
-    def said(self) -> int:
-        """Say that the program was stopped; return the exit code."""
-        self.ended = True
-        print("rig: stopped.", file=sys.stderr)
-        return 130
 
 
 def _to_the_end() -> int | None:
@@ -60,7 +57,7 @@ def _to_the_end() -> int | None:
                 f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
             )
         if code == 130:  # the frame of commands takes Ctrl-C without a word
-            _report("stopped", code)
+            _report(STOPPED, code)
     return code
 
 
@@ -71,7 +68,6 @@ def _run() -> int | None:
 
         app()
     except KeyboardInterrupt:
-        _report("stopped by Ctrl-C", 130)
         return 130
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1

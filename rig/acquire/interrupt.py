@@ -16,6 +16,8 @@ class StopRequest:
     out the light too; so none is raised, however often the signal comes. What cannot be caught, or comes from
     a crash, is met by the guard of the laser.
 
+    After a request the program ends, and Ctrl-C stays without effect: keys that are still held were obeyed.
+
     Parameters
     ----------
     announce
@@ -41,6 +43,8 @@ class StopRequest:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._requested:
+            self._previous[signal.SIGINT] = signal.SIG_IGN
         for number, handler in self._previous.items():
             signal.signal(number, handler)  # type: ignore[arg-type]
 

@@ -260,7 +260,7 @@ class Vigil:
 
 
 def _fastest_hz(config: RigConfig) -> float:
-    """Return the detections a second that are possible: a gated detector misses the gates that it holds off."""
+    """Return the detections a second that are possible; a gated detector misses gates while it holds off."""
     hold_off_s = max(config.detector.hold_off_s, 1e-9)
     if not config.detector.gated:
         return 1 / hold_off_s

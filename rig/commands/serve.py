@@ -65,6 +65,7 @@ def serve(
         _refuse_foreign(write_config)
     with served(rig_config, log) as server:
         _end_in_order(server.stop)
+        signal.signal(signal.SIGUSR1, lambda *_: server.switch_interlock())
         if write_config:
             _write(configuration(rig_config, server.addresses), write_config)
         files = {"log": str(log) if log else None, "config": str(write_config) if write_config else None}

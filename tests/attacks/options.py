@@ -5,6 +5,7 @@ PYTHONPATH=tests python -m attacks.options --number 2000
 
 import io
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
@@ -124,7 +125,7 @@ def run(arguments: list[str]) -> None:
     from rig.__main__ import main as rig
 
     _prepare()
-    before, here = sys.argv, os.getcwd()
+    before, here, on_ctrl_c = sys.argv, os.getcwd(), signal.getsignal(signal.SIGINT)
     out, err = io.StringIO(), io.StringIO()
     code: Any = 0
     os.chdir(folder())
@@ -137,6 +138,7 @@ def run(arguments: list[str]) -> None:
     finally:
         sys.argv = before
         os.chdir(here)
+        signal.signal(signal.SIGINT, on_ctrl_c)
     assert "Traceback" not in err.getvalue(), err.getvalue()[-400:]
     assert code in {0, 2, 3, 4, 5, 6}, f"exit code {code}: {err.getvalue()[-300:]}"
     assert code == 0 or err.getvalue(), "no message"

@@ -129,7 +129,6 @@ class Bench:
         whole = self._start(folder / "whole.h5")
         whole.communicate(timeout=120)
         self.whole_s = time.monotonic() - began_s
-        began_s = self.lit_after_s = self._began_s("laser emission", 0) - self._bench.told["began_unix_s"]
         with ScanFile(folder / "whole.h5") as scan:
             self._photons = [
                 int(counts.sum()) for _, block in scan.capture().histograms.blocks() for counts in block
@@ -218,7 +217,7 @@ class Bench:
         """Hold positions that are marked as measured against the scan that nobody disturbed.
 
         Photons are drawn anew at each visit, so that only their number can be compared: 10 sigma and a tenth,
-        which dead time and drift stay far below, and a position that was measured half or in the dark does not.
+        which dead time and drift stay far below; a position measured half or in the dark does not.
         """
         with ScanFile(path) as scan:
             marked = np.flatnonzero(scan.done)
@@ -257,8 +256,8 @@ def bench() -> Iterator[Bench]:
 def table(runs: list[Run]) -> str:
     """Return what became of them, a row for each way to hit."""
     rows = [
-        "| hit | runs | with light | light left on | bias left on | to dark: median, longest [s] | bias off: longest [s] "
-        "| to the end: longest [s] | exit codes | resumed | anything else wrong |",
+        "| hit | runs | with light | light left on | bias left on | to dark: median, longest [s] "
+        "| bias off: longest [s] | to the end: longest [s] | exit codes | resumed | anything else wrong |",
         "|" + " --- |" * 11,
     ]
     for name in [hit for hit in HITS if any(run.hit == hit for run in runs)]:
@@ -266,7 +265,6 @@ def table(runs: list[Run]) -> str:
         dark = [run.dark_s for run in mine if run.dark_s is not None]
         unbiased = [run.unbiased_s for run in mine if run.unbiased_s is not None]
         wrong = [what for run in mine for what in run.wrong]
-        left = [sum(f"{what} left on" in wrong for _ in [0]) for what in ("laser emission", "detector bias")]
         left = [wrong.count(f"{what} left on") for what in ("laser emission", "detector bias")]
         codes = sorted({str(run.code) for run in mine})
         resumed = ", ".join(

@@ -1,4 +1,4 @@
-"""A short pass of the faults at exchanges with devices: whatever happens, it is dark, unbiased, told and right."""
+"""A short pass of faults at exchanges with devices: at the end it is dark, unbiased, told and right."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""The guard's process and the program's side of it, on a served bench: what comes in between, and in what order."""
+"""The guard's process and the program's side of it, on a served bench: what comes in between."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -22,11 +23,19 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and
 #: A busy machine may need longer than what is promised; for ever is what must not be.
 PATIENCE_S = 20.0
 
+SMALL = ("--grid", "12x9", "--spacing", "15cm")
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     with served(tmp_path_factory.mktemp("served")) as running:
         yield running
+
+
+@pytest.fixture(autouse=True)
+def state_of_its_own(tmp_path, monkeypatch):
+    """No trip of one test is in the way of another."""
+    monkeypatch.setenv("RIG_STATE", str(tmp_path / "state"))
 
 
 def wait_for(happened, limit_s=PATIENCE_S):
@@ -62,7 +71,7 @@ def raised_by_beats(laser, limit_s=PATIENCE_S):
 def test_a_laser_whose_line_is_gone_is_never_said_to_be_dark(tmp_path):
     with served(tmp_path) as bench:
         laser = GuardedElsewhere(load(bench.config))
-        with pytest.raises((DeviceError, LightLostError)), laser:
+        with pytest.raises((DeviceError, LightLostError)), laser:  # noqa: PT012
             laser.arm()
             laser.emit()
             assert emits(bench)
@@ -170,7 +179,7 @@ def test_a_terminal_that_takes_no_text_does_not_keep_the_guard_from_its_work(ben
     """Its program is killed, and what it says goes to a full pipe that nobody reads."""
     read, write = os.pipe()
     os.set_blocking(write, False)
-    with pytest.raises(BlockingIOError):
+    with suppress(BlockingIOError):
         while True:
             os.write(write, bytes(4096))
     os.set_blocking(write, True)
@@ -214,13 +223,10 @@ def test_files_of_guards_that_are_gone_are_not_taken_for_guards(rig, bench):
 
 
 def test_a_guard_that_cannot_start_is_told_in_words(bench, tmp_path):
-    """No process can be made where the limit on them is reached: root has none, so nothing can be executed."""
-    code = (
-        "import sys; from rig.__main__ import main\n"
-        "sys.executable = '/nowhere/python'\n"
-        f"sys.argv = ['rig', 'scan', '--config', {str(bench.config)!r}, '--yes', '--out', 'a.h5', '--grid', '12x9', '--spacing', '15cm']\n"
-        "main()\n"
-    )
+    """As where no process can be made any more, here because its interpreter is gone."""
+    arguments = rig_command("scan", "--config", bench.config, *SMALL, "--yes", "--out", "a.h5")[2:]
+    code = "import sys; from rig.__main__ import main; sys.executable = '/nowhere'; "
+    code += f"sys.argv = {arguments}; main()"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -233,9 +239,7 @@ def test_a_guard_that_cannot_start_is_told_in_words(bench, tmp_path):
 @pytest.mark.parametrize("numbers", [1, 2, 10])
 def test_ctrl_c_before_and_after_the_scan_is_one_message(bench, tmp_path, numbers):
     """While a person is asked, or at the countdown, at each of which nothing has begun."""
-    command = rig_command(
-        "scan", "--config", bench.config, "--grid", "12x9", "--spacing", "15cm", "--out", "a.h5"
-    )
+    command = rig_command("scan", "--config", bench.config, *SMALL, "--out", "a.h5")
     with subprocess.Popen(
         command, cwd=tmp_path, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as scan:

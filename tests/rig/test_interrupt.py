@@ -12,6 +12,15 @@ from rig.acquire.interrupt import StopRequest
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 
+
+@pytest.fixture(autouse=True)
+def ctrl_c_as_before():
+    """After a request, Ctrl-C stays without effect until the program's end."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 #: Of all that end or suspend a program: terminal closed, Ctrl-C, Ctrl-Z, asked, timers, power, real time.
 ASKING = (
     "SIGHUP", "SIGINT", "SIGQUIT", "SIGTERM", "SIGTSTP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM",
@@ -49,6 +58,12 @@ def test_no_signal_raises_however_often_it_comes():
         assert stop()
     assert told[0] == "Stopping after this position."
     assert set(told[1:]) == {"Stopping: the laser goes dark first."}
+
+
+def test_a_ctrl_c_that_is_still_held_after_the_scan_does_nothing():
+    with StopRequest(lambda _: None):
+        os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_a_terminal_that_is_gone_does_not_prevent_the_stop():

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from attacks.latency import ATTACKS
 from rig.files.scan import ScanFile
 from support.hanging import HANGING
 from support.served_bench import rig_command, served
@@ -145,3 +146,11 @@ def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(benc
         assert scan.wait(2 * PATIENCE_S) == 3
         assert b"has not returned" in scan.stderr.read()
     assert bench.values("detector bias")[-1] == "0"
+
+
+@pytest.mark.parametrize("name", ["Ctrl-C once", "the interlock opens"])
+def test_an_exposure_of_100_hours_is_cut_at_once(bench, tmp_path, name):
+    times = ATTACKS[name](bench, tmp_path / "a.h5")
+    assert times["end"] < PATIENCE_S
+    assert times.get("live time", 1.0) > 0.5
+    assert times.get("photons", 1) > 0

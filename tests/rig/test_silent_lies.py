@@ -145,7 +145,7 @@ def test_flags_are_told_those_that_nobody_knows_too(tmp_path, bit):
 
 @pytest.mark.parametrize("positions", [1, 3])
 def test_a_laser_that_is_dark_between_two_looks_is_seen_by_its_sync(tmp_path, positions):
-    """One whole exposure in the dark is the smallest gap that is seen for sure: its sync is lost at its end."""
+    """One whole exposure in the dark is the smallest gap that is seen for sure: it ends without a sync."""
     with attacked_rig(CONFIG) as rig:
         end, _, file = lied_to(
             rig,

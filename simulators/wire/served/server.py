@@ -68,6 +68,8 @@ class BenchServer:
         self._answers = TimingAnswers(bench, faults)
         self._selector = selectors.DefaultSelector()
         self._connections: set[_Connection] = set()
+        self._head = KatanaHead(bench)
+        self._interlock_closed = True
         self._running = True
 
     def __enter__(self) -> Self:
@@ -79,7 +81,7 @@ class BenchServer:
             Terminal(firmware)
             for firmware in (
                 GalvoBoard(self._bench),
-                KatanaHead(self._bench),
+                self._head,
                 DetectorLine(TmcInterface(SpadInstrument(self._bench))),
             )
         )
@@ -127,12 +129,18 @@ class BenchServer:
         self._running = False
         self._wake.send(b"\0")
 
+    def switch_interlock(self) -> None:
+        """Open the laser's interlock, or close it again; may be called where `stop` may."""
+        self._interlock_closed = not self._interlock_closed
+        self._wake.send(b"\0")
+
     def _watch(self, what: "socket.socket | Terminal", serve: Callable[[], None]) -> None:
         self._selector.register(what, selectors.EVENT_READ, serve)
 
     def _look_round(self) -> None:
         """Go on where an answer has been made."""
         self._woken.recv(PIECE)
+        self._head.close_interlock(self._interlock_closed)
         for connection in list(self._connections):
             self._serve(connection)
 

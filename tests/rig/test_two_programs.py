@@ -1,0 +1,71 @@
+"""Two programs at one scan file: the second is refused and changes nothing, also where HDF5 locks nothing."""
+
+import os
+import subprocess
+
+import pytest
+
+from rig.files import ScanFile
+from support.served_bench import rig_command
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no lock on the journal")
+
+#: Long enough to be in the middle of: the simulated rig in one process needs about ten seconds.
+LONG = ("--grid", "60x50", "--spacing", "2cm", "--out", "a.h5")
+
+
+@pytest.fixture(params=["", "FALSE"], ids=["HDF5 locks", "HDF5 does not lock"])
+def running(request, tmp_path):
+    """A scan in the middle of its positions, and the environment of all programs."""
+    environment = {**os.environ, "HDF5_USE_FILE_LOCKING": request.param}
+    if not request.param:
+        del environment["HDF5_USE_FILE_LOCKING"]
+    command = rig_command("scan", *LONG)
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as scan:
+        for line in scan.stderr:
+            if "10 %" in line:
+                break
+        yield scan, environment
+        scan.kill()
+
+
+SECOND = (
+    (("resume", "a.h5"), 5, "being written by another program"),
+    (("stats", "a.h5"), 5, "being written by another program"),
+    (("scan", *LONG), 2, "exists"),
+)
+
+
+def test_a_second_program_is_refused_and_changes_nothing(running, tmp_path):
+    scan, environment = running
+    for arguments, code, said in SECOND:
+        second = subprocess.run(
+            rig_command(*arguments),
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert scan.poll() is None
+        assert second.returncode == code, second.stderr
+        assert said in second.stderr
+        assert "Traceback" not in second.stderr
+    scan.terminate()
+    scan.stderr.read()
+    assert scan.wait(60) == 6
+    with ScanFile(tmp_path / "a.h5") as file:
+        assert file.done.any()
+        assert not file.altered.any()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="Linux has a device that is always full")
+@pytest.mark.parametrize("full", [("stdout",), ("stderr",), ("stdout", "stderr")], ids="+".join)
+def test_a_scan_whose_messages_nobody_takes_is_whole(tmp_path, full):
+    command = rig_command("scan", "--grid", "12x9", "--spacing", "15cm", "--out", "a.h5")
+    with open("/dev/full", "w") as nowhere:
+        streams = dict.fromkeys(full, nowhere)
+        code = subprocess.run(command, cwd=tmp_path, **streams, check=False).returncode
+    assert code == (2 if "stdout" in full else 0)  # its results could not be told
+    with ScanFile(tmp_path / "a.h5") as file:
+        assert file.status == "complete"
