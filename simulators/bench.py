@@ -4,10 +4,12 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
+from bisect import insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import dist, radians, tan
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +27,9 @@ MOVEMENT_STEP_RAD = 6e-4
 #: will do; this one has been used from the beginning, and another one would draw other photons.
 SEED_TANGENT = tan(radians(50.0))
 
+
+#: How long a pulse at a marker input is if nobody says otherwise [s].
+MARK_S = 10e-6
 
 Spot = tuple[float, float, float]
 
@@ -142,6 +147,11 @@ class LightState:
     lamp_hz: float = 0.0
 
     @property
+    def sync_hz(self) -> float:
+        """Sync pulses a second; the laser gives them only while it emits."""
+        return self.repetition_hz if self.emitting else 0.0
+
+    @property
     def on_wall(self) -> float:
         """Fraction of the laser's full power that reaches the wall."""
         return self.power * self.attenuation if self.emitting and not self.blocked else 0.0
@@ -169,6 +179,40 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.pulse)
+
+
+@dataclass(frozen=True)
+class Syncs:
+    """A time in which sync pulses come evenly, or none at all.
+
+    Attributes
+    ----------
+    begin_s, end_s
+        Bench times.
+    hz
+        Sync pulses a second; the first comes at ``begin_s``.
+    """
+
+    begin_s: float
+    end_s: float
+    hz: float
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A pulse at the marker inputs of the timing instrument.
+
+    Attributes
+    ----------
+    at_s, width_s
+        Bench time of its rising edge; time until it falls.
+    mask
+        A bit for each of the four inputs that it comes to.
+    """
+
+    at_s: float
+    mask: int
+    width_s: float
 
 
 def no_detections() -> Detections:
@@ -262,6 +306,7 @@ class Bench:
         self.watchers: list[Callable[[float], None]] = []
         self._light = [(0.0, LightState())]
         self._visits: dict[tuple[float, float], int] = {}
+        self._marks: list[Mark] = []
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -292,7 +337,7 @@ class Bench:
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
-        return self.light.repetition_hz if self.light.emitting else 0.0
+        return self.light.sync_hz
 
     def count_rate_hz(self, channel: int) -> float:
         """Return the expected detections a second of a channel, by its number, in the present state."""
@@ -315,8 +360,52 @@ class Bench:
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
         )
 
+    def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
+        """Return how sync pulses came between two bench times, cut where their rate changed."""
+        found: list[Syncs] = []
+        switches = [at for at, _ in self._light if start_s < at < stop_s]
+        for begin_s, end_s in pairwise([start_s, *switches, stop_s]):
+            hz = self._light_at(begin_s).sync_hz
+            if found and found[-1].hz == hz:
+                begin_s = found.pop().begin_s
+            found.append(Syncs(begin_s, end_s, hz))
+        return found
+
+    def mark(self, mask: int, at_s: float | None = None, *, width_s: float = MARK_S) -> None:
+        """Send a pulse to some of the marker inputs, now or at a later time.
+
+        Parameters
+        ----------
+        mask
+            A bit for each of the four inputs: 1, 2, 4, 8, or a sum of these.
+        at_s
+            Bench time of the rising edge; None is now.
+        width_s
+            Time until it falls.
+
+        Raises
+        ------
+        ValueError
+            If there are no such inputs.
+        """
+        if not 0 < mask < 16:
+            raise ValueError(f"there are four marker inputs, with a mask of 1 to 15, not {mask}")
+        insort(
+            self._marks,
+            Mark(self.clock.now_s() if at_s is None else at_s, mask, width_s),
+            key=attrgetter("at_s"),
+        )
+
+    def take_marks(self, before_s: float) -> list[Mark]:
+        """Take away the pulses at the marker inputs that begin before a time, in order."""
+        taken = []
+        while self._marks and self._marks[0].at_s < before_s:  # another thread may send one meanwhile
+            taken.append(self._marks.pop(0))
+        return taken
+
     def forget_before(self, at_s: float) -> None:
         """Drop what was changed before a time that nobody will ask about again."""
+        self.take_marks(at_s)
         self.mirror.forget_before(at_s)
         while len(self._light) > 1 and self._light[1][0] <= at_s:
             del self._light[0]

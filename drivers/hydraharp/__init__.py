@@ -7,6 +7,8 @@
     with HydraHarp(load_library(), clock=SystemClock(), settings=HydraHarpSettings(inputs=(0, 1))) as tcspc:
         exposure = tcspc.measure(10e-3)
 
+Photons one by one: `drivers.hydraharp.stream`.
+
 `drivers.hydraharp.limits` and `drivers.hydraharp.settings` can be imported where neither instrument, library
 nor numpy is at hand; therefore nothing is imported here.
 """

@@ -8,9 +8,6 @@ from ctypes import POINTER, Array, byref, c_char, c_double, c_int, c_uint, c_voi
 from threading import Lock
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.errors import DeviceNotFoundError, ProtocolError
 from drivers.hydraharp.constants import (
     FIFO_RECORDS_STEP,
@@ -27,8 +24,8 @@ from drivers.hydraharp.constants import (
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.limits import MAX_BINS
 
-#: What a histogram begins with until the library has written it. A bin that is full holds as many: 4 billion
-#: photons in the first bin, which no exposure here comes near.
+#: What a histogram or records begin with until the library has written them. A bin that is full holds as
+#: many: 4 billion photons in the first bin, which no exposure here comes near. No record has all bits set.
 UNWRITTEN = 2**32 - 1
 
 #: The library is not re-entrant, not even for two instruments: one thread at a time.
@@ -92,6 +89,13 @@ PROTOTYPES: dict[str, tuple[Any, ...]] = {
 def histogram_buffers(inputs: int) -> "Array[Array[c_uint]]":
     """Allocate one block of memory with a row for each input, each as long as the longest histogram."""
     return (c_uint * MAX_BINS * inputs)()
+
+
+def fifo_buffer(records: int = MAX_FIFO_RECORDS) -> "Array[c_uint]":
+    """Allocate memory for records; the library takes only whole multiples of 128, up to 131072."""
+    if records % FIFO_RECORDS_STEP or not 0 < records <= MAX_FIFO_RECORDS:
+        raise ValueError(f"{records} records are no multiple of {FIFO_RECORDS_STEP} up to {MAX_FIFO_RECORDS}")
+    return (c_uint * records)()
 
 
 class HHLib:
@@ -353,14 +357,27 @@ class HHLib:
         self._call("HH_GetWarningsText", index, text, warnings)
         return _plain(text)
 
-    def read_fifo(self, index: int, count: int = MAX_FIFO_RECORDS) -> NDArray[np.uint32]:
-        """Return the records at hand, at most ``count`` (a multiple of 128)."""
-        if count % FIFO_RECORDS_STEP or not 0 < count <= MAX_FIFO_RECORDS:
-            raise ValueError(f"count {count} is no multiple of {FIFO_RECORDS_STEP} up to {MAX_FIFO_RECORDS}")
-        records = (c_uint * count)()
+    def read_fifo(self, index: int, into: "Array[c_uint]") -> int:
+        """Copy the records at hand into a `fifo_buffer`, at most as many as it holds; return their number.
+
+        Raises
+        ------
+        ProtocolError
+            If that is more than there is room for, or if nothing was written, so that older ones are there.
+        """
         received = c_int()
-        self._call("HH_ReadFiFo", index, records, count, byref(received))
-        return np.ctypeslib.as_array(records)[: received.value]
+        into[0] = UNWRITTEN
+        self._call("HH_ReadFiFo", index, into, len(into), byref(received))
+        number = received.value
+        possible = 0 <= number <= len(into)
+        if possible and not (number and into[0] == UNWRITTEN):
+            return number
+        raise ProtocolError(
+            f"HydraHarp through {self.name}",
+            f"read {len(into)} records at most",
+            f"it said that these are {number}, {'and wrote no records' if possible else 'which cannot be'}",
+            "Check the USB link, and switch the HydraHarp off and on.",
+        )
 
     def get_cont_mode_block(self, index: int) -> bytes:
         """Return the next block of continuous mode; empty where none is ready."""

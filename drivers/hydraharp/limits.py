@@ -87,6 +87,9 @@ class HydraHarpLimits:
         Of a discriminator; both positive, though the signals are negative.
     sync_dividers
         The divided sync rate may be up to 12.5 MHz (manual).
+    marker_hold_off
+        Time after a marker in which its input takes no other. The instrument counts it in steps of about 8 ns
+        (header); how it rounds is unconfirmed.
     """
 
     device: str = "HydraHarp"
@@ -100,6 +103,7 @@ class HydraHarpLimits:
     level: Steps = Steps(0, 1000, "mV", 1e-3)
     zero_cross: Steps = Steps(0, 40, "mV", 1e-3)
     sync_dividers: tuple[int, ...] = (1, 2, 4, 8, 16)
+    marker_hold_off: Steps = Steps(0, 524_296, "ns", 1e-9)
 
     def check_exposure(self, exposure_s: float) -> None:
         """Raise `LimitError` unless a measurement can be this long."""

@@ -133,3 +133,46 @@ class HydraHarpSettings:
             "bins": self.bins,
             "offset_s": self.offset_s,
         }
+
+
+@dataclass(frozen=True)
+class Markers:
+    """The four marker inputs M1 to M4 in time-tagged mode.
+
+    Attributes
+    ----------
+    enabled
+        Which of them make records.
+    rising
+        Which of them do so at the rising edge; the others at the falling one.
+    hold_off_s
+        Time after a marker in which no other is taken, in whole nanoseconds up to 524.296 us: against
+        glitches of long cables.
+
+    Raises
+    ------
+    LimitError
+        If the hold-off is outside what any HydraHarp can do.
+    """
+
+    enabled: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    rising: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    hold_off_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.hold_off_ns(LIMITS)
+
+    def hold_off_ns(self, limits: HydraHarpLimits) -> int:
+        """Return the hold-off as the library takes it, or raise `LimitError`."""
+        return limits.marker_hold_off.whole(limits.device, "marker hold-off", self.hold_off_s)
+
+    def as_dict(self) -> dict[str, str | int | float | bool]:
+        """Return the settings in SI units; the inputs as text, e.g. ``"M1, M3"``."""
+        names = [f"M{n}" for n in range(1, 5)]
+        rising = [name for name, on in zip(names, self.rising, strict=True) if on]
+        enabled = [name for name, on in zip(names, self.enabled, strict=True) if on]
+        return {
+            "markers": ", ".join(enabled),
+            "markers_at_rising_edge": ", ".join(rising),
+            "marker_hold_off_s": self.hold_off_s,
+        }

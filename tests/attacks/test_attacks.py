@@ -28,6 +28,7 @@ def test_spoiled_input_is_read_or_refused_in_words(name):
         (wire.read_laser, wire.LASER),
         (wire.read_spad, (wire.SPAD, None)),
         (wire.read_harp, {"writes": wire.HARP, "codes": {}}),
+        (wire.read_stream, {"writes": wire.HARP, "codes": {}}),
         (texts.read_quantity, ("10ms", "time")),
         (texts.read_grid, ("18x13", "10cm", "10ms")),
         (texts.read_voxels, ("0.5m:3m:2cm", "1m", "1m", "1cm", "4cm", 2.0)),

@@ -20,6 +20,7 @@ from drivers.errors import DeviceError
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
+from drivers.hydraharp.stream import HydraHarpStream
 from drivers.id120 import Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
@@ -183,6 +184,9 @@ HARP: dict[str, tuple[Any, ...]] = {
     "HH_GetWarnings": (0,),
     "HH_GetWarningsText": ("no warning",),
     "HH_GetHardwareDebugInfo": ("all well",),
+    "HH_GetHistogram": (0,),
+    "HH_GetFeatures": (0x07,),
+    "HH_ReadFiFo": (0, 0),
 }
 _FLOATS = [0.0, -1.0, float("nan"), float("inf"), float("-inf"), 1e308, 5e-324, 1e-9, 4.0000001, -0.0]
 _INTS = [0, -1, 1, 2**31 - 1, -(2**31), 65536, 1024, 255, 3, 64, 10**6]
@@ -207,7 +211,29 @@ def harp(random: Random) -> dict[str, Any]:
 
 def read_harp(given: dict[str, Any]) -> None:
     """Open, measure, ask for rates, warnings and settings."""
+    with HydraHarp(
+        _library(given), clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)
+    ) as instrument:
+        instrument.measure(0.001)
+        rates = instrument.rates()
+        assert rates.sync_hz >= 0
+        assert rates.input_hz >= 0
+        instrument.warnings()
+        settings = instrument.settings()
+        assert settings["bin_width_s"] > 0
 
+
+def read_stream(given: dict[str, Any]) -> None:
+    """Open in time-tagged mode, and take what is recorded."""
+    with HydraHarpStream(_library(given), clock=StepClock()) as stream:
+        stream.start(0.001)
+        number = 0
+        for piece in stream.pieces():
+            assert piece.first == number
+            number += len(piece.records)
+
+
+def _library(given: dict[str, Any]) -> HHLib:
     def function(name: str) -> Any:
         def call(*arguments: Any) -> int:
             if code := given["codes"].get(name, 0):
@@ -219,17 +245,7 @@ def read_harp(given: dict[str, Any]) -> None:
 
         return CFUNCTYPE(c_int, *(C_TYPES[c_type] for c_type in DECLARED[name]))(call)
 
-    library = HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
-    with HydraHarp(
-        library, clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)
-    ) as instrument:
-        instrument.measure(0.001)
-        rates = instrument.rates()
-        assert rates.sync_hz >= 0
-        assert rates.input_hz >= 0
-        instrument.warnings()
-        settings = instrument.settings()
-        assert settings["bin_width_s"] > 0
+    return HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
 
 
 def spad(random: Random) -> tuple[Table, int | None]:
@@ -243,6 +259,7 @@ ATTACKS = (
     Attack("laser", lambda random: spoiled(random, LASER), read_laser, (DeviceError,)),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
+    Attack("hydraharp stream", harp, read_stream, (DeviceError,)),
 )
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
+from simulators.wire.hydraharp.histogram import HistogramMemory, after_edge, bins_of
 from simulators.wire.hydraharp.timing import Nonlinearity
 
 
@@ -18,22 +18,27 @@ from simulators.wire.hydraharp.timing import Nonlinearity
 )
 def test_bins_of(times_fs, divider, shift_ps, offset_ns, width_ps, length):
     period_fs = 100_000_000
-    expected = []
+    edges, expected = [], []
     for i, time_fs in enumerate(times_fs):
-        time_fs = 2 * time_fs + 1 + 2000 * shift_ps + 2 * period_fs * (i % divider)  # odd: on no edge
+        time_fs = 2 * time_fs + 1 + 2000 * shift_ps + 2 * period_fs * i  # odd: on no edge
+        edges.append(time_fs // (2 * period_fs * divider))
         time_fs = time_fs % (2 * period_fs * divider) - 2_000_000 * offset_ns
         expected.append(min(max(time_fs // (2000 * width_ps) + 1, 0), length + 1))
-    got = bins_of(
+    edge, after_s = after_edge(
         (2 * np.array(times_fs) + 1) * 0.5e-15,
         np.arange(len(times_fs)),
         period_s=100e-9,
         divider=divider,
         shift_s=shift_ps * 1e-12,
+    )
+    got = bins_of(
+        after_s,
         offset_s=offset_ns * 1e-9,
         bin_width_s=width_ps * 1e-12,
         length=length,
         clock=Nonlinearity(),
     )
+    assert edge.tolist() == edges
     assert got.tolist() == expected
 
 

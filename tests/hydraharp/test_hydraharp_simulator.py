@@ -4,8 +4,8 @@ from ctypes import c_uint
 
 import pytest
 
-from simulators.wire.hydraharp import HydraHarpSimulator
-from support.hydraharp_opened import HISTOGRAM, Opened
+from simulators.wire.hydraharp import Fifo, HydraHarpSimulator
+from support.hydraharp_opened import HISTOGRAM, T3, Opened
 from support.hydraharp_wire import bench_with, call
 
 
@@ -189,3 +189,69 @@ def test_measurement_that_waits_for_c1_never_begins():
     assert hh("HH_GetElapsedMeasTime") == 0
     assert hh.counts().sum() == 0
     assert hh.code("HH_SetMeasControl", 4, 1, 0) == -18
+
+
+def tagging(bench, **instrument):
+    hh = Opened(bench, mode=T3, **instrument)
+    hh("HH_SetBinning", 2)
+    return hh
+
+
+def read(hh, count=131_072):
+    buffer, number = hh("HH_ReadFiFo", count)
+    return buffer[:number]
+
+
+def test_records_come_in_whole_blocks_while_there_are_some():
+    hh = tagging(bench_with([4e-9], 100_000))
+    hh("HH_StartMeas", 10)
+    hh.bench.clock.sleep(0.01)
+    assert hh("HH_CTCStatus") == 1
+    assert len(read(hh, 256)) == 256
+    assert [len(read(hh)) for _ in range(3)] == [640, 1001 - 896, 0]  # 97 overflows are one record
+    assert read(hh) == []
+
+
+def test_a_memory_that_nobody_reads_is_full():
+    hh = tagging(bench_with([4e-9], 4_000_000))
+    hh("HH_StartMeas", 2000)
+    hh.bench.clock.sleep(0.4)
+    assert hh("HH_GetFlags") == 0x20
+    hh.bench.clock.sleep(0.6)
+    assert hh("HH_GetFlags") == 0x22
+    records = 0
+    while piece := read(hh):
+        records += len(piece)
+    assert records == 1 << 21
+    hh.bench.clock.sleep(0.5)
+    assert read(hh) == []  # it takes no more
+    hh("HH_StopMeas")
+    assert hh("HH_GetFlags") == 0x02
+    hh("HH_StartMeas", 10)
+    assert hh("HH_GetFlags") == 0x20
+
+
+def test_no_faster_than_the_link():
+    hh = tagging(bench_with([4e-9], 4_000_000), fifo=Fifo(link_hz=1e6))
+    hh("HH_StartMeas", 2000)
+    got = 0
+    for _ in range(20):
+        hh.bench.clock.sleep(0.01)
+        got += len(read(hh))
+    assert 0.2e6 - 20 * 128 <= got <= 0.2e6
+
+
+def test_records_not_read_are_lost_at_the_stop():
+    hh = tagging(bench_with([4e-9], 100_000))
+    hh("HH_StartMeas", 100)
+    hh.bench.clock.sleep(0.05)
+    hh("HH_StopMeas")
+    assert read(hh) == []
+
+
+def test_records_are_of_time_tagged_modes():
+    assert Opened(bench_with([], 0)).code("HH_ReadFiFo", 128) == -18
+    assert tagging(bench_with([], 0)).code("HH_ReadFiFo", 100) == -17
+    assert tagging(bench_with([], 0)).code("HH_GetHistogram", 0, 0) == -18
+    many = Opened(bench_with([], 0), inputs=64)
+    assert many.code("HH_Initialize", T3, 0) == -18

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulators.bench import Bench, BenchGeometry, no_detections
+from simulators.bench import MARK_S, Bench, BenchGeometry, Mark, Syncs, no_detections
 from simulators.detector import Detector
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
@@ -129,3 +129,35 @@ def test_the_beam_meets_the_wall_where_the_mirror_points():
     geometry = BenchGeometry()
     x_m, y_m, z_m = geometry.laser_spot_m((0.1, -0.2))
     assert (x_m, y_m, z_m) == pytest.approx((-0.2 + 2.5 * np.tan(0.1), -2.5 * np.tan(0.2), 0.0))
+
+
+def test_marks_come_once_and_in_order():
+    bench = Bench()
+    bench.clock.sleep(1.0)
+    bench.mark(8, 3.0)
+    bench.mark(1)
+    bench.mark(2, 2.0, width_s=1e-3)
+    assert bench.take_marks(1.0) == []
+    assert bench.take_marks(3.0) == [Mark(1.0, 1, MARK_S), Mark(2.0, 2, 1e-3)]
+    bench.forget_before(4.0)  # nobody will ask
+    assert bench.take_marks(5.0) == []
+
+
+@pytest.mark.parametrize("mask", [0, 16, -1])
+def test_there_are_four_marker_inputs(mask):
+    with pytest.raises(ValueError, match="four marker inputs"):
+        Bench().mark(mask)
+
+
+def test_sync_pulses_are_cut_only_where_their_rate_changes():
+    bench = Bench()
+    for after_s, change in ((1.0, {"emitting": True}), (1.0, {"power": 0.5}), (1.0, {"repetition_hz": 5e6})):
+        bench.clock.sleep(after_s)
+        bench.change_light(**change)
+    bench.clock.sleep(1.0)
+    assert bench.syncs_between(0.5, 4.0) == [
+        Syncs(0.5, 1.0, 0.0),
+        Syncs(1.0, 3.0, 10e6),
+        Syncs(3.0, 4.0, 5e6),
+    ]
+    assert bench.syncs_between(1.5, 1.6) == [Syncs(1.5, 1.6, 10e6)]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("termios", reason="pseudo-terminals are POSIX")
 
-from simulators.bench import Bench, Detections
+from simulators.bench import MARK_S, Bench, Detections, Mark, Syncs
 from simulators.clock import BenchClock
 from simulators.wire.hydraharp import Timing
 from simulators.wire.served.change_log import ChangeLog
@@ -31,8 +31,11 @@ VALUES = st.recursive(
     lambda inner: st.lists(inner, max_size=6),
     max_leaves=6,
 )
-ASKS = ("who", "bulk_out", "bulk_in", "control", "clear_halt", "bench", "now", "count_rate", "detections")
-KEYS = ("id", "data", "most", "request", "channel", "start_s", "stop_s")
+ASKS = (
+    *("who", "bulk_out", "bulk_in", "control", "clear_halt"),
+    *("bench", "now", "count_rate", "detections", "syncs", "marks"),
+)
+KEYS = ("id", "data", "most", "request", "channel", "start_s", "stop_s", "before_s")
 REQUESTS = st.builds(
     lambda ask, values: {"ask": ask, **values},
     st.sampled_from(ASKS),
@@ -127,6 +130,39 @@ def test_a_server_that_talks_nonsense_is_gone(tmp_path, lie):
         pytest.raises(ConnectionError),
     ):
         there.detections(0.0, 0.0)
+
+
+def test_sync_pulses_and_marks_arrive_as_they_are(tmp_path):
+    bench = Bench([Steady()])
+    bench.clock.sleep(1.0)
+    bench.change_light(emitting=True)
+    bench.clock.sleep(1.0)
+    bench.mark(5, 1.5, width_s=1e-3)
+    bench.mark(1, 1.2)
+    bench.mark(2, 3.0)
+    answers = TimingAnswers(bench, TimingFaults(Timing(), 65535))
+    with (
+        answering(tmp_path / "timing", lambda line: answers.take(line)()) as path,
+        ServedBench(path) as there,
+    ):
+        assert there.syncs_between(0.5, 2.0) == (Syncs(0.5, 1.0, 0.0), Syncs(1.0, 2.0, 10e6))
+        assert there.take_marks(2.0) == (Mark(1.2, 1, MARK_S), Mark(1.5, 5, 1e-3))
+        assert there.take_marks(2.0) == ()
+
+
+@pytest.mark.parametrize("lie", [b"{}\n", b'{"syncs": [[1, 2]]}\n', b'{"syncs": [[1, 2, "x"]]}\n'], ids=repr)
+def test_nonsense_about_sync_pulses(tmp_path, lie):
+    honest = timing_answers()
+
+    def answer(line):
+        return lie if b"syncs" in line else honest.take(line)()
+
+    with (
+        answering(tmp_path / "timing", answer) as path,
+        ServedBench(path) as there,
+        pytest.raises(ConnectionError),
+    ):
+        there.syncs_between(0.0, 0.0)
 
 
 class answering:  # noqa: N801 - used as a function

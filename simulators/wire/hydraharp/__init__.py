@@ -12,18 +12,20 @@ the stricter choice is made and called unconfirmed where it stands.
 
 Not simulated
 -------------
-- T2, T3 and continuous mode deliver no data: `HH_ReadFiFo` and `HH_GetContModeBlock` answer with nothing.
-- Control inputs and markers: no pulse ever comes at C1, and a measurement that waits for one never begins.
+- T2 and continuous mode deliver no data: `HH_ReadFiFo` and `HH_GetContModeBlock` answer with nothing.
+- Control inputs: no pulse ever comes at C1, and a measurement that waits for one never begins.
+- In T3 mode, dead times do not reach from one `tagging.PIECE_S` to the next.
 - Discriminators and jitter of the instrument: the bench's photons already have the time resolution of the
   whole system. Dead time, differential non-linearity and drift are in `timing`, off unless asked for.
 - The time that commands and readout take on USB: no bench time passes in them.
-- A sync that goes and returns within one measurement: only its begin and end are looked at.
+- A sync that goes and returns within one histogram: only its begin and end are looked at.
 - Fluctuation of the rates: they are the expected ones.
 - A stop on overflow shows at the end of the acquisition time, not before; elapsed time and counts are those
   of the stop.
 """
 
+from simulators.wire.hydraharp.fifo import Fifo
 from simulators.wire.hydraharp.simulator import HydraHarpSimulator
 from simulators.wire.hydraharp.timing import Nonlinearity, Timing
 
-__all__ = ["HydraHarpSimulator", "Nonlinearity", "Timing"]
+__all__ = ["Fifo", "HydraHarpSimulator", "Nonlinearity", "Timing"]

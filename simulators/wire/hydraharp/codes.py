@@ -105,6 +105,7 @@ class Flag(IntFlag):
     """Bits of `HH_GetFlags` that are simulated."""
 
     OVERFLOW = 0x01
+    FIFOFULL = 0x02
     SYNC_LOST = 0x04
     REF_LOST = 0x08
     ACTIVE = 0x20

@@ -7,26 +7,21 @@ from simulators.wire.hydraharp.codes import LONGEST_HISTOGRAM
 from simulators.wire.hydraharp.timing import Nonlinearity
 
 
-def bins_of(
+def after_edge(
     times_s: NDArray[np.float64],
     pulse: NDArray[np.int64],
     *,
     period_s: float,
     divider: int,
     shift_s: float,
-    offset_s: float,
-    bin_width_s: float,
-    length: int,
-    clock: Nonlinearity,
-) -> NDArray[np.int64]:
-    """Return the bin that each detection falls into, counted from 1; 0 and ``length`` + 1 are outside.
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return which sync edge each detection is timed against, and the time after it.
 
     A start-stop clock knows only the latest sync edge before a detection. So a time beyond the period (a
     photon from far away, or a late dark count) is measured from a later pulse than the one that made it, and
     a time that a channel offset made negative from an earlier one: times fold into [0, period). A divider
     hides all but every n-th pulse, so the period of the start edges is n pulses, and the photons of the n
-    pulses between two edges appear side by side. Only then is the offset subtracted; what is
-    then left of the first bin or right of the last is lost, since the instrument has nowhere to count it.
+    pulses between two edges appear side by side.
 
     Parameters
     ----------
@@ -40,22 +35,40 @@ def bins_of(
         Sync divider.
     shift_s
         Offset of the input less that of the sync input [s].
+
+    Returns
+    -------
+    tuple of ndarray
+        Numbers and times, both (photons,) in the order given.
+    """
+    times_s, edge = times_s + shift_s, pulse
+    if divider > 1:
+        edge = pulse // divider
+        times_s += period_s * (pulse - edge * divider)
+        period_s *= divider
+    if len(times_s) and (times_s.min() < 0 or times_s.max() >= period_s):
+        later = np.floor(times_s / period_s)  # np.mod takes ten times as long
+        times_s -= later * period_s
+        edge = edge + later.astype(np.int64)
+    return edge, times_s
+
+
+def bins_of(
+    times_s: NDArray[np.float64], *, offset_s: float, bin_width_s: float, length: int, clock: Nonlinearity
+) -> NDArray[np.int64]:
+    """Return the bin that each time falls into, counted from 1; 0 and ``length`` + 1 are outside.
+
+    What is left of the first bin or right of the last is lost, since the instrument has nowhere to count it.
+
+    Parameters
+    ----------
+    times_s
+        (photons,) times after a sync edge [s]; overwritten.
     offset_s, bin_width_s, length
         Left edge of the first bin, width of all, and their number.
     clock
         How unequal the bins really are.
-
-    Returns
-    -------
-    ndarray
-        (photons,) in the order given.
     """
-    times_s = times_s + shift_s
-    if divider > 1:
-        times_s += period_s * (pulse % divider)
-        period_s *= divider
-    if times_s.min() < 0 or times_s.max() >= period_s:
-        times_s -= np.floor(times_s / period_s) * period_s  # np.mod takes ten times as long
     times_s -= offset_s - bin_width_s  # one bin up, so that cutting off the fraction rounds down for all
     times_s /= bin_width_s
     times_s = clock.counted(times_s)

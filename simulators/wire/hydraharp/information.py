@@ -9,6 +9,7 @@ from typing import Any
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, BINNING_STEPS, Code, Mode, Slot, error_string
 from simulators.wire.hydraharp.connection import Connection
 from simulators.wire.hydraharp.exports import DOUBLE_OUT, INT, INT_OUT, TEXT_OUT, Exports, require, write_text
+from simulators.wire.hydraharp.records import MOST_INPUTS
 
 EXPORTS = Exports()
 _declare = EXPORTS.declare
@@ -57,6 +58,7 @@ def initialize(connection: Connection, devidx: int, mode: int, refsource: int) -
     instrument = connection.opened(devidx)
     require(not instrument.running, Code.INSTANCE_RUNNING)
     require(refsource in (0, 1))
+    require(mode != Mode.T3 or instrument.inputs <= MOST_INPUTS, Code.INVALID_MODE)
     instrument.initialize(Mode(mode), external_reference=refsource == 1)
 
 

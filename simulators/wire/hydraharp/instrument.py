@@ -7,9 +7,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import Channel, Detections
+from simulators.bench import Channel, Detections, Syncs
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
-from simulators.wire.hydraharp.histogram import HistogramMemory, bins_of
+from simulators.wire.hydraharp.fifo import Fifo
+from simulators.wire.hydraharp.histogram import HistogramMemory, after_edge, bins_of
+from simulators.wire.hydraharp.records import DTIME_BINS
+from simulators.wire.hydraharp.tagging import MarkerSettings, TaggedBench, TagStream
 from simulators.wire.hydraharp.timing import Timing
 
 #: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
@@ -27,7 +30,7 @@ class Time(Protocol):
         ...
 
 
-class MeasuredBench(Protocol):
+class MeasuredBench(TaggedBench, Protocol):
     """What the instrument needs of a bench, here or in another process; see `simulators.bench.Bench`."""
 
     @property
@@ -48,10 +51,6 @@ class MeasuredBench(Protocol):
         """Return the expected detections a second of a channel, by its number, now."""
         ...
 
-    def detections(self, start_s: float, stop_s: float) -> Sequence[Detections]:
-        """Draw what each channel saw between two bench times."""
-        ...
-
 
 @dataclass
 class Settings:
@@ -67,6 +66,7 @@ class Settings:
     offset_ns: int = 0
     length: int = LONGEST_HISTOGRAM
     control: int = 0
+    markers: MarkerSettings = field(default_factory=MarkerSettings)
 
     @property
     def resolution_ps(self) -> float:
@@ -103,12 +103,17 @@ class Instrument:
         Largest count of a bin.
     timing
         Faults of its clock.
+    fifo
+        Its memory for records.
     """
 
-    def __init__(self, bench: MeasuredBench, inputs: int, count_depth: int, timing: Timing) -> None:
+    def __init__(
+        self, bench: MeasuredBench, inputs: int, count_depth: int, timing: Timing, fifo: Fifo
+    ) -> None:
         self.bench = bench
         self.timing = timing
         self.inputs = inputs
+        self.fifo = fifo
         self.memories = [HistogramMemory(count_depth) for _ in range(inputs)]
         self._channel_at = {one.input: number for number, one in enumerate(bench.channels)}
         self.initialize(Mode.HISTOGRAM, external_reference=False)
@@ -126,6 +131,8 @@ class Instrument:
         self.running = False
         self.last: Measurement | None = None
         self.sync_lost = False
+        self._stream: TagStream | None = None
+        self.fifo.start(self.bench.clock.now_s())
         self.clear()
         self.restart_rates()
 
@@ -185,22 +192,48 @@ class Instrument:
         now_s = self.bench.clock.now_s()
         triggered = self.settings.control in (0, 6)
         self.last = Measurement(now_s, acquisition_s, self.bench.sync_rate_hz(), triggered)
+        self._stream = self._tagging(now_s) if self.mode is Mode.T3 and triggered else None
+
+    def _tagging(self, start_s: float) -> TagStream:
+        settings = self.settings
+        return TagStream(
+            self.bench,
+            self._enabled(),
+            self._timed,
+            divider=settings.sync_divider,
+            markers=settings.markers,
+            fifo=self.fifo,
+            start_s=start_s,
+        )
+
+    def _enabled(self) -> dict[int, int]:
+        """Return the detector channel behind each input that is switched on."""
+        return {i: number for i, number in self._channel_at.items() if self.settings.input_enabled[i]}
 
     def ended(self) -> bool:
         """Whether no acquisition time runs: never began, or is over."""
         run = self.last
         if run is None or not run.triggered or run.stop_s is not None:
             return True
-        if self.bench.clock.now_s() < run.end_s:
+        now_s = self.bench.clock.now_s()
+        if now_s < run.end_s:
+            if self._stream is not None:
+                self._stream.advance(now_s)
             return False
         self._finish(run, run.end_s)
         return True
 
     def stop(self) -> None:
-        """End the measurement; what was counted until now stays."""
+        """End the measurement; counts stay, records that were not read do not (unconfirmed)."""
         run, self.running = self.last, False
         if run is not None and not self.ended():
             self._finish(run, self.bench.clock.now_s())
+        self.fifo.drop()
+
+    def read_records(self, count: int) -> NDArray[np.uint32]:
+        """Return the records at hand, at most ``count``; none unless a measurement runs."""
+        self.ended()
+        return self.fifo.take(count, self.bench.clock.now_s())
 
     def elapsed_s(self) -> float:
         """How long the last measurement ran, or the running one has run."""
@@ -225,7 +258,9 @@ class Instrument:
             flags |= Flag.ACTIVE
         if any(memory.full for memory in self.memories):
             flags |= Flag.OVERFLOW
-        if self.sync_lost:
+        if self.fifo.full:
+            flags |= Flag.FIFOFULL
+        if self.sync_lost or (self._stream is not None and self._stream.sync_lost):
             flags |= Flag.SYNC_LOST
         if self.external_reference:
             flags |= Flag.REF_LOST
@@ -234,10 +269,12 @@ class Instrument:
     def _finish(self, run: Measurement, stop_s: float) -> None:
         """Draw what was detected since the start and count it."""
         run.stop_s = stop_s
+        if self._stream is not None:
+            self._stream.finish(stop_s)
         sync_hz = self.bench.sync_rate_hz()
         self.sync_lost = not (run.sync_hz and sync_hz)
         run.sync_hz = run.sync_hz or sync_hz
-        enabled = {i: number for i, number in self._channel_at.items() if self.settings.input_enabled[i]}
+        enabled = self._enabled()
         # without a sync there is nothing to time a stop against
         if self.mode is not Mode.HISTOGRAM or not enabled or not run.sync_hz:
             return
@@ -251,21 +288,30 @@ class Instrument:
 
     def _bins(self, run: Measurement, at_input: int, arrived: Detections) -> NDArray[np.int64]:
         """Return the bins, as `bins_of` numbers them, of what an input registers, in order of arrival."""
-        settings, period_s = self.settings, 1 / run.sync_hz
-        counted = self.timing.registered(arrived, period_s, run.start_s)
-        if not len(counted):
-            return np.empty(0, np.int64)
-        return bins_of(
+        assert run.stop_s is not None
+        return self._timed(at_input, arrived, Syncs(run.start_s, run.stop_s, run.sync_hz), 0)[1]
+
+    def _timed(
+        self, at_input: int, arrived: Detections, syncs: Syncs, first_pulse: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return sync edge and bin of what an input registers; ``first_pulse`` is that of ``syncs``."""
+        settings, period_s = self.settings, 1 / syncs.hz
+        counted = self.timing.registered(arrived, period_s, syncs.begin_s)
+        edge, times_s = after_edge(
             counted.time_s,
-            counted.pulse,
+            counted.pulse + first_pulse,
             period_s=period_s,
             divider=settings.sync_divider,
             shift_s=(settings.input_offset_ps[at_input] - settings.sync_offset_ps) * 1e-12,
+        )
+        bins = bins_of(
+            times_s,
             offset_s=settings.offset_ns * 1e-9,
             bin_width_s=settings.resolution_ps * 1e-12,
-            length=settings.length,
+            length=DTIME_BINS if self.mode is Mode.T3 else settings.length,
             clock=self.timing.nonlinearity,
         )
+        return edge, bins
 
     def _stopped_by_overflow(
         self, run: Measurement, bins: dict[int, NDArray[np.int64]]

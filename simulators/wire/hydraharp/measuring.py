@@ -117,11 +117,13 @@ def get_warnings_text(connection: Connection, devidx: int, text: Any, warnings: 
 
 @_declare("HH_ReadFiFo", INT, UINT_OUT, INT, INT_OUT)
 def read_fifo(connection: Connection, devidx: int, buffer: Any, count: int, nactual: Any) -> None:
-    """Deliver no records."""
+    """Deliver the records at hand; in T2 mode there are none."""
     require(0 < count <= LONGEST_FIFO_READ and count % FIFO_RECORDS_STEP == 0)
     instrument = connection.initialized(devidx)
     require(instrument.mode in (Mode.T2, Mode.T3), Code.INVALID_MODE)
-    nactual[0] = 0
+    words = instrument.read_records(count)
+    memmove(buffer, words.ctypes.data, words.nbytes)
+    nactual[0] = len(words)
 
 
 @_declare("HH_GetContModeBlock", INT, BUFFER, INT_OUT)

@@ -122,23 +122,24 @@ def set_meas_control(
 
 @_declare("HH_SetMarkerHoldoffTime", INT, INT)
 def set_marker_holdoff_time(connection: Connection, devidx: int, holdofftime: int) -> None:
-    """Accept the hold-off time; no marker ever comes."""
+    """Set the time after a marker in which its input takes no other."""
     require(0 <= holdofftime <= LARGEST_HOLDOFF_NS)
-    connection.idle(devidx)
+    connection.idle(devidx).settings.markers.hold_off_s = holdofftime * 1e-9
 
 
 @_declare("HH_SetMarkerEdges", INT, INT, INT, INT, INT)
 def set_marker_edges(connection: Connection, devidx: int, *edges: int) -> None:
-    """Accept the edges; no marker ever comes."""
+    """Choose the edge of each marker input that counts."""
     require(all(edge in (0, 1) for edge in edges))
-    connection.idle(devidx)
+    connection.idle(devidx).settings.markers.rising = [edge == 1 for edge in edges]
 
 
 @_declare("HH_SetMarkerEnable", INT, INT, INT, INT, INT)
 def set_marker_enable(connection: Connection, devidx: int, *enable: int) -> None:
-    """Accept the switches; no marker ever comes."""
-    connection.idle(devidx)
+    """Switch the marker inputs on or off."""
+    instrument = connection.idle(devidx)
     require(all(switch in (0, 1) for switch in enable))
+    instrument.settings.markers.enabled = [switch == 1 for switch in enable]
 
 
 def _require_cfd(level: int, zerocross: int) -> None:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from simulators.wire.hydraharp import information, measuring, setting
 from simulators.wire.hydraharp.connection import Connection
 from simulators.wire.hydraharp.exports import Exports, as_c_functions
+from simulators.wire.hydraharp.fifo import Fifo
 from simulators.wire.hydraharp.instrument import Instrument, MeasuredBench
 from simulators.wire.hydraharp.timing import Timing
 
@@ -25,6 +26,8 @@ class HydraHarpSimulator:
         Largest count of a bin: 2**32 - 1 in the instrument. 65535 gives the saturation of 16-bit data.
     timing
         Faults of its clock; by default none.
+    fifo
+        Its memory for records and the link that empties it; by default those of a HydraHarp at USB 3.
     sync_period_unit_s
         Unit of `HH_GetSyncPeriod`: 1.0 as the vendor's C demo takes it, or 1e-12 as the manual says. Which of
         the two a real instrument gives is unconfirmed.
@@ -45,6 +48,7 @@ class HydraHarpSimulator:
         inputs: int | None = None,
         count_depth: int = 2**32 - 1,
         timing: Timing | None = None,
+        fifo: Fifo | None = None,
         sync_period_unit_s: float = 1.0,
     ) -> None:
         if len(serial) > 7:
@@ -53,7 +57,7 @@ class HydraHarpSimulator:
         inputs = max(needed, 2) if inputs is None else inputs
         if inputs < needed:
             raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")
-        self.instrument = Instrument(bench, inputs, count_depth, timing or Timing())
+        self.instrument = Instrument(bench, inputs, count_depth, timing or Timing(), fifo or Fifo())
         self.connection = Connection(self.instrument, serial, sync_period_unit_s)
         self._pending: list[BaseException] = []
         exports = Exports([*information.EXPORTS, *setting.EXPORTS, *measuring.EXPORTS])

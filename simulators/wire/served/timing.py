@@ -7,6 +7,8 @@ channel in turn, the pulses (int64) and the times (float64) of its photons, litt
     {"ask": "now"}                                              {"now_s": 12.481}
     {"ask": "sync_rate"}                                        {"hz": 10000000.0}
     {"ask": "count_rate", "channel": 0}                         {"hz": 231456.2}
+    {"ask": "syncs", "start_s": 12.4, "stop_s": 12.41}          {"syncs": [[12.4, 12.41, 10000000.0]]}
+    {"ask": "marks", "before_s": 12.41}                         {"marks": [[12.402, 1, 1e-05]]}
     {"ask": "detections", "start_s": 12.4, "stop_s": 12.41}     {"photons": [2314]}, then 2314 * 16 bytes
 
 What cannot be answered gives ``{"error": "..."}``. Times are the server's bench times.
@@ -15,14 +17,14 @@ What cannot be answered gives ``{"error": "..."}``. Times are the server's bench
 import json
 import socket
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from simulators.bench import Bench, Channel, Detections
+from simulators.bench import Bench, Channel, Detections, Mark, Syncs
 from simulators.wire.hydraharp import Nonlinearity, Timing
 from simulators.wire.served import NO_REQUEST
 
@@ -69,7 +71,7 @@ class TimingAnswers:
         try:
             request = json.loads(line)
             if request["ask"] == "detections":
-                return self._detections(float(request["start_s"]), float(request["stop_s"]))
+                return self._detections(*self._known(request))
             told = self._tell(request)
         except NO_REQUEST as problem:
             told = {"error": f"{type(problem).__name__}: {problem}"}
@@ -85,12 +87,22 @@ class TimingAnswers:
             return {"hz": bench.sync_rate_hz()}
         if ask == "count_rate":
             return {"hz": bench.count_rate_hz(range(len(bench.channels))[int(request["channel"])])}
+        if ask == "syncs":
+            start_s, stop_s = self._known(request)
+            return {"syncs": [astuple(one) for one in bench.syncs_between(start_s, stop_s)]}
+        if ask == "marks":
+            return {"marks": [astuple(one) for one in bench.take_marks(float(request["before_s"]))]}
         raise ValueError(f"{ask!r} is no request")
 
-    def _detections(self, start_s: float, stop_s: float) -> Callable[[], bytes]:
+    def _known(self, request: dict[str, Any]) -> tuple[float, float]:
+        """Return the times of a request whose light and mirror are known."""
+        start_s, stop_s = float(request["start_s"]), float(request["stop_s"])
         known_s, now_s = self._bench.known_from_s, self._bench.clock.now_s()
         if not known_s <= start_s <= stop_s <= now_s:
             raise ValueError(f"{start_s} to {stop_s} s is not within {known_s} to {now_s} s")
+        return start_s, stop_s
+
+    def _detections(self, start_s: float, stop_s: float) -> Callable[[], bytes]:
         draw = self._bench.drawing(start_s, stop_s)
 
         def answer() -> bytes:
@@ -180,6 +192,23 @@ class ServedBench:
             raise ConnectionError(f"{photons} are no numbers of photons")
         return tuple(self._record(number) for number in photons)
 
+    def syncs_between(self, start_s: float, stop_s: float) -> tuple[Syncs, ...]:
+        """Return how sync pulses came between two bench times."""
+        return tuple(
+            Syncs(*map(float, one)) for one in self._triples("syncs", start_s=start_s, stop_s=stop_s)
+        )
+
+    def take_marks(self, before_s: float) -> tuple[Mark, ...]:
+        """Take away the pulses at the marker inputs that begin before a time, in order."""
+        marks = self._triples("marks", before_s=before_s)
+        return tuple(Mark(float(at_s), int(mask), float(width_s)) for at_s, mask, width_s in marks)
+
+    def _triples(self, what: str, **values: float) -> list[list[float]]:
+        told = self.ask(what, **values).get(what)
+        if not isinstance(told, list) or not all(_is_triple(one) for one in told):
+            raise ConnectionError(f"the served bench was asked for {what}, but answered {told}")
+        return told
+
     def number(self, name: str, what: str, **values: Any) -> float:
         """Return the number of this name in the answer to a request."""
         told = self.ask(what, **values)
@@ -212,6 +241,10 @@ class ServedBench:
         if len(data) < number:
             raise ConnectionError(f"the served bench sent {len(data)} of {number} bytes")
         return data
+
+
+def _is_triple(told: object) -> bool:
+    return isinstance(told, list) and len(told) == 3 and all(isinstance(one, int | float) for one in told)
 
 
 def _channel(told: dict[str, Any]) -> Channel:
