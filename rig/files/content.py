@@ -204,29 +204,13 @@ def written(path: Path) -> Iterator[h5py.File]:
 
 
 def let_go(file: h5py.File) -> None:
-    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes to memory.
+    """Close a file to which nothing may be written any more: what HDF5 still holds of it goes nowhere.
 
-    A file that HDF5 could not close makes it crash later. So a limit on the size of files, which holds for
-    memory too, is lifted meanwhile.
+    A file that HDF5 could not close makes it crash later. The null device takes all that it writes, whatever
+    the limit on the size of files is.
     """
-    with suppress(OSError, RuntimeError), _no_limit():
-        elsewhere = os.memfd_create("rig") if hasattr(os, "memfd_create") else os.open(os.devnull, os.O_RDWR)
+    with suppress(OSError, RuntimeError):
+        elsewhere = os.open(os.devnull, os.O_RDWR)
         os.dup2(elsewhere, file.id.get_vfd_handle())
         os.close(elsewhere)
         file.close()
-
-
-@contextmanager
-def _no_limit() -> Iterator[None]:
-    """Lift the limit on the size of files as far as the system allows it."""
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        yield
-        return
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (usual[1], usual[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, usual)

@@ -183,7 +183,8 @@ def test_f08_what_could_not_be_written_is_not_marked(rig, tmp_path, blocks):
     whole, _, _ = counts_of("whole.h5")
     limited = f"ulimit -f {blocks}; exec " + " ".join(rig_command("scan", *options, "--out", "a.h5"))
     ended = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=100, check=False)
-    assert ended.returncode != 0, ended.stderr
+    assert ended.returncode in (2, 5), ended.stderr
+    assert "Traceback" not in ended.stderr
     if not Path("a.h5").exists():
         return  # not even a beginning had room
     counts, done, _ = counts_of("a.h5")
