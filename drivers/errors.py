@@ -5,6 +5,7 @@
     ├── LinkError               the wire broke, or no answer came in time
     ├── ProtocolError           an answer came that the protocol does not allow
     ├── RefusedError            the device understood and refused
+    │   └── FoundEmittingError  a laser was emitting when it was opened, and is dark now
     └── LimitError              the request is outside the limits; nothing was sent
 
 Every error names the device, what was asked, what came back, and what to do about it.
@@ -48,6 +49,10 @@ class ProtocolError(DeviceError):
 
 class RefusedError(DeviceError):
     """Raised when the device understood the request and refused it."""
+
+
+class FoundEmittingError(RefusedError):
+    """Raised when a laser was found emitting on connect; it has been switched off, and has confirmed that."""
 
 
 class LimitError(DeviceError):

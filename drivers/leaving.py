@@ -27,7 +27,7 @@ def leave(steps: Iterable[Callable[[], None]], during: BaseException | None) -> 
     for step in steps:
         try:
             step()
-        except BaseException as failure:  # even a second Ctrl-C must not skip the steps that follow
+        except BaseException as failure:  # even an interrupt must not skip the steps that follow
             failures.append(failure)
     if not failures:
         return

@@ -9,7 +9,14 @@ from types import TracebackType
 from typing import Self
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
+from drivers.errors import (
+    DeviceError,
+    DeviceNotFoundError,
+    FoundEmittingError,
+    LinkError,
+    ProtocolError,
+    RefusedError,
+)
 from drivers.katana.dialects import DIALECTS, Dialect
 from drivers.katana.line import KatanaLine
 from drivers.katana.settings import KatanaSettings
@@ -74,7 +81,7 @@ class KatanaLaser:
             emitting = self._probe()
             if emitting:
                 self.stop()
-                raise RefusedError(
+                raise FoundEmittingError(
                     self._line.name,
                     "be dark when connected",
                     "it was emitting; it has been switched off",

@@ -280,7 +280,7 @@ class ScanEngine:
                 outcome, reason = Outcome.INTERRUPTED, self._stopped_by
         except KeyboardInterrupt as interrupt:
             during = interrupt
-            outcome, reason = Outcome.INTERRUPTED, "stopped at once by the operator"
+            outcome, reason = Outcome.INTERRUPTED, "interrupted"
             raise
         except BaseException as error:
             during, reason = error, str(error)
@@ -288,7 +288,7 @@ class ScanEngine:
         finally:
             ended = Ended(outcome, self._done, reason)
             closing, told = partial(consume, PhaseChanged(Phase.CLOSING)), partial(consume, ended)
-            leave([closing, self._put_out, self._take_bias, told], during)
+            leave([self._put_out, self._take_bias, closing, told], during)
         return ended
 
     def _run_passes(self) -> None:
@@ -354,8 +354,9 @@ class ScanEngine:
                 "Check the sync cable and tcspc.sync_level, then scan again"
             )
         self._vigil.require_bearable(rates)
+        warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
-        warnings, settings = devices.tcspc.warnings(), devices.read_back()
+        settings = devices.read_back()
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
@@ -376,13 +377,28 @@ class ScanEngine:
                     self._tell(LineDone(self._done))
             self._vouch(vouched)
         except DoubtError as error:
-            measured, self._done = self._done, vouched
-            if measured > vouched:
-                error.args = (
-                    f"{error} Positions {vouched} to {measured - 1} may be wrong and are taken back: mend it "
-                    "and resume the scan",
-                )
+            if taken_back := self._take_back(vouched):
+                error.args = (f"{error} {taken_back}",)
             raise
+        except Exception as error:  # whatever failed, the light may have failed with it
+            if not self._seen_lit() and (taken_back := self._take_back(vouched)):
+                error.add_note(f"The laser does not say that it emits. {taken_back}")
+            raise
+
+    def _take_back(self, first: int) -> str:
+        """Take back the steps from ``first`` on, and return in words which; nothing if there is none."""
+        measured, self._done = self._done, first
+        if measured == first:
+            return ""
+        which = f"Positions {first} to {measured - 1}"
+        return f"{which} may be wrong and are taken back: mend it and resume the scan"
+
+    def _seen_lit(self) -> bool:
+        """Return whether the laser says that it emits, when something else has failed."""
+        try:
+            return self._devices.laser.emitting()
+        except (DeviceError, RefusedError):
+            return False
 
     def _measure(self, step: Step) -> bool:
         """Measure a step; return False if a stop was asked for before its end."""
@@ -433,10 +449,10 @@ class ScanEngine:
             self._devices.laser.stop()
             self._require_no_sync()
         except BaseException as problem:
-            leave([partial(self._consume, LightChanged(None, _now()))], problem)
             if beam_dump_rad := self._state.config.galvo.beam_dump_rad:
                 with suppress(DeviceError):
                     self._devices.galvo.point(*beam_dump_rad)
+            leave([partial(self._consume, LightChanged(None, _now()))], problem)
             raise
         self._consume(LightChanged(False, _now()))
 

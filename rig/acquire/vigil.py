@@ -134,11 +134,11 @@ class Vigil:
         self._photons += exposure.photons
         self._live_s += exposure.live_time_s
         if not exposure.photons and self._count_hz * exposure.live_time_s >= EXPECTED_AT_LEAST:
-            self._require_photons(self._rig.tcspc.rates(), 0, exposure.live_time_s)
+            self._require_photons(self._rates(), 0, exposure.live_time_s)
         now_s = self._rig.clock.now_s()
         if self._too_bright or now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
-            self._bright(self._rig.tcspc.rates())
+            self._bright(self._rates())
 
     def look(self) -> None:
         """Look at mirror and count rates during a long exposure, and now and then at everything.
@@ -158,8 +158,7 @@ class Vigil:
         self._rig.galvo.wait_settled(self._settle_timeout_s)
         if now_s - self._read_s >= READ_BACK_S:
             self._require_settings()
-        self._rig.laser.beat(LIBRARY_LEASE_S)
-        self._bright(self._rig.tcspc.rates())
+        self._bright(self._rates())
 
     def vouch(self) -> list[str]:
         """Read everything back, and hold it against the beginning.
@@ -177,8 +176,7 @@ class Vigil:
         self._require_light()
         self._rig.laser.beat(ASKING_LEASE_S)
         self._require_settings()
-        self._rig.laser.beat(LIBRARY_LEASE_S)
-        rates = self._rig.tcspc.rates()
+        rates = self._rates()
         self._bright(rates)
         self._require_sync(rates)
         self._require_photons(rates, self._photons, self._live_s)
@@ -186,6 +184,11 @@ class Vigil:
         self._line_before = (self._photons, self._live_s)
         self._photons, self._live_s = 0, 0.0
         return noticed
+
+    def _rates(self) -> Rates:
+        """Read the rates, for as long as a library's call may take."""
+        self._rig.laser.beat(LIBRARY_LEASE_S)
+        return self._rig.tcspc.rates()
 
     def _require_light(self) -> None:
         laser = self._rig.laser

@@ -71,17 +71,17 @@ def _darkened(rig: "RigConfig | None") -> list[dict[str, object]]:
 
 
 def _made_dark(rig: "RigConfig") -> bool:
-    """Open a laser that no program has; opening puts out what is lit, and says so."""
+    """Make a laser dark that no program has, and say how it was found."""
     from drivers.errors import RefusedError
     from rig.commands import console
-    from rig.devices.wires import laser_by_address
+    from rig.light.dark import make_dark
 
     try:
-        with laser_by_address(rig):
-            return True
+        console.say(make_dark(rig))
     except RefusedError as found:
         console.say(str(found))
-        return "has been switched off" in str(found)
+        return False
+    return True
 
 
 @laser.command("status")

@@ -4,56 +4,17 @@ Mirror, laser and detector are moved and asked as ever; only the photons are tho
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.hydraharp.device import MEANWHILE_S, Exposure
+from drivers.hydraharp.instrument import Rates
 from rig.errors import RefusedError
 from rig.files.scan import ScanFile
 from rig.model.devices import Clock
-
-#: How often the caller is asked during an exposure whether it shall go on.
-MEANWHILE_S = 0.1
-
-
-@dataclass(frozen=True)
-class PlayedExposure:
-    """One step of the file.
-
-    Attributes
-    ----------
-    counts
-        (channels, bins) photons.
-    live_time_s
-        Measurement time of the step.
-    warnings
-        Where it is not what was asked for.
-    whole
-        Whether it lasted as long as was asked for.
-    """
-
-    counts: NDArray[np.uint32]
-    live_time_s: float
-    warnings: tuple[str, ...] = ()
-    whole: bool = True
-
-    @cached_property
-    def photons(self) -> int:
-        """Sum of all counts."""
-        return int(self.counts.sum(dtype=np.int64))
-
-
-@dataclass(frozen=True)
-class PlayedRates:
-    """Count rates of the step that comes next, in counts a second."""
-
-    sync_hz: float
-    input_hz: float
 
 
 class Playback:
@@ -106,7 +67,7 @@ class Playback:
             "steps": self._scan.steps,
         }
 
-    def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> PlayedExposure:
+    def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> Exposure:
         """Return the next step of the file, after as long as was asked for.
 
         Where ``meanwhile`` ends the exposure, the step is said not to be whole, and is played again.
@@ -128,9 +89,9 @@ class Playback:
         if abs(live_s - exposure_s) > 1e-3 * exposure_s:
             warnings = (f"the file that is played was exposed for {live_s:g} s, not {exposure_s:g} s.",)
         counts = self._scan.counts(range(step, step + 1))[0]
-        return PlayedExposure(counts.astype(np.uint32, copy=False), live_s, warnings, whole)
+        return Exposure(counts.astype(np.uint32, copy=False), live_s, warnings, whole)
 
-    def rates(self) -> PlayedRates:
+    def rates(self) -> Rates:
         """Return the sync rate of the laser that the file names, and the count rate of the next step.
 
         After the last step it is that of the last.
@@ -141,7 +102,7 @@ class Playback:
         step = int(measured[min(int(np.searchsorted(measured, self._next)), len(measured) - 1)])
         live_s = float(self._scan.live_time_s[step])
         photons = float(self._scan.counts(range(step, step + 1)).sum(dtype=np.float64))
-        return PlayedRates(sync_hz, photons / live_s if live_s > 0 else 0.0)
+        return Rates(sync_hz, (photons / live_s if live_s > 0 else 0.0,))
 
     def warnings(self) -> tuple[str, ...]:
         """Return what has to be said of all that is measured."""

@@ -38,9 +38,9 @@ class ScanWriter:
     other programs can read it at any time: whole chunks as they fill, and at checkpoints, after a flush, the
     marks of their steps. `close` completes it, reads it back, and takes the journal away.
 
-    An exception may come between any two lines here, a second Ctrl-C for one. So nothing is counted as
-    written before it is, and what is written twice is written the same. After a write that failed nothing
-    more is written: HDF5 cannot tell what of it reached the disk. The journal can, and stays.
+    An exception may come between any two lines here. So nothing is counted as written before it is, and what
+    is written twice is written the same. After a write that failed nothing more is written: HDF5 cannot tell
+    what of it reached the disk. The journal can, and stays.
 
     Use as a context manager; leaving it without `close` records how: complete if all positions were appended,
     interrupted if not, failed if an exception passed through.

@@ -117,8 +117,7 @@ class Guard:
             self._laser.emit()
         except BaseException:
             if problem := self._put_out():
-                self._alarm = str(problem)
-                self._tell(Lost(self._alarm, False, True))
+                self._in_alarm(str(problem))
             raise
         self.light = Light.LIT
         self._looked_s = self._clock.now_s()
@@ -151,8 +150,7 @@ class Guard:
             If the laser does not confirm that it is dark; the guard goes on trying.
         """
         if problem := self._put_out():
-            self._alarm = str(problem)
-            self._tell(Lost(self._alarm, False, True))
+            self._in_alarm(str(problem))
             raise problem
 
     def settings(self) -> Settings:
@@ -161,10 +159,10 @@ class Guard:
 
     def lose(self, reason: str, *, trip: bool) -> None:
         """Put the light out without the program's wish, and tell it."""
-        problem = self._put_out()
-        if problem:
-            self._alarm = reason = f"{reason}. {problem}"
-        self._tell(Lost(reason, problem is None, trip or problem is not None))
+        if problem := self._put_out():
+            self._in_alarm(f"{reason}. {problem}")
+        else:
+            self._tell(Lost(reason, True, trip))
 
     def turn(self) -> None:
         """Look whether anything has to be done, and do it."""
@@ -194,6 +192,11 @@ class Guard:
                 self.emitting()
             except DeviceError:
                 self.lose(f"the laser could not be asked whether it emits ({first.answered})", trip=False)
+
+    def _in_alarm(self, reason: str) -> None:
+        """Tell of a laser that may be emitting, and keep why."""
+        self._alarm = reason
+        self._tell(Lost(reason, False, True))
 
     def _gone(self) -> None:
         self.lose(

@@ -24,6 +24,7 @@ from rig.devices.wires import detector_by_address, laser_by_address
 from rig.errors import printable
 from rig.light.guard import Guard, Light, Lost
 from rig.light.guarded import in_words
+from rig.light.state import remember_trip
 from rig.light.switch import Switch
 from rig.light.words import as_error
 from rig.model.config import RigConfig, recorded
@@ -268,8 +269,6 @@ class GuardProcess:
             shout(f"the detector may still be BIASED: {problem}")
 
     def _lost(self, lost: Lost) -> None:
-        from rig.light.state import remember_trip
-
         self._say({"lost": {"reason": lost.reason, "dark": lost.dark, "trip": lost.trip}})
         if lost.trip:
             with suppress(OSError):

@@ -14,6 +14,7 @@ from typing import Any, Self
 
 from drivers.errors import DeviceError, LinkError
 from rig.errors import LightLostError
+from rig.light.dark import make_dark
 from rig.light.guard import Lost
 from rig.light.guarded import FIRST_LEASE_S, in_words, raise_lost
 from rig.light.words import from_words
@@ -22,9 +23,6 @@ from rig.model.devices import Settings
 
 #: Longest wait for an answer of the guard: a laser takes up to 10 s to light, and several tries to go dark.
 PATIENCE_S = 40.0
-
-#: How the laser's driver says that it found a laser emitting and made it dark.
-SWITCHED_OFF = "it has been switched off"
 
 #: A beat is sent when it changes by more than this until when the light is granted.
 WORTH_SENDING_S = 0.05
@@ -214,19 +212,15 @@ class GuardedElsewhere:
             return self._alone
 
     def _put_out_here(self) -> Lost:
-        from rig.devices.wires import laser_by_address
-
         with suppress(OSError, ValueError):
             assert self._process.stdin is not None
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(2.0)
-        dark, found = True, "the laser was dark"
         try:
-            with laser_by_address(self._config):
-                pass
+            dark, found = True, make_dark(self._config)
         except DeviceError as problem:
-            dark, found = problem.answered.endswith(SWITCHED_OFF), str(problem)
+            dark, found = False, str(problem)
         return Lost(f"the guard of the laser has ended, which it never should: {found}", dark, trip=False)
 
     def _mind(self) -> None:

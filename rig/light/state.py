@@ -33,8 +33,8 @@ def key(config: RigConfig) -> str:
 
     A served laser is another one with each server, though pseudo-terminals have the same names again.
     """
-    served = getattr(config.tcspc, "address", None) or ""
-    return hashlib.sha256(f"{config.laser.address} {served}".encode()).hexdigest()[:16]
+    server = getattr(config.tcspc, "address", None) or ""
+    return hashlib.sha256(f"{config.laser.address} {server}".encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)

@@ -208,3 +208,31 @@ def test_refuses_to_measure_without_sync_pulses():
         run(rig, events)
     assert "measure" not in rig.log
     assert not rig.lit
+
+
+def test_a_failure_that_takes_the_light_with_it_takes_back_what_was_not_seen_lit():
+    rig, events = ScriptedRig(), []
+    rig.trips_at = 4  # in the second line the interlock opens, and then the mirror fails
+    usual = rig.point
+
+    def point(angle_x_rad, angle_y_rad):
+        usual(angle_x_rad, angle_y_rad)
+        if rig.log.count("measure") == 5:
+            raise BrokenError("power failed")
+
+    rig.point = point
+    with pytest.raises(BrokenError) as caught:
+        run(rig, events)
+    assert "Positions 3 to 4 may be wrong" in caught.value.__notes__[0]
+    assert events[-1].steps_done == 3  # the line that was vouched for
+
+
+def test_the_light_is_out_before_anybody_is_told_of_the_end():
+    rig, lit_when_told = ScriptedRig(), []
+
+    def slow_terminal(event):
+        if event == PhaseChanged(Phase.CLOSING):
+            lit_when_told.append(rig.lit)
+
+    ScanEngine(rig.devices(), PLAN, STATE).run(slow_terminal, lambda: False)
+    assert lit_when_told == [False]

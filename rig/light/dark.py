@@ -1,0 +1,20 @@
+"""Making a laser dark that no program has in its hands."""
+
+from drivers.errors import FoundEmittingError
+from rig.devices.wires import laser_by_address
+from rig.model.config import RigConfig
+
+
+def make_dark(config: RigConfig) -> str:
+    """Open a laser, which puts it out, and return in words how it was found.
+
+    Raises
+    ------
+    DeviceError
+        If it cannot be opened, or does not confirm that it is dark: it has to be treated as emitting.
+    """
+    try:
+        with laser_by_address(config):
+            return "the laser was dark"
+    except FoundEmittingError as found:
+        return str(found)
