@@ -4,7 +4,7 @@ The classes in `drivers` satisfy these protocols without knowing them. Each devi
 identifies itself on entry and is left safe on exit: the laser dark, the gate closed, the mirror at rest.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -51,6 +51,61 @@ class Galvo(Device, Protocol):
 
     def wait_settled(self, timeout_s: float) -> None:
         """Return when the mirror is stable; raise if it is not after ``timeout_s``."""
+        ...
+
+
+class SweepingGalvo(Galvo, Protocol):
+    """A mirror that can go through many positions by itself, one at each tick of a point clock."""
+
+    @property
+    def longest_trajectory(self) -> int:
+        """How many positions `trajectory` takes at most."""
+        ...
+
+    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+        """Load positions that the mirror takes one after the other, one at each tick of the point clock.
+
+        It goes to the first at once, and stays at the last; `point` ends it at any time.
+
+        Parameters
+        ----------
+        angles_rad
+            (n, 2) optical angles, as of `point`; all are checked before anything is sent.
+        tick_s
+            Time between two ticks.
+        """
+        ...
+
+
+class PointClock(Device, Protocol):
+    """The source of the pulses that step the mirror and mark the points in the timing instrument's records.
+
+    It ticks evenly. At each tick a pulse steps the mirror, and one goes to each marker input that is asked
+    for. It is at rest when opened, and left at rest.
+    """
+
+    def load(self, marks: NDArray[np.uint8], tick_s: float) -> None:
+        """Load what is marked.
+
+        Parameters
+        ----------
+        marks
+            (n,) marker inputs of each tick, a bit each: M1 is 1, M2 is 2, M3 is 4, M4 is 8; 0 marks nothing.
+        tick_s
+            Time between two ticks.
+        """
+        ...
+
+    def start(self) -> None:
+        """Begin with the first tick, now."""
+        ...
+
+    def running(self) -> bool:
+        """Return whether ticks are still to come."""
+        ...
+
+    def stop(self) -> None:
+        """End the ticks; safe to call at any time."""
         ...
 
 
@@ -176,6 +231,101 @@ class Tcspc(Device, Protocol):
 
     def rates(self) -> Rates:
         """Return sync and input count rates."""
+        ...
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the instrument itself warns about, as plain sentences."""
+        ...
+
+
+class Records(Protocol):
+    """What a time-tagged instrument recorded since the records before: photons and markers in order of time.
+
+    All of it is valid until the next is taken.
+    """
+
+    @property
+    def words(self) -> NDArray[np.uint32]:
+        """(n,) records as the instrument gives them."""
+        ...
+
+    @property
+    def batch(self) -> "TaggedBatch":
+        """The same, decoded."""
+        ...
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What went wrong near these records, as plain sentences, e.g. a lost sync."""
+        ...
+
+
+class TaggedBatch(Protocol):
+    """Photons and markers with their times."""
+
+    @property
+    def tag(self) -> NDArray[np.int64]:
+        """(photons,) sync pulse before each photon, counted from the start."""
+        ...
+
+    @property
+    def dtime(self) -> NDArray[np.uint16]:
+        """(photons,) time bin after that pulse."""
+        ...
+
+    @property
+    def channel(self) -> NDArray[np.int8]:
+        """(photons,) input of the instrument."""
+        ...
+
+    @property
+    def marker_tag(self) -> NDArray[np.int64]:
+        """(markers,) sync pulse before each marker."""
+        ...
+
+    @property
+    def marker_mask(self) -> NDArray[np.uint8]:
+        """(markers,) which inputs were marked, a bit each."""
+        ...
+
+    @property
+    def marker_photon(self) -> NDArray[np.int64]:
+        """(markers,) how many photons of the batch lie before each marker."""
+        ...
+
+
+class TimeTagger(Device, Protocol):
+    """A time-correlated single-photon counter that records each photon and each marker by itself."""
+
+    @property
+    def bins(self) -> int:
+        """Number of bins of a histogram of its photons; a photon beyond is in none."""
+        ...
+
+    @property
+    def bin_width_s(self) -> float:
+        """The bin width that the instrument really uses."""
+        ...
+
+    @property
+    def first_bin_s(self) -> float:
+        """Left edge of the first bin, after the sync pulse."""
+        ...
+
+    def start(self, duration_s: float | None = None) -> None:
+        """Begin to record, for a time or until `stop`."""
+        ...
+
+    def records(self) -> Iterator[Records]:
+        """Yield what is recorded as it comes, and at least ten times a second something, until the end."""
+        ...
+
+    def stop(self) -> None:
+        """End the recording; what was recorded until now can still be taken."""
+        ...
+
+    def rates(self) -> Rates:
+        """Return sync and input count rates; also while it records."""
         ...
 
     def warnings(self) -> tuple[str, ...]:

@@ -1,0 +1,47 @@
+"""An exposure as its photons, one by one: what a time-tagged instrument gives in place of histograms."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class TaggedExposure:
+    """The photons of one step; satisfies `rig.model.devices.Exposure`.
+
+    Attributes
+    ----------
+    photon_bins
+        (photons,) uint16 or uint32, the bin of each photon, channel after channel, in order of time in each.
+    of_channel
+        (channels,) how many of them each channel has.
+    bins
+        Number of bins of a histogram.
+    live_time_s
+        How long was measured.
+    warnings
+        Plain sentences about this measurement.
+    whole
+        Whether it lasted as long as was asked for.
+    """
+
+    photon_bins: NDArray[np.unsignedinteger]
+    of_channel: NDArray[np.int64]
+    bins: int
+    live_time_s: float
+    warnings: tuple[str, ...] = ()
+    whole: bool = True
+
+    @property
+    def photons(self) -> int:
+        """Number of photons."""
+        return len(self.photon_bins)
+
+    @cached_property
+    def counts(self) -> NDArray[np.uint32]:
+        """(channels, bins) photons a bin; made when it is first asked for."""
+        row = np.repeat(np.arange(len(self.of_channel)), self.of_channel)
+        flat = np.bincount(row * self.bins + self.photon_bins, minlength=len(self.of_channel) * self.bins)
+        return flat.reshape(len(self.of_channel), self.bins).astype(np.uint32)
