@@ -241,7 +241,7 @@ def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
     """Return spots in the middles of equal parts of the scanned wall, those at a channel's left out."""
     scan, (columns, rows) = config.scan, RATE_SPOTS
     x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
-    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
+    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * (scan.row_spacing_m or scan.spacing_m)
     looked_at_m = [channel.spot_m[:2] for channel in _channels(config)]
     away_m = scan.skip_m / 2
     return [

@@ -189,6 +189,8 @@ class ScanConfig(_Section):
     columns: int = Field(180, ge=2)
     rows: int = Field(130, ge=2)
     spacing_m: Metres = Field(0.01, gt=0)
+    row_spacing_m: Metres | None = Field(None, gt=0)
+    """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
     skip_m: Metres = Field(0.04, ge=0)
     """Side of the square around the detector's spot that is not scanned."""
