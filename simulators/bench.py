@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import dist, radians, tan
 from operator import attrgetter
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,12 +234,25 @@ class Photons(Protocol):
         ...
 
 
+@runtime_checkable
+class MovingPhotons(Photons, Protocol):
+    """The same of a scene that moves meanwhile."""
+
+    def at(self, bench_s: float) -> Photons:
+        """Return what is detected from a bench time on, the scene where it is then."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Stretch:
-    """A time in which nothing changes: where the laser points, how long, and the first sync pulse."""
+    """A time in which only the scene moves: where the laser points, since when, how long, and what is first.
+
+    `first_pulse` counts sync pulses.
+    """
 
     spot_m: Spot
     light: LightState
+    begin_s: float
     duration_s: float
     first_pulse: int
 
@@ -250,7 +263,8 @@ def _drawn(
     """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
     pieces = [no_detections()]
     for one in stretches:
-        piece = photons.detections(one.spot_m, one.light, one.duration_s, rng)
+        seen = photons.at(one.begin_s) if isinstance(photons, MovingPhotons) else photons
+        piece = seen.detections(one.spot_m, one.light, one.duration_s, rng)
         pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
     return Detections(
         np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
@@ -262,7 +276,7 @@ class Bench:
 
     Photon statistics are drawn from the seed, the commanded mirror position, how often that position has been
     measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
-    draw.
+    draw. A bench whose clock does not begin at zero, in place of one that has drawn already, draws others.
 
     Parameters
     ----------
@@ -300,6 +314,7 @@ class Bench:
                 f"photons of {len(photons)} channels for a detector of {len(self.geometry.channels)}"
             )
         self.photons = tuple(photons)
+        self._began_s = clock.now_s() if clock else 0.0
         self.seed = seed
         self.clock = clock or BenchClock()
         self.mirror = SteeringMirror()
@@ -421,6 +436,8 @@ class Bench:
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
         entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        if self._began_s:  # visits of before were those of another bench
+            entropy += (round(self._began_s * 1e6),)
         first = np.random.SeedSequence(entropy)  # the channels after the first are its children
         return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
 
@@ -431,8 +448,9 @@ class Bench:
             light = self._light_at(begin_s)
             for middle_s, duration_s in self._steps(begin_s, end_s):
                 spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
-                first = round((middle_s - duration_s / 2 - start_s) * light.repetition_hz)
-                stretches.append(_Stretch(spot, light, duration_s, first))
+                since_s = middle_s - duration_s / 2
+                first = round((since_s - start_s) * light.repetition_hz)
+                stretches.append(_Stretch(spot, light, since_s, duration_s, first))
         return stretches
 
     def _changes_between(self, start_s: float, stop_s: float) -> list[float]:

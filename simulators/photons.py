@@ -1,5 +1,6 @@
 """What one channel of the detector sees: light of a hidden scene, stray light and background."""
 
+from collections.abc import Iterable
 from math import dist
 
 import numpy as np
@@ -10,7 +11,7 @@ from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
 from simulators.detector.first_bounce import FirstBounce, direct_s
 from simulators.optics.light import Optics
-from simulators.transport.light_paths import Renderer
+from simulators.transport.light_paths import LightPaths, Renderer
 
 #: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
 PULSE_SPAN = np.linspace(-3, 3, 13)
@@ -85,9 +86,14 @@ class HiddenScenePhotons:
             seen_hz += self._light_hz(laser_spot_m, light)
         return self.detector.detected_hz(seen_hz, light)
 
+    def _lit(self, duration_s: float) -> Iterable[tuple[tuple[LightPaths, ...], float]]:
+        """Return the light of the scene, and how long [s] it is as it is, until a time is over."""
+        return ((self._light_paths, duration_s),)
+
     def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         seen_per_m2 = 0.0
-        for paths in self._light_paths:
+        light_paths, _ = next(iter(self._lit(0.0)))
+        for paths in light_paths:
             weight_per_m2, path_m = paths.arrivals(laser_spot_m)
             arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
@@ -125,9 +131,10 @@ class HiddenScenePhotons:
     ) -> NDArray[np.float64]:
         """Light of the hidden scene, bounce by bounce."""
         drawn_m = []
-        for paths in self._light_paths:
-            expected = self._detections_m2_hz * light.received * duration_s * paths.flux(spot_m)
-            drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
+        for light_paths, lit_s in self._lit(duration_s):
+            for paths in light_paths:
+                expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
+                drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
         path_m = np.concatenate(drawn_m)
         return self._outside_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
 

@@ -30,7 +30,7 @@ class Station:
 
 
 @contextmanager
-def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
+def open_devices(config: RigConfig, first: int = 0, begin_s: float = 0.0) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
     Parameters
@@ -39,6 +39,8 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
         Names them.
     first
         Step of the plan with which the scan begins.
+    begin_s
+        Time at which the clock of a simulated bench begins.
 
     Raises
     ------
@@ -47,7 +49,7 @@ def open_devices(config: RigConfig, first: int = 0) -> Iterator[Devices]:
     """
     with ExitStack() as stack:
         if config.simulated:
-            wires, _ = stack.enter_context(_simulated(config))
+            wires, _ = stack.enter_context(_simulated(config, begin_s))
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
@@ -99,11 +101,11 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
 
 @contextmanager
-def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
+def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.simulated import simulated_instruments
 
-    bench, instruments = simulated_instruments(config)
+    bench, instruments = simulated_instruments(config, begin_s)
     with instruments:
         yield (
             Wires(

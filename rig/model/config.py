@@ -273,6 +273,15 @@ class FaultsConfig(_Section):
     """Where a bin of the timing instrument is full."""
 
 
+class MotionConfig(_Section):
+    """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
+
+    travel_m: Point
+    """From one end of its way to the other; without motion it stands in the middle."""
+    duration_s: Seconds = Field(gt=0)
+    """Time from one end to the other; the scan begins at the first."""
+
+
 class SimulationConfig(_Section):
     """The simulated bench, when there is no hardware."""
 
@@ -284,6 +293,8 @@ class SimulationConfig(_Section):
     """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
     gloss: Literal["ward", "ggx"] | None = None
     """Model of the gloss of all hidden surfaces instead of their own."""
+    motion: MotionConfig | None = None
+    """Present: the scene moves while it is scanned (with three bounces). Absent: it stands still."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
@@ -291,6 +302,14 @@ class SimulationConfig(_Section):
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
+
+    @model_validator(mode="after")
+    def _moves_without_interreflections(self) -> "SimulationConfig":
+        if self.motion is not None and self.bounces > 3:
+            raise ValueError(
+                f"a scene that moves is lit by three bounces, not {self.bounces}: leave motion or bounces out"
+            )
+        return self
 
 
 class RigConfig(_Section):
@@ -539,6 +558,7 @@ def _known_keys(place: tuple[str | int, ...]) -> list[str]:
 #: Sections whose type is not simply that of their field.
 _SECTIONS: dict[str, type[BaseModel]] = {
     "simulation": SimulationConfig,
+    "motion": MotionConfig,
     "channels": ChannelConfig,
     "tcspc": HydraHarpConfig,
 }
