@@ -255,6 +255,11 @@ class Records(Protocol):
         ...
 
     @property
+    def complete_to(self) -> int:
+        """What comes later has this tag or a higher one."""
+        ...
+
+    @property
     def faults(self) -> tuple[str, ...]:
         """What went wrong near these records, as plain sentences, e.g. a lost sync."""
         ...
