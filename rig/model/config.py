@@ -60,6 +60,10 @@ class OptotuneConfig(_Section):
     """Longest wait for the mirror to be stable after a move."""
     settle_time_s: Seconds = Field(0.006, ge=0)
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+    turn_time_s: Seconds = Field(0.008, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.8e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command."""
 
 
 class KatanaConfig(_Section):
