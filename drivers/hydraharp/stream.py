@@ -220,6 +220,10 @@ class HydraHarpStream(Instrument):
             return sentences
         return super().warnings()
 
+    @property
+    def _held_bins(self) -> int:
+        return self._settings.bins
+
     def _set_up_mode(self, index: int, wire: Integers) -> None:
         library, markers = self._library, self._markers
         self._require_features(library.get_features(index))

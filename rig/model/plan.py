@@ -251,7 +251,14 @@ class ScanPlan(_Part):
         places = sum(one.positions.places * one.frames for one in self.passes)
         if places > MAX_STEPS:
             raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
+        if len({one.motion for one in self.passes}) > 1:
+            raise ValueError("the mirror stops at each position in all passes or in none")
         return self
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the mirror never stops along a line; photons are then recorded one by one."""
+        return self.passes[0].motion == "continuous"
 
     @classmethod
     def grid(cls, config: RigConfig, **changes: Any) -> "ScanPlan":
