@@ -7,8 +7,8 @@ alone in the first tick of all.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from math import ceil, sqrt
+from dataclasses import dataclass, field, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,11 @@ POINT, LINE, FRAME = 1, 2, 4
 
 #: The end of a line is marked in the first tick of the turn, so a turn has at least so many.
 FEWEST_TURN_TICKS = 3
+
+#: Largest acceleration between two lines, in units of a line's speed over the time of a turn. To go back the
+#: way it came takes 2 of them; to move on by a line meanwhile a little more.
+HARDEST_TURN = 3.0
+LONGEST_TURN_TICKS = 2000
 
 #: The mirror moves at most so many of the grid's spacings in a tick. A line whose points are farther apart,
 #: in the coarse rounds of a progressive order, has ticks in between in which nothing is measured.
@@ -122,11 +127,24 @@ class Trajectories:
             If a single line has more.
         """
         tick_s = self._plan.passes[int(self._plan.pass_of_step[steps.start])].exposure_s
-        lines = list(self._lines(steps))
-        while lines:
-            fitting = len(lines) if longest is None else self._fitting(lines, tick_s, longest)
-            yield self._sweep(lines[:fitting], tick_s)
-            lines = lines[fitting:]
+        turn = max(FEWEST_TURN_TICKS, ceil(self._turn_s / tick_s - 1e-9))
+        held: list[_Laid] = []
+        size = 0  # of what is held, without its end
+        for line in self._lines(steps):
+            laid = self._along(line, turn)
+            laid = replace(laid, before=_turning(held[-1], laid) if held else _speeding_up(laid))
+            if held and longest is not None and size + laid.size > longest:
+                yield self._sweep(held, tick_s)
+                held, size, laid = [], 0, replace(laid, before=_speeding_up(laid))
+            if longest is not None and laid.size > longest:
+                raise RefusedError(
+                    f"the mirror holds {longest:,} positions of a trajectory, and one line of {len(line):,} "
+                    "points with its turns has more. Use shorter lines, or --mode step"
+                )
+            held.append(laid)
+            size += laid.size - laid.turn
+        if held:
+            yield self._sweep(held, tick_s)
 
     def duration_s(self, pass_index: int) -> float:
         """Return how long the sweep over a pass takes."""
@@ -148,40 +166,18 @@ class Trajectories:
             yield range(first, int(end))
             first = int(end)
 
-    def _fitting(self, lines: Sequence[range], tick_s: float, longest: int) -> int:
-        low, high = 0, len(lines)
-        while low < high:
-            middle = (low + high + 1) // 2
-            low, high = (
-                (middle, high)
-                if len(self._sweep(lines[:middle], tick_s).marks) <= longest
-                else (low, middle - 1)
-            )
-        if not low:
-            raise RefusedError(
-                f"the mirror holds {longest:,} positions of a trajectory, and one line of {len(lines[0]):,} "
-                "points with its turns has more. Use shorter lines, or --mode step"
-            )
-        return low
-
-    def _sweep(self, lines: Sequence[range], tick_s: float) -> Sweep:
-        turn = max(FEWEST_TURN_TICKS, ceil(self._turn_s / tick_s - 1e-9))
-        laid = [self._along(steps, turn) for steps in lines]
-        pieces = [_speeding_up(laid[0])]
-        for one, after in zip(laid, [*laid[1:], None], strict=True):
-            pieces.append(one.angles_rad)
-            pieces.append(_slowing_down(one) if after is None else _turning(one, after))
-        begins = np.cumsum([len(piece) for piece in pieces])[0:-1:2]
-        placed = tuple(
-            Line(steps, begin + one.ticks) for steps, one, begin in zip(lines, laid, begins, strict=True)
-        )
-        marks = np.zeros(sum(map(len, pieces)), np.uint8)
+    def _sweep(self, laid: Sequence["_Laid"], tick_s: float) -> Sweep:
+        pieces = [piece for one in laid for piece in (one.before, one.angles_rad)]
+        begins = np.cumsum([len(piece) for piece in pieces])[::2]
+        lines = tuple(Line(one.steps, begin + one.ticks) for one, begin in zip(laid, begins, strict=True))
+        angles_rad = np.concatenate([*pieces, _slowing_down(laid[-1])])
+        marks = np.zeros(len(angles_rad), np.uint8)
         marks[0] = FRAME
-        for line in placed:
+        for line in lines:
             marks[line.ticks] = POINT
             marks[line.ticks[0]] |= LINE | (FRAME if self._begins_frame(line.steps.start) else 0)
             marks[line.end] = LINE
-        return Sweep(np.concatenate(pieces), marks, tick_s, placed)
+        return Sweep(angles_rad, marks, tick_s, lines)
 
     def _begins_frame(self, step: int) -> bool:
         number = int(self._plan.pass_of_step[step])
@@ -199,16 +195,37 @@ class Trajectories:
         angles = self._angles_rad[steps.start : steps.stop]
         every = np.arange(ticks[-1] + 1)
         filled = np.column_stack([np.interp(every, ticks, angles[:, axis]) for axis in (0, 1)])
-        return _Laid(filled, ticks, turn * speed)
+        return _Laid(steps, filled, ticks, turn * speed)
 
 
 @dataclass(frozen=True)
 class _Laid:
-    """A line: (n, 2) angles at each of its ticks, the (points,) ticks of its points, the ticks of a turn."""
+    """A line that is laid out, and the way to it.
 
+    Attributes
+    ----------
+    steps
+        Of the plan.
+    angles_rad
+        (n, 2) at each of its ticks.
+    ticks
+        (points,) ticks of its points, counted from its first.
+    turn
+        How many ticks a turn at its speed takes.
+    before
+        (m, 2) angles of the way to it.
+    """
+
+    steps: range
     angles_rad: NDArray[np.float64]
     ticks: NDArray[np.int64]
     turn: int
+    before: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+
+    @property
+    def size(self) -> int:
+        """Number of ticks, if the sweep ends with it."""
+        return len(self.before) + len(self.angles_rad) + self.turn
 
     @property
     def begins_with(self) -> NDArray[np.float64]:
@@ -242,14 +259,17 @@ def _slowing_down(line: _Laid) -> NDArray[np.float64]:
 def _turning(line: _Laid, after: _Laid) -> NDArray[np.float64]:
     """Return angles from a line's last point to the next one's first, both at the speed of their lines.
 
-    A cubic (Hermite's) in time. Reversing a speed v in n ticks takes 2 v / n of acceleration, and going d
-    away and stopping there 6 d / n^2 at most: a far line gets as many ticks as keep the second below the
-    first.
+    A cubic (Hermite's) in time, whose acceleration is greatest at one of its ends. It takes the fewest ticks,
+    and not fewer than a turn, that keep this below `HARDEST_TURN`.
     """
     start, stop, v0, v1 = line.angles_rad[-1], after.angles_rad[0], line.ends_with, after.begins_with
-    speed = float(np.hypot(*v0)) or float(np.hypot(*v1))
-    away, turn = float(np.hypot(*(stop - start))), max(line.turn, after.turn)
-    ticks = max(turn, ceil(sqrt(3 * turn * away / speed)) if speed else turn)
+    turn, speed = max(line.turn, after.turn), max(np.hypot(*v0), np.hypot(*v1))
+    ticks, away = turn, stop - start
+    if speed:
+        n = np.arange(turn, turn + LONGEST_TURN_TICKS)[:, None]
+        at_ends = (6 * away - n * (4 * v0 + 2 * v1), 6 * away - n * (2 * v0 + 4 * v1))
+        hardest = np.max([np.linalg.norm(one, axis=1) for one in at_ends], axis=0) / n[:, 0] ** 2
+        ticks += int(np.argmax(hardest <= HARDEST_TURN * speed / turn))
     s = (np.arange(1, ticks) / ticks)[:, None]
     hermite = (2 * s**3 - 3 * s**2 + 1) * start + (3 * s**2 - 2 * s**3) * stop
     return np.asarray(hermite + ticks * ((s**3 - 2 * s**2 + s) * v0 + (s**3 - s**2) * v1))
