@@ -1,21 +1,22 @@
 """The composition root: opens the devices that a configuration names, real or simulated at their wires."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivers.daq.board import SharedBoard
 from drivers.hydraharp.library import HHLib
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
-from rig.devices.kinds import DETECTORS, GALVOS, LASERS, TIMING, Wires
+from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
 from rig.devices.wires import wires_by_address
 from rig.errors import RefusedError
 from rig.light.guarded import GuardedHere
 from rig.light.lock import locked
 from rig.light.remote import GuardedElsewhere
 from rig.model.config import RigConfig
-from rig.model.devices import GatedSpad, GuardedLaser, Operator, Tcspc, TimeTagger, WallCamera
+from rig.model.devices import GatedSpad, GuardedLaser, Operator, PointClock, Tcspc, TimeTagger, WallCamera
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -67,14 +68,22 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     """
     with ExitStack() as stack:
         galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
+        clock = stack.enter_context(_point_clock(config, wires))
         spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
         yield Devices(
             galvo=galvo,
+            point_clock=clock,
             spad=spad,
             tcspc=stack.enter_context(_timing(config, wires, first, tagged)),
             laser=_guarded(config, wires, stack, spad),  # the last, so that it is the first to be made safe
             clock=wires.clock,
         )
+
+
+def _point_clock(config: RigConfig, wires: Wires) -> AbstractContextManager[PointClock | None]:
+    if config.point_clock is None:
+        return nullcontext()
+    return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
 
 
 def _timing(
@@ -120,6 +129,7 @@ def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
     from rig.bench.simulated import simulated_instruments
 
     bench, instruments = simulated_instruments(config)
+    board = SharedBoard(instruments.daq)
     with instruments:
         yield (
             Wires(
@@ -127,6 +137,7 @@ def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
                 laser=instruments.laser_url,
                 usb_backend=instruments.usb_backend,
                 hhlib=lambda: HHLib(instruments.hhlib),
+                daq=lambda device: board,
                 clock=bench.clock,
             ),
             bench,

@@ -9,6 +9,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from drivers.daq.board import SharedBoard
+from drivers.daq.point_clock import DaqPointClock, PulseLines
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
@@ -21,6 +23,7 @@ from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
 from rig.model.config import (
+    DaqClockConfig,
     HydraHarpConfig,
     Id120Config,
     KatanaConfig,
@@ -28,7 +31,7 @@ from rig.model.config import (
     PlaybackConfig,
     RigConfig,
 )
-from rig.model.devices import Clock, Galvo, GatedSpad, Laser, Tcspc, TimeTagger
+from rig.model.devices import Clock, Galvo, GatedSpad, Laser, PointClock, Tcspc, TimeTagger
 
 #: After a marker, others at the same input are glitches; half of the shortest tick that a mirror can follow.
 MARKER_HOLD_OFF_S = 20e-6
@@ -48,6 +51,8 @@ class Wires:
         Of pyusb; None for the system's.
     hhlib
         Gives the HydraHarp's library, when it is needed.
+    daq
+        Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
         The time that all devices share.
     """
@@ -56,6 +61,7 @@ class Wires:
     laser: str
     usb_backend: object
     hhlib: Callable[[], HHLib]
+    daq: Callable[[str], SharedBoard]
     clock: Clock
 
 
@@ -169,6 +175,11 @@ def _harp(config: RigConfig) -> dict[str, Any]:
     }
 
 
+def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
+    """Return the point clock, to be entered."""
+    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step))
+
+
 def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
     """Return the player of a scan file, to be entered."""
     played = config.tcspc
@@ -184,6 +195,7 @@ def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
 GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {"optotune": open_optotune}
 LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"katana": open_katana}
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
+POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}
 TIMING: dict[str, TimingKind] = {
     "hydraharp": TimingKind(
         open_hydraharp,
