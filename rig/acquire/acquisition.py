@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import (
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import (
     Consumer,
-    Devices,
     Ended,
     Event,
     LightChanged,
@@ -18,7 +18,6 @@ from rig.acquire.engine import (
     Noticed,
     Outcome,
     Ready,
-    ScanEngine,
     StepCut,
     StepDone,
 )
