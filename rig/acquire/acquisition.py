@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import (
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import (
     Consumer,
-    Devices,
     Ended,
     Event,
     LightChanged,
@@ -18,7 +18,6 @@ from rig.acquire.engine import (
     Noticed,
     Outcome,
     Ready,
-    ScanEngine,
     StepCut,
     StepDone,
 )
@@ -98,8 +97,8 @@ class Recorder:
                 self.live_time_s += exposure.live_time_s
             case StepCut(step=step, exposure=exposure):
                 self._writer.keep_cut(step.index, exposure.counts, exposure.live_time_s)
-            case Noticed(sentence=sentence, first=first, last=last):
-                self._writer.note(sentence, first, last)
+            case Noticed(sentence=sentence, first=first, last=last, kind=kind):
+                self._writer.note(sentence, first, last, kind)
             case LightChanged():
                 self.light = event
                 step_now = min(self._writer.appended, self._writer.steps - 1)
@@ -169,7 +168,7 @@ def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None =
     rig.errors.RefusedError
         If the plan goes beyond what was calibrated.
     """
-    with open_devices(state.config) as devices:
+    with open_devices(state.config, tagged=plan.continuous) as devices:
         return record(plan, state.of_devices(devices.identities()), devices, target, watch)
 
 
@@ -249,7 +248,7 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured) as devices:
+    with open_devices(state.config, first=measured, tagged=plan.continuous) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
         with ScanWriter.resume(target) as writer:
