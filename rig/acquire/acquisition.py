@@ -124,8 +124,8 @@ class Recorder:
             self._writer.note(sentence, step, step)
 
 
-def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool = False) -> ScanDescription:
-    """Say all that is known before the first photon; ``tagged`` is whether the file is to list photons."""
+def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
+    """Say all that is known before the first photon."""
     detector_m = np.array([[channel.spot_m for channel in state.channels]])
     gate_start_s = gate_stop_s = fade_from_s = None
     gates = {one.gate_s for one in plan.passes}
@@ -152,7 +152,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool 
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
-        tagged=tagged,
+        tagged=plan.continuous,
     )
 
 
