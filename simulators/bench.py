@@ -481,6 +481,14 @@ class Bench:
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
         )
 
+    def warm_up(self) -> None:
+        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits."""
+        way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
+        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
+        for photons in self.photons:
+            photons.detections((0.3, 0.0, 0.0), wide_open, 1e-3, np.random.default_rng(0))
+            photons.detections_along(way, wide_open, np.random.default_rng(0))
+
     def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
         """Return how sync pulses came between two bench times, cut where their rate changed."""
         found: list[Syncs] = []
