@@ -97,6 +97,20 @@ class Tally:
         summed[:, : start.shape[1]] *= start
         np.add.at(self.cells[:, cells], self.tile[positions], summed)
 
+    def add_photons(
+        self, positions: NDArray[np.intp], bins: slice, photon_bins: NDArray[np.integer]
+    ) -> None:
+        """Add photons, each by its position and its bin; those outside `bins` are left out."""
+        capture, cell_s = self.capture, self.group * self.capture.bin_width_s
+        inside = (photon_bins >= bins.start) & (photon_bins < bins.stop)
+        positions, number = positions[inside], photon_bins[inside].astype(np.intp) // self.group
+        end = self.window.end_weights(capture.bins, capture.bin_width_s)
+        centre = np.maximum(number * self.group, bins.start) + self.group // 2
+        weight = end[np.minimum(centre, capture.bins - 1)]
+        begins_s = np.broadcast_to(capture.begins_s(positions), positions.shape)
+        weight = weight * self.window.start_weights_at(begins_s + (number + 0.5) * cell_s)
+        np.add.at(self.cells, (self.tile[positions], number), weight.astype(np.float32))
+
 
 def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:
     """Give positions (P, coordinates) the numbers of tiles, halved along the longest until they are many."""
