@@ -228,7 +228,7 @@ def _sum_photons(
     matrix: NDArray[np.floating],
     summed: NDArray[np.floating],
 ) -> None:
-    """Add to (pieces, rows, 2 F) sums the factors of each photon's bin; one outside the matrix is left out."""
+    """Add to (pieces, rows, 2 F) sums the factors of each photon's bin; what is outside is left out."""
     for photon in range(len(row)):
         at = place[photon]
         if 0 <= at < len(matrix):

@@ -115,7 +115,7 @@ class Edges:
         return soft
 
     def weights(self, positions: NDArray[np.intp], bins: NDArray[np.intp]) -> NDArray[np.floating]:
-        """Return the weights of photons, each by its position and its bin, which must be one of those wanted."""
+        """Return the weights of photons, each by its position and its bin, one of those wanted."""
         begins_s = np.broadcast_to(self._capture.begins_s(positions), positions.shape)
         start = self._window.start_weights_at(begins_s + (bins + 0.5) * self._capture.bin_width_s)
         return start.astype(self._dtype) * self._end[bins - self._bins.start]
