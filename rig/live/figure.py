@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.text import Text
+from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
 from recon.accumulate import Picture
@@ -25,6 +25,10 @@ COUNT_COLOURS = "cividis"
 LINE, EDGE, MUTED = "#20639b", "#b35900", "0.35"
 #: Foreground and background of what is said of the laser: by whether it is on, None where that is not known.
 LIGHT_COLOURS = {True: ("white", "#b2182b"), False: ("white", "#3a5f3a"), None: ("black", "#ffd500")}
+#: A panel's greatest width and height, in inches; its upper edge, and the lower one of the curves.
+PANEL_IN, TOP, BOTTOM = (2.76, 2.6), 0.815, 0.135
+#: The edges of the gate; they are smeared over the wall by as much as path delays differ.
+GATE = ("gate opens", "gate closes")
 #: Percentiles of the counts that the colours span: a glint does not make all else dark.
 COUNTS_PERCENT = (1.0, 99.0)
 #: Warnings that are shown, the newest.
@@ -48,12 +52,12 @@ class LiveFigure:
         self.figure, self._subject = figure, subject
         figure.set_size_inches(*SIZE_IN)
         figure.set_facecolor("white")
-        self._counts, counts_bar = self._panel(0.055), self._bar(0.055)
-        self._front, front_bar = self._panel(0.39), self._bar(0.39)
-        self._depth, depth_bar = self._panel(0.725), self._bar(0.725)
-        self._histogram = figure.add_axes((0.065, 0.135, 0.5, 0.235))
-        self._rate = figure.add_axes((0.66, 0.135, 0.305, 0.235))
-        self._progress = figure.add_axes((0.055, 0.864, 0.91, 0.012))
+        panels = [self._panel(left, subject) for left in (0.06, 0.38, 0.70)]
+        (self._counts, counts_bar), (self._front, front_bar), (self._depth, depth_bar) = panels
+        below = self._counts.get_position().y0 - 0.15
+        self._histogram = figure.add_axes((0.06, BOTTOM, 0.53, below - BOTTOM))
+        self._rate = figure.add_axes((0.67, BOTTOM, 0.29, below - BOTTOM))
+        self._progress = figure.add_axes((0.06, 0.868, 0.9, 0.012))
         self._count_scale, self._depth_scale = Normalize(0, 1), Normalize(0, 1)
         for bar, scale, colours, label in (
             (counts_bar, self._count_scale, COUNT_COLOURS, "photons"),
@@ -69,16 +73,20 @@ class LiveFigure:
         (self._rates,) = self._rate.plot([], [], color=LINE, linewidth=1.2)
         self._draw_frames()
 
-    def _panel(self, left: float) -> Axes:
-        return self.figure.add_axes((left, 0.465, 0.225, 0.345))
-
-    def _bar(self, left: float) -> Axes:
-        return self.figure.add_axes((left + 0.232, 0.465 + 0.04, 0.009, 0.265))
+    def _panel(self, left: float, subject: Subject) -> tuple[Axes, Axes]:
+        """Add a panel as wide and as high as the wall, and its bar of colours."""
+        wide, tall = np.maximum(np.ptp(subject.laser_m, axis=0)[:2], 1e-3)
+        width, height = PANEL_IN[0], PANEL_IN[0] * tall / wide
+        if height > PANEL_IN[1]:
+            width, height = PANEL_IN[1] * wide / tall, PANEL_IN[1]
+        width, height = width / SIZE_IN[0], height / SIZE_IN[1]
+        panel = self.figure.add_axes((left, TOP - height, width, height))
+        return panel, self.figure.add_axes((left + width + 0.008, TOP - height, 0.009, height))
 
     def _write_head(self) -> None:
         """Write what does not change, and make room for what does."""
         subject, write = self._subject, self.figure.text
-        write(0.055, 0.955, subject.name, size=16, weight="bold")
+        write(0.06, 0.955, subject.name, size=16, weight="bold")
         orders = {"snake": "raster", "list": "a list of spots"}
         facts = [
             subject.rig,
@@ -86,13 +94,14 @@ class LiveFigure:
             f"{subject.steps:,} positions, {orders.get(subject.order, subject.order)}",
             f"{subject.channels} channels" if subject.channels > 1 else "",
         ]
-        write(0.055, 0.926, "   |   ".join(fact for fact in facts if fact), size=10, color=MUTED)
-        self._when = write(0.965, 0.955, "", size=12, ha="right", color=MUTED)
-        self._light = write(0.965, 0.892, "", size=11, weight="bold", ha="right", va="center")
-        self._how_far = write(0.055, 0.892, "", size=11, va="center")
-        self._warnings = write(0.055, 0.022, "", size=9, va="bottom", color="black", linespacing=1.5)
+        write(0.06, 0.926, "  ·  ".join(fact for fact in facts if fact), size=10, color=MUTED)
+        self._when = write(0.96, 0.955, "", size=12, ha="right", color=MUTED)
+        self._light = write(0.96, 0.892, "", size=11, weight="bold", ha="right", va="center")
+        self._how_far = write(0.06, 0.892, "", size=11, va="center")
+        self._warnings = write(0.06, 0.022, "", size=9, va="bottom", color="black", linespacing=1.5)
         self._progress.set(xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
         self._progress.set_facecolor("0.9")
+        self._rate.set(xticks=[], yticks=[])
         for side in self._progress.spines.values():
             side.set_visible(False)
         (self._bar_done,) = self._progress.barh([0.5], [0], height=1, color=LINE)
@@ -100,17 +109,15 @@ class LiveFigure:
     def _draw_frames(self) -> None:
         """Write titles and labels of the curves, and mark the gate."""
         subject, axes = self._subject, self._histogram
-        axes.set(xlabel="time after the pulse on the wall (ns)", ylabel="photons a bin")
-        axes.set_title("all positions so far", size=11, loc="left")
-        self._rate.set_title("photons a second of exposure", size=11, loc="left")
-        for name, (early_s, late_s) in zip(("gate opens", "gate closes"), subject.gate_s, strict=False):
+        axes.set(xlabel="time after the pulse on the wall (ns)", ylabel="photons a bin", yscale="log")
+        axes.set_title("all positions so far", size=11)
+        self._rate.set_title("photons a second of exposure", size=11)
+        for name, side, (early_s, late_s) in zip(GATE, ("left", "right"), subject.gate_s, strict=False):
             axes.axvspan(early_s * 1e9, late_s * 1e9, color=EDGE, alpha=0.25, linewidth=0)
-            axes.axvline((early_s + late_s) / 2 * 1e9, color=EDGE, linewidth=1, linestyle="--", label=name)
-        self._gate_names: list[Text] = [
-            axes.text((early_s + late_s) / 2 * 1e9, 1.02, name, transform=axes.get_xaxis_transform(),
-                      color=EDGE, size=9, ha="center", va="bottom", clip_on=False)
-            for name, (early_s, late_s) in zip(("gate opens", "gate closes"), subject.gate_s, strict=False)
-        ]  # fmt: skip
+            at_ns, space = (early_s + late_s) / 2 * 1e9, "   "
+            axes.axvline(at_ns, color=EDGE, linewidth=1, linestyle="--")
+            axes.text(at_ns, 0.96, space + name + space, transform=axes.get_xaxis_transform(),
+                      color=EDGE, size=9, ha=side, va="top", clip_on=True)  # fmt: skip
 
     def update(self, seen: Seen) -> None:
         """Draw what is known now."""
@@ -131,10 +138,13 @@ class LiveFigure:
             self._light.set_text("")
             return
         time_of_day = seen.light.when[11:19]
-        words = {True: f"LASER ON since {time_of_day}", False: f"laser dark, read back {time_of_day}"}
+        words = {
+            True: f"LASER ON since {time_of_day}",
+            False: f"laser dark, read back {time_of_day}",
+            None: f"LASER NOT CONFIRMED DARK at {time_of_day}: TURN ITS KEY OFF",
+        }
         colour, back = LIGHT_COLOURS[seen.light.on]
-        self._light.set_text(words.get(seen.light.on is True, "") if seen.light.on is not None
-                             else f"LASER NOT CONFIRMED DARK at {time_of_day}: turn its key off")  # fmt: skip
+        self._light.set_text(words[seen.light.on])
         self._light.set_color(colour)
         self._light.set_bbox({"facecolor": back, "edgecolor": "none", "boxstyle": "round,pad=0.4"})
 
@@ -154,17 +164,18 @@ class LiveFigure:
         margin_ns = 0.02 * (edges_ns[filled[-1] + 1] - edges_ns[filled[0]])
         low, high = edges_ns[filled[0]] - margin_ns, edges_ns[filled[-1] + 1] + margin_ns
         axes.set_xlim(low, high)
-        axes.set_ylim(0, 1.05 * seen.histogram.max())
+        axes.set_ylim(0.7, 2 * seen.histogram.max())
         width_ps = (edges_ns[1] - edges_ns[0]) * 1e3
         axes.set_ylabel(f"photons in {width_ps:.3g} ps")
-        for name in self._gate_names:
-            name.set_visible(bool(low <= name.get_position()[0] <= high))
 
     def _draw_rates(self, seen: Seen) -> None:
         if not len(seen.moments_s):
             return
         last_s = float(seen.moments_s[-1])
         unit, name = (1, "s") if last_s < 180 else (60, "min") if last_s < 10800 else (3600, "h")
+        if not self._rate.get_xlabel():
+            self._rate.xaxis.set_major_locator(AutoLocator())
+            self._rate.yaxis.set_major_locator(AutoLocator())
         self._rates.set_data(seen.moments_s / unit, seen.photons_per_s / 1e3)
         self._rate.set_xlim(0, max(last_s / unit * 1.02, 1e-3))
         self._rate.set_ylim(0, max(1.15 * float(seen.photons_per_s.max()) / 1e3, 1e-3))
@@ -193,12 +204,14 @@ class LiveFigure:
             axes.set_facecolor(NO_SURFACE)
             draw_front(axes, image, grid.x_m, grid.y_m, colours, scale)
             axes.set_ylabel("")
+            axes.set_yticklabels([])
             if surface.empty:
                 say_across(axes, "no signal above noise")
         pairs = "positions" if self._subject.channels == 1 else "pairs"
         what = "last image" if final else "live image"
         wave = show_length(picture.pulse.wavelength_m)
-        self._front.set_title(f"{what}: {picture.positions:,} {pairs}, wavelength {wave}", size=11)
+        self._front.set_title(f"{what} of {picture.positions:,} {pairs}", size=11)
+        self._front.text(0.02, 0.03, f"wavelength {wave}", transform=self._front.transAxes, color="white")
         self._depth.set_title("depth of the surface (grey: none)", size=11)
 
 
@@ -224,7 +237,7 @@ def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDA
             image[wall.row[there], wall.column[there]] = photons[there]
             drawn.set_array(image)
 
-    axes.set_title("photons of each position (grey: none yet)", size=11)
+    axes.set_title("photons (grey: not measured)", size=11)
     return draw
 
 
@@ -238,13 +251,15 @@ def _how_far(seen: Seen, subject: Subject) -> str:
     elif seen.left_s is not None and seen.ends_s is not None:
         ends = datetime.fromtimestamp(seen.ends_s)
         told.append(f"{show_duration(round(seen.left_s))} left, ends about {ends:%H:%M:%S}")
-    else:
+    elif seen.phase:
         told.append(seen.phase)
-    if len(seen.photons_per_s):
+    if seen.ended is not None or seen.lost:
+        told.append(f"{int(np.nansum(seen.photons)):,} photons")
+    elif len(seen.photons_per_s):
         told.append(f"now {show(float(seen.photons_per_s[-1]), 'photons/s')}")
     elif seen.rates is not None:
         told.append(f"{show(seen.rates.input_hz, 'counts/s')}, sync {show(seen.rates.sync_hz, 'Hz')}")
-    return _short("   |   ".join(told), 110)
+    return _short("  ·  ".join(told), 110)
 
 
 def _warnings(seen: Seen) -> list[str]:

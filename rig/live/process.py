@@ -1,8 +1,9 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, and ``pictured`` when the last picture is there. Three threads
-share its work: one reads messages; one keeps the state, and makes images between two messages; one draws.
+each, ``trouble WHY`` where something does not go well, and ``pictured`` when the last picture is there. Three
+threads share its work: one reads messages; one keeps the state, and makes images between two messages; one
+draws.
 """
 
 import os

@@ -157,7 +157,7 @@ class RateHistory:
     """Photons a second over time in bounded memory: two neighbours become one when there are too many."""
 
     def __init__(self) -> None:
-        self._width_s = 0.25
+        self._width_s = 0.5
         self._sums = np.zeros((0, 2))  # photons and live time, by time
 
     def add(self, at_s: float, photons: int, live_s: float) -> None:
@@ -169,7 +169,7 @@ class RateHistory:
             self._sums = np.pad(self._sums, ((0, number + 1 - len(self._sums)), (0, 0)))
         self._sums[number] += photons, live_s
 
-    def curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def curve(self) -> tuple[NDArray, NDArray]:
         """Return times in seconds, and photons a second of exposure, where something was measured."""
         there = self._sums[:, 1] > 0
         times_s = (np.arange(len(self._sums)) + 0.5) * self._width_s
