@@ -146,7 +146,8 @@ class Glance:
             for side_m in dict.fromkeys(sides_m)
         }
         self._levels = [levels[side_m] for side_m in sides_m]
-        self._needed_until = dict(zip(self._levels, rounds, strict=True))  # of each, its last round
+        # each is shown until the round after its last is complete, and takes what comes meanwhile
+        self._needed_until = dict(zip(self._levels, [*self._rounds[1:], self._rounds[-1]], strict=True))
 
     def _sides_m(self, capture: Capture) -> list[float]:
         """Return the side of the cells for each round: each is to hold a position of a complete one.
