@@ -59,7 +59,7 @@ class Watch:
     should_stop
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
-        Told what a new scan is, before its first event.
+        Told what a scan is, new or taken up again, before its first event.
     """
 
     consumers: Sequence[Consumer] = ()
@@ -252,8 +252,10 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
     with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
+        watch = watch or Watch()
         with ScanWriter.resume(target) as writer:
-            return _run(plan, state, devices, writer, watch or Watch(), None)
+            watch.begun(describe(plan, state, devices))
+            return _run(plan, state, devices, writer, watch, None)
 
 
 def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
