@@ -4,12 +4,13 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
-from bisect import insort
+from bisect import bisect_left, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import dist, radians, tan
+from math import dist, inf, radians, tan
 from operator import attrgetter
+from threading import RLock
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from simulators.clock import BenchClock
 from simulators.motion.mirror import SteeringMirror
 from simulators.motion.mount import MirrorMount
+from simulators.ticks import Ticks
 
 #: Beam movement inside one exposure that is followed in steps rather than taken at its middle [rad], about
 #: 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
@@ -264,6 +266,8 @@ class Bench:
     measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
     draw.
 
+    Several threads may use it: one may draw photons while another commands mirror and switches.
+
     Parameters
     ----------
     photons
@@ -279,6 +283,10 @@ class Bench:
     ----------
     watchers
         Called with the bench time [s] after each change of light or mirror.
+    tick_listeners
+        Called with the (n,) bench times [s] of all ticks of a point clock when these begin.
+    stop_listeners
+        Called with the bench time [s] from which on no more ticks come, when they are ended early.
 
     Raises
     ------
@@ -304,9 +312,13 @@ class Bench:
         self.clock = clock or BenchClock()
         self.mirror = SteeringMirror()
         self.watchers: list[Callable[[float], None]] = []
+        self.tick_listeners: list[Callable[[NDArray[np.float64]], None]] = []
+        self.stop_listeners: list[Callable[[float], None]] = []
         self._light = [(0.0, LightState())]
         self._visits: dict[tuple[float, float], int] = {}
         self._marks: list[Mark] = []
+        self._ticks: Ticks | None = None
+        self._lock = RLock()  # of all that is above; not held while photons are drawn or others are told
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -316,24 +328,100 @@ class Bench:
     @property
     def light(self) -> LightState:
         """The state in force now."""
-        return self._light[-1][1]
+        with self._lock:
+            return self._light[-1][1]
+
+    @property
+    def target_rad(self) -> tuple[float, float]:
+        """Optical angles that the mirror is commanded to now [rad]."""
+        with self._lock:
+            return self.mirror.target(self.clock.now_s())
+
+    @property
+    def position_rad(self) -> tuple[float, float]:
+        """Optical angles of the mirror now [rad]."""
+        with self._lock:
+            return self.mirror.position(self.clock.now_s())
+
+    @property
+    def settled(self) -> bool:
+        """Whether the mirror stands where it is commanded to now."""
+        with self._lock:
+            return self.mirror.settled(self.clock.now_s())
 
     @property
     def known_from_s(self) -> float:
         """The earliest time whose light and mirror are known."""
-        return max(self._light[0][0], self.mirror.known_from_s)
+        with self._lock:
+            return max(self._light[0][0], self.mirror.known_from_s)
+
+    @property
+    def ticks_end_s(self) -> float:
+        """Bench time of the last tick that was started [s]; 0 before any."""
+        with self._lock:
+            return self._ticks.end_s if self._ticks else 0.0
 
     def change_light(self, **changes: bool | float) -> None:
         """Change fields of `LightState` from now on."""
-        now_s = self.clock.now_s()
-        self._light.append((now_s, replace(self.light, **changes)))  # type: ignore[arg-type]
+        with self._lock:
+            now_s = self.clock.now_s()
+            self._light.append((now_s, replace(self.light, **changes)))  # type: ignore[arg-type]
         self._tell(now_s)
 
     def steer(self, x_rad: float, y_rad: float) -> None:
-        """Command the mirror to optical angles, from now on."""
-        now_s = self.clock.now_s()
-        self.mirror.command(x_rad, y_rad, now_s)
+        """Command the mirror to optical angles, from now on; what was commanded for later is dropped."""
+        with self._lock:
+            now_s = self.clock.now_s()
+            self.mirror.command(x_rad, y_rad, now_s)
         self._tell(now_s)
+
+    def follow(self, times_s: NDArray[np.float64], angles_rad: NDArray[np.float64]) -> None:
+        """Command the mirror to each pair (n, 2) of optical angles at each of (n,) ascending bench times.
+
+        A later `steer` drops what is still to come.
+        """
+        with self._lock:
+            self.mirror.follow(times_s, angles_rad)
+
+    def stop_following(self, now_s: float) -> None:
+        """Drop what the mirror is commanded to after a time."""
+        with self._lock:
+            self.mirror.drop_after(now_s)
+
+    def start_ticks(self, marks: NDArray[np.uint8], tick_s: float, *, start_s: float | None = None) -> None:
+        """Let a point clock tick; ticks of before that are still to come do not come.
+
+        Parameters
+        ----------
+        marks
+            (n,) marker inputs that a pulse comes to with each tick, a bit each; 0 is none.
+        tick_s
+            Time between two ticks [s].
+        start_s
+            Bench time of the first; None is now.
+
+        Raises
+        ------
+        ValueError
+            If there is no tick, no time between two, or a mark of another input than the four.
+        """
+        ticks = Ticks(np.asarray(marks, np.uint8), tick_s, self.clock.now_s() if start_s is None else start_s)
+        if self.ticks_end_s > self.clock.now_s():
+            self.stop_ticks()
+        with self._lock:
+            self._take_ticked(inf)  # nobody has taken these yet, but somebody may
+            self._ticks = ticks
+        for listener in self.tick_listeners:
+            listener(ticks.times_s)
+
+    def stop_ticks(self) -> None:
+        """Let no more ticks come."""
+        with self._lock:
+            now_s = self.clock.now_s()
+            if self._ticks:
+                self._ticks.stop(now_s)
+        for listener in self.stop_listeners:
+            listener(now_s)
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
@@ -341,8 +429,9 @@ class Bench:
 
     def count_rate_hz(self, channel: int) -> float:
         """Return the expected detections a second of a channel, by its number, in the present state."""
-        spot = self.geometry.laser_spot_m(self.mirror.position(self.clock.now_s()))
-        return self.photons[channel].rate_hz(spot, self.light)
+        with self._lock:
+            position, light = self.position_rad, self.light
+        return self.photons[channel].rate_hz(self.geometry.laser_spot_m(position), light)
 
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times, the mirror and all switches followed.
@@ -353,8 +442,9 @@ class Bench:
 
     def drawing(self, start_s: float, stop_s: float) -> Callable[[], tuple[Detections, ...]]:
         """Take down all that `detections` follows; return what then draws, at any time and in any thread."""
-        stretches, generators = self._stretches(start_s, stop_s), self._generators()
-        self.forget_before(start_s)
+        with self._lock:
+            stretches, generators = self._stretches(start_s, stop_s), self._generators(start_s)
+            self.forget_before(start_s)
         channels = tuple(zip(self.photons, self.channels, generators, strict=True))
         return lambda: tuple(
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
@@ -363,12 +453,13 @@ class Bench:
     def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
         """Return how sync pulses came between two bench times, cut where their rate changed."""
         found: list[Syncs] = []
-        switches = [at for at, _ in self._light if start_s < at < stop_s]
-        for begin_s, end_s in pairwise([start_s, *switches, stop_s]):
-            hz = self._light_at(begin_s).sync_hz
-            if found and found[-1].hz == hz:
-                begin_s = found.pop().begin_s
-            found.append(Syncs(begin_s, end_s, hz))
+        with self._lock:
+            switches = [at for at, _ in self._light if start_s < at < stop_s]
+            for begin_s, end_s in pairwise([start_s, *switches, stop_s]):
+                hz = self._light_at(begin_s).sync_hz
+                if found and found[-1].hz == hz:
+                    begin_s = found.pop().begin_s
+                found.append(Syncs(begin_s, end_s, hz))
         return found
 
     def mark(self, mask: int, at_s: float | None = None, *, width_s: float = MARK_S) -> None:
@@ -390,33 +481,41 @@ class Bench:
         """
         if not 0 < mask < 16:
             raise ValueError(f"there are four marker inputs, with a mask of 1 to 15, not {mask}")
-        insort(
-            self._marks,
-            Mark(self.clock.now_s() if at_s is None else at_s, mask, width_s),
-            key=attrgetter("at_s"),
-        )
+        with self._lock:
+            at_s = self.clock.now_s() if at_s is None else at_s
+            insort(self._marks, Mark(at_s, mask, width_s), key=attrgetter("at_s"))
 
     def take_marks(self, before_s: float) -> list[Mark]:
         """Take away the pulses at the marker inputs that begin before a time, in order."""
-        taken = []
-        while self._marks and self._marks[0].at_s < before_s:  # another thread may send one meanwhile
-            taken.append(self._marks.pop(0))
+        with self._lock:
+            self._take_ticked(before_s)
+            number = bisect_left(self._marks, before_s, key=attrgetter("at_s"))
+            taken, self._marks = self._marks[:number], self._marks[number:]
         return taken
 
     def forget_before(self, at_s: float) -> None:
         """Drop what was changed before a time that nobody will ask about again."""
-        self.take_marks(at_s)
-        self.mirror.forget_before(at_s)
-        while len(self._light) > 1 and self._light[1][0] <= at_s:
-            del self._light[0]
+        with self._lock:
+            self.take_marks(at_s)
+            self.mirror.forget_before(at_s)
+            while len(self._light) > 1 and self._light[1][0] <= at_s:
+                del self._light[0]
+
+    def _take_ticked(self, before_s: float) -> None:
+        """Put the ticks' pulses before a time among the others."""
+        if not self._ticks:
+            return
+        width_s = min(MARK_S, self._ticks.tick_s / 2)
+        for at_s, mask in self._ticks.take(before_s):
+            insort(self._marks, Mark(at_s, mask, width_s), key=attrgetter("at_s"))
 
     def _tell(self, now_s: float) -> None:
         for watcher in self.watchers:
             watcher(now_s)
 
-    def _generators(self) -> list[np.random.Generator]:
-        """Return the random numbers of each channel for the present visit to the mirror's target."""
-        target = self.mirror.target
+    def _generators(self, start_s: float) -> list[np.random.Generator]:
+        """Return the random numbers of each channel for a visit to what the mirror is commanded to then."""
+        target = self.mirror.target(start_s)
         visit = self._visits.get(target, 0)
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
+    from simulators.wire.daq import DaqWiring
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
 
@@ -36,7 +37,17 @@ def simulated_instruments(config: RigConfig) -> "tuple[Bench, SimulatedInstrumen
     simulation = config.simulation or SimulationConfig()
     bench = simulated_bench(config, real_time=simulation.real_time)
     depth = simulation.faults.largest_count
-    return bench, SimulatedInstruments(bench, timing=timing_faults(config), count_depth=depth)
+    return bench, SimulatedInstruments(
+        bench, timing=timing_faults(config), count_depth=depth, wiring=_wiring(config)
+    )
+
+
+def _wiring(config: RigConfig) -> "DaqWiring":
+    """Return what hangs on the DAQ board."""
+    from simulators.wire.daq import DaqWiring
+
+    clock = config.point_clock
+    return DaqWiring(clock.markers, clock.step) if clock else DaqWiring((), None)
 
 
 def simulated_bench(config: RigConfig, *, real_time: bool) -> "Bench":

@@ -21,6 +21,7 @@ class Order(Enum):
     """Orders in which positions are visited; the value is the command's word."""
 
     RASTER = "raster"
+    UNIDIRECTIONAL = "unidirectional"
     PROGRESSIVE = "progressive"
     RANDOM = "random"
 
@@ -28,6 +29,13 @@ class Order(Enum):
     def in_plan(self) -> str:
         """The plan's word: its raster is a snake, lines alternate in direction."""
         return "snake" if self is Order.RASTER else self.value
+
+
+class Mode(Enum):
+    """How the mirror goes through the positions; the value is the plan's word, too."""
+
+    STEP = "step"
+    CONTINUOUS = "continuous"
 
 
 Spacing = Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Grid, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Grid, Mode, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -26,11 +26,18 @@ def scan(
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="step: the mirror rests at each position. continuous: it never stops along a line, and each "
+            "photon is recorded with its time; much faster at short exposures."
+        ),
+    ] = Mode.STEP,
     order: Annotated[
         Order,
         typer.Option(
-            help="raster: line by line. progressive: coarse to fine, the whole wall again and again. random: "
-            "anywhere."
+            help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
+            "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
     until: Annotated[
@@ -73,6 +80,8 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
+      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+
       rig scan --preset office-10ms          a dataset of the paper
 
       rig scan --config lab.toml --dry-run   what would be done
@@ -101,6 +110,7 @@ def scan(
         spacing_m=parse(spacing, "length") if spacing else None,
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
+        motion=mode.value,
     )
     ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
@@ -198,7 +208,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "skipped": grid.skipped,
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
-                "duration_s": plan.duration_s(config),
+                "duration_s": found.duration_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
@@ -217,8 +227,11 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
-            "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
+            "time": f"~{show_duration(found.duration_s)} on hardware, with "
+            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "photons"
+            if plan.continuous
+            else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
             "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
@@ -230,5 +243,9 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
 def _order_in_words(grid: "GridPositions") -> str:
     if grid.order != "progressive":
-        return {"snake": "raster, lines alternate in direction", "random": "random"}[grid.order]
+        return {
+            "snake": "raster, lines alternate in direction",
+            "unidirectional": "raster, all lines run to the right",
+            "random": "random",
+        }[grid.order]
     return "progressive, the whole wall seen after " + ", ".join(f"{count:,}" for count in grid.rounds)

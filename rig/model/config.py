@@ -60,6 +60,10 @@ class OptotuneConfig(_Section):
     """Longest wait for the mirror to be stable after a move."""
     settle_time_s: Seconds = Field(0.006, ge=0)
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+    turn_time_s: Seconds = Field(0.008, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.8e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command."""
 
 
 class KatanaConfig(_Section):
@@ -172,6 +176,30 @@ Tcspc = Annotated[
     Annotated[HydraHarpConfig, Tag("hydraharp")] | Annotated[PlaybackConfig, Tag("playback")],
     Discriminator(_kind_or("hydraharp")),
 ]
+
+
+class DaqClockConfig(_Section):
+    """A point clock: digital outputs of an NI-DAQmx board, which step the mirror and mark the points."""
+
+    kind: Literal["daq"] = "daq"
+    device: str = Field("Dev1", min_length=1)
+    """The board's name in NI MAX."""
+    markers: tuple[str, ...] = Field(
+        ("port0/line0", "port0/line1", "port0/line2", "port0/line3"), min_length=1, max_length=4
+    )
+    """Lines to the timing instrument's marker inputs M1, M2, M3 and M4: points, lines, frames, a spare."""
+    step: str | None = "port0/line4"
+    """Line to the mirror's trigger input."""
+    counter: str = "ctr0"
+    """The counter whose pulses are the one clock of all samples."""
+
+    @model_validator(mode="after")
+    def _lines_differ(self) -> "DaqClockConfig":
+        lines = [*self.markers, *([self.step] if self.step is not None else [])]
+        twice = sorted({line for line in lines if lines.count(line) > 1})
+        if twice:
+            raise ValueError(f"two pulses go to {twice[0]}; give each a line of its own")
+        return self
 
 
 class TimingConfig(_Section):
@@ -292,7 +320,7 @@ class SimulationConfig(_Section):
 
 
 class RigConfig(_Section):
-    """The whole rig. All defaults together are the built-in rig, except for the simulation itself."""
+    """The whole rig. All defaults together are the built-in rig, except for point clock and simulation."""
 
     name: str = "simulated rig"
     galvo: OptotuneConfig = OptotuneConfig()
@@ -301,6 +329,8 @@ class RigConfig(_Section):
     tcspc: Tcspc = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
+    point_clock: DaqClockConfig | None = None
+    """Present: the mirror can be scanned without a stop, with a marker at each point."""
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
@@ -385,6 +415,7 @@ _NOT_MEASURED_WITH = (
     "tcspc.address",
     "tcspc.readout_time_s",
     "tcspc.file",
+    "point_clock",
     "scan.",
     "calibration.",
     "cameras.",
@@ -423,7 +454,7 @@ def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
 
 def built_in() -> RigConfig:
     """Return the built-in simulated rig."""
-    return RigConfig(simulation=SimulationConfig())
+    return RigConfig(point_clock=DaqClockConfig(), simulation=SimulationConfig())
 
 
 def recorded(text: str) -> RigConfig:
@@ -449,7 +480,7 @@ def built_in_with(changes: Table) -> RigConfig:
         If a value is wrong.
     """
     try:
-        return RigConfig.model_validate(merged({"simulation": {}}, changes))
+        return RigConfig.model_validate(merged({"point_clock": {}, "simulation": {}}, changes))
     except ValidationError as error:
         raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
@@ -537,6 +568,7 @@ def _known_keys(place: tuple[str | int, ...]) -> list[str]:
 #: Sections whose type is not simply that of their field.
 _SECTIONS: dict[str, type[BaseModel]] = {
     "simulation": SimulationConfig,
+    "point_clock": DaqClockConfig,
     "channels": ChannelConfig,
     "tcspc": HydraHarpConfig,
 }

@@ -1,21 +1,11 @@
 """The steering mirror: a critically damped second-order servo that trails its command."""
 
-from bisect import bisect_right
-from dataclasses import dataclass
-from math import exp, hypot
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
 #: Error below which the servo holds its target exactly [rad] (about 1 um on a wall 2.5 m away).
 HOLD = 3.6e-7
-
-
-@dataclass(frozen=True)
-class _Move:
-    """One commanded move: the error and its rate at ``start_s``, decaying to zero at ``target``."""
-
-    start_s: float
-    target: tuple[float, float]
-    error: tuple[float, float]
-    rate: tuple[float, float]
 
 
 class SteeringMirror:
@@ -23,7 +13,7 @@ class SteeringMirror:
 
     The error follows e(t) = (e0 + (v0 + w e0) t) exp(-w t), the critically damped response with natural
     frequency ``w``; below `HOLD` the mirror stands exactly on its target, so that where it points does not
-    depend on where it came from.
+    depend on where it came from. Commands may be given for times to come, tens of thousands at once.
 
     Parameters
     ----------
@@ -33,55 +23,124 @@ class SteeringMirror:
 
     def __init__(self, *, natural_frequency_hz: float = 400.0) -> None:
         self._w = 2 * 3.141592653589793 * natural_frequency_hz
-        self._moves = [_Move(0.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))]
-
-    @property
-    def target(self) -> tuple[float, float]:
-        """The last commanded angles [rad]."""
-        return self._moves[-1].target
+        # one move a row: from when on; target (x, y), error and its rate at that time. Those from
+        # `_first` to `_end` hold; the others are room
+        self._start_s = np.zeros(64)
+        self._moves = np.zeros((64, 6))
+        self._first, self._end = 0, 1
 
     @property
     def known_from_s(self) -> float:
         """The earliest time at which the position is known."""
-        return self._moves[0].start_s
+        return float(self._start_s[self._first])
 
     def command(self, x: float, y: float, now_s: float) -> None:
-        """Start moving to the angles (x, y) [rad] at time ``now_s``, from wherever the mirror is by then."""
-        (px, py), (vx, vy) = self._state(self._moves[-1], now_s)
-        self._moves.append(_Move(now_s, (x, y), (px - x, py - y), (vx, vy)))
+        """Start moving to the angles (x, y) [rad] at time ``now_s``, from wherever the mirror is by then.
+
+        What was commanded for later is dropped.
+        """
+        self.follow([now_s], [(x, y)])
+
+    def follow(self, times_s: ArrayLike, angles_rad: ArrayLike) -> None:
+        """Start moving to each pair of angles (n, 2) [rad] at each of (n,) ascending times.
+
+        What was commanded for after the first of these is dropped.
+        """
+        times = np.atleast_1d(np.asarray(times_s, np.float64))
+        if not len(times):
+            return
+        self.drop_after(float(times[0]))
+        self._make_room(len(times))
+        times = np.maximum(times, self.known_from_s)
+        self._end = _append(
+            self._start_s, self._moves, self._end, times, np.asarray(angles_rad, np.float64), self._w
+        )
+
+    def drop_after(self, at_s: float) -> None:
+        """Drop what is commanded for after a time."""
+        self._end = max(self._after(at_s), self._first + 1)
+
+    def target(self, at_s: float) -> tuple[float, float]:
+        """Return the angles [rad] that are commanded by then."""
+        x, y = self._moves[max(self._after(at_s) - 1, self._first), :2]
+        return float(x), float(y)
 
     def position(self, at_s: float) -> tuple[float, float]:
         """Return the angles [rad] at time ``at_s``."""
-        return self._state(self._move_at(at_s), at_s)[0]
+        ((x, y),) = self.positions(np.array([at_s]))
+        return float(x), float(y)
+
+    def positions(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angles (n, 2) [rad] at each of (n,) times."""
+        known = slice(self._first, self._end)
+        return np.asarray(_positions(self._start_s[known], self._moves[known], times_s, self._w))
 
     def settled(self, at_s: float) -> bool:
-        """Whether the mirror stands on its last target."""
-        return self.position(at_s) == self.target
+        """Whether the mirror stands on what is commanded by then."""
+        return self.position(at_s) == self.target(at_s)
 
     def commands_between(self, start_s: float, stop_s: float) -> list[float]:
         """Return the times of the commands given inside the open interval."""
-        return [m.start_s for m in self._moves if start_s < m.start_s < stop_s]
+        after = self._after(start_s)
+        before = self._first + np.searchsorted(self._start_s[self._first : self._end], stop_s, "left")
+        times: list[float] = self._start_s[after:before].tolist()
+        return times
 
     def forget_before(self, at_s: float) -> None:
         """Drop moves that ended before ``at_s``; the one in force then is kept."""
-        keep = max(bisect_right([m.start_s for m in self._moves], at_s) - 1, 0)
-        del self._moves[:keep]
+        self._first = max(self._after(at_s) - 1, self._first)
 
-    def _move_at(self, at_s: float) -> _Move:
-        if at_s >= self._moves[-1].start_s:
-            return self._moves[-1]
-        index = bisect_right([m.start_s for m in self._moves], at_s) - 1
-        return self._moves[max(index, 0)]
+    def _after(self, at_s: float) -> int:
+        """Return the first move that begins after a time, or the end of all."""
+        return self._first + int(np.searchsorted(self._start_s[self._first : self._end], at_s, "right"))
 
-    def _state(self, move: _Move, at_s: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        t = max(at_s - move.start_s, 0.0)
-        decay = exp(-self._w * t)
-        axes = []
-        for e0, v0 in zip(move.error, move.rate, strict=True):
-            slope = v0 + self._w * e0
-            e = (e0 + slope * t) * decay
-            axes.append((e, (slope - self._w * (e0 + slope * t)) * decay))
-        (ex, vx), (ey, vy) = axes
-        if hypot(ex, ey) < HOLD and hypot(vx, vy) < HOLD * self._w:
-            return move.target, (0.0, 0.0)
-        return (move.target[0] + ex, move.target[1] + ey), (vx, vy)
+    def _make_room(self, number: int) -> None:
+        if self._end + number <= len(self._start_s):
+            return
+        held = slice(self._first, self._end)
+        start_s, moves = self._start_s[held], self._moves[held]
+        size = 2 * (len(start_s) + number)
+        self._start_s, self._moves = np.zeros(size), np.zeros((size, 6))
+        self._start_s[: len(start_s)], self._moves[: len(start_s)] = start_s, moves
+        self._first, self._end = 0, len(start_s)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _axis(error, rate, t, w):  # type: ignore[no-untyped-def]
+    """Error of an axis and its rate a time after they were these."""
+    decay = np.exp(-w * t)
+    slope = rate + w * error
+    return (error + slope * t) * decay, (slope - w * (error + slope * t)) * decay
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _state(move, t, w):  # type: ignore[no-untyped-def]
+    """Position and its rate (x, y, v_x, v_y) a time after a move began."""
+    ex, vx = _axis(move[2], move[4], t, w)
+    ey, vy = _axis(move[3], move[5], t, w)
+    if np.hypot(ex, ey) < HOLD and np.hypot(vx, vy) < HOLD * w:
+        return move[0], move[1], 0.0, 0.0
+    return move[0] + ex, move[1] + ey, vx, vy
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _append(start_s, moves, end, times, angles, w):  # type: ignore[no-untyped-def]
+    """Append moves, each from where the one before has come to; return the new end."""
+    for i in range(len(times)):
+        x, y, vx, vy = _state(moves[end - 1], max(times[i] - start_s[end - 1], 0.0), w)
+        move = moves[end]
+        start_s[end] = times[i]
+        move[0], move[1] = angles[i, 0], angles[i, 1]
+        move[2], move[3] = x - angles[i, 0], y - angles[i, 1]
+        move[4], move[5] = vx, vy
+        end += 1
+    return end
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _positions(start_s, moves, times, w):  # type: ignore[no-untyped-def]
+    places = np.empty((len(times), 2))
+    for i in range(len(times)):
+        k = max(np.searchsorted(start_s, times[i], "right") - 1, 0)
+        places[i, 0], places[i, 1], _, _ = _state(moves[k], max(times[i] - start_s[k], 0.0), w)
+    return places

@@ -159,7 +159,7 @@ class GalvoBoard(LineFirmware):
         self._bench.steer(atan(TAN_PER_UNIT * x), atan(TAN_PER_UNIT * y))
 
     def _status(self) -> int:
-        stable = self._bench.mirror.settled(self._bench.clock.now_s())
+        stable = self._bench.settled
         status = self.faults | (0 if stable else NOT_STABLE) | (TRIMMED if self._trimmed else 0)
         return status | self._latched
 

@@ -161,3 +161,68 @@ def test_sync_pulses_are_cut_only_where_their_rate_changes():
         Syncs(3.0, 4.0, 5e6),
     ]
     assert bench.syncs_between(1.5, 1.6) == [Syncs(1.5, 1.6, 10e6)]
+
+
+def ticking(marks, tick_s=1e-3, **when):
+    """A bench at 1 s whose listeners have noted what they were told."""
+    bench, told = Bench(), []
+    bench.clock.sleep(1.0)
+    bench.tick_listeners.append(lambda times_s: told.append(("ticks", *times_s)))
+    bench.stop_listeners.append(lambda now_s: told.append(("stop", now_s)))
+    bench.start_ticks(np.array(marks, np.uint8), tick_s, **when)
+    return bench, told
+
+
+def test_ticks_are_told_at_once_and_mark_in_time():
+    bench, told = ticking([0, 3, 1, 0, 7], start_s=2.0)
+    times_s = [2.0 + k * 1e-3 for k in range(5)]
+    assert told == [("ticks", *times_s)]
+    assert bench.ticks_end_s == times_s[4]
+    bench.mark(8, 2.0015)
+    assert bench.take_marks(times_s[2]) == [Mark(times_s[1], 3, MARK_S), Mark(2.0015, 8, MARK_S)]
+    assert bench.take_marks(9.0) == [Mark(times_s[2], 1, MARK_S), Mark(times_s[4], 7, MARK_S)]
+    assert bench.take_marks(9.0) == []
+
+
+def test_ticks_that_are_stopped_do_not_come():
+    bench, told = ticking([1] * 10)
+    bench.clock.sleep(4.5e-3)
+    bench.stop_ticks()
+    assert told[1:] == [("stop", pytest.approx(1.0045))]
+    assert bench.ticks_end_s == pytest.approx(1.0045)
+    assert [mark.at_s for mark in bench.take_marks(9.0)] == [1.0 + k * 1e-3 for k in range(5)]
+
+
+def test_new_ticks_end_those_before_and_keep_their_marks():
+    bench, told = ticking([1] * 10)
+    bench.clock.sleep(1.5e-3)
+    bench.start_ticks(np.array([2], np.uint8), 1e-6)
+    assert [one[0] for one in told] == ["ticks", "stop", "ticks"]
+    marks = bench.take_marks(9.0)
+    assert [mark.mask for mark in marks] == [1, 1, 2]
+    assert marks[2].width_s < 1e-6  # the next tick would be a pulse of its own
+
+
+def test_no_ticks_are_refused():
+    for marks, tick_s in (([], 1e-3), ([1], 0.0), ([16], 1e-3)):
+        with pytest.raises(ValueError, match=r"no ticks|four marker inputs"):
+            ticking(marks, tick_s)
+    assert Bench().ticks_end_s == 0.0
+
+
+def test_a_mirror_follows_until_it_is_steered_or_stopped():
+    bench = Bench()
+    times_s = np.array([1.0, 2.0, 3.0])
+    angles = np.array([(0.1, 0.0), (0.2, 0.0), (0.3, 0.0)])
+    bench.follow(times_s, angles)
+    assert bench.target_rad == (0.0, 0.0)
+    assert bench.settled
+    bench.clock.sleep(1.5)
+    assert bench.target_rad == bench.position_rad == (0.1, 0.0)
+    bench.stop_following(1.5)
+    bench.clock.sleep(1.0)
+    assert bench.target_rad == (0.1, 0.0)
+    bench.follow(times_s + 2, angles)
+    bench.steer(-0.1, 0.0)
+    bench.clock.sleep(9.0)
+    assert bench.target_rad == (-0.1, 0.0)
