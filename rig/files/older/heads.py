@@ -41,8 +41,8 @@ def read_older_head(path: Path) -> Head:
         if read is None or version not in versions:
             known = f"of it, {' and '.join(versions)} are read" if versions else "it is not read"
             raise DataFileError(
-                f"{path} is a file of {instrument} in PicoQuant's older format {version or '(none)'}; {known}. "
-                "Save or convert it as a unified file (.ptu, .phu)"
+                f"{path} is a file of {instrument} in PicoQuant's older format {version or '(none)'}; "
+                f"{known}. Save or convert it as a unified file (.ptu, .phu)"
             )
         file.seek(0)
         fields = Fields(file, path, size)
