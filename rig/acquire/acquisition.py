@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import (
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import (
     Consumer,
-    Devices,
     Ended,
     Event,
     LightChanged,
@@ -18,7 +18,6 @@ from rig.acquire.engine import (
     Noticed,
     Outcome,
     Ready,
-    ScanEngine,
     StepCut,
     StepDone,
 )
@@ -28,7 +27,8 @@ from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter, finish
 from rig.model.config import RigConfig
-from rig.model.devices import Operator
+from rig.model.devices import Exposure, Operator
+from rig.model.photons import TaggedExposure
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -68,7 +68,7 @@ class Watch:
 
 
 class Recorder:
-    """A consumer of scan events that streams histograms to a file and adds them up.
+    """A consumer of scan events that streams photons to a file and adds them up.
 
     Each line of the grid is on disk before the next begins; the closing record tells how the scan ended.
 
@@ -92,7 +92,7 @@ class Recorder:
                 self._writer.record_devices(settings, pass_index)
             case StepDone(exposure=exposure):
                 self._note(exposure.warnings)
-                self._writer.append(exposure.counts, exposure.live_time_s)
+                self._append(exposure)
                 self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
             case StepCut(step=step, exposure=exposure):
@@ -109,6 +109,14 @@ class Recorder:
                 self._writer.withdraw(trusted)
                 self._writer.close(outcome.value, reason)
 
+    def _append(self, exposure: Exposure) -> None:
+        """Give a step's photons to the file, in its form."""
+        if self._writer.tagged:
+            assert isinstance(exposure, TaggedExposure), "only a time-tagged instrument lists its photons"
+            self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
+        else:
+            self._writer.append(exposure.counts, exposure.live_time_s)
+
     def _note(self, warnings: tuple[str, ...]) -> None:
         """Note what is said of the step at hand."""
         step = min(self._writer.appended, self._writer.steps - 1)
@@ -116,8 +124,8 @@ class Recorder:
             self._writer.note(sentence, step, step)
 
 
-def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
-    """Say all that is known before the first photon."""
+def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool = False) -> ScanDescription:
+    """Say all that is known before the first photon; ``tagged`` is whether the file is to list photons."""
     detector_m = np.array([[channel.spot_m for channel in state.channels]])
     gate_start_s = gate_stop_s = fade_from_s = None
     gates = {one.gate_s for one in plan.passes}
@@ -144,6 +152,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
+        tagged=tagged,
     )
 
 

@@ -87,7 +87,7 @@ class Assembler:
         self._lag = timing.lag_s * timing.sync_hz
         self._began: int | None = None
         self._number = 0  # of the line that comes next
-        self._photons: list[tuple[NDArray, NDArray, NDArray]] = []
+        self._photons = [(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.int8))]
         self._markers: list[tuple[NDArray[np.int64], NDArray[np.uint8]]] = []
         self._whole_to = self._next_whole_to = 0
 
@@ -146,9 +146,9 @@ class Assembler:
         if reason := self._unfit(line, tags, masks):
             return LineFailed(line, reason)
         self._tick = (tags[-1] - self._began) / line.end
-        edges = np.rint(np.stack([self._at(line.ticks), self._at(line.ticks + 1)], axis=1) + self._lag)
-        edges[1:, 0] = np.maximum(edges[1:, 0], edges[:-1, 1])
-        return self._sorted(line, edges.astype(np.int64))
+        begins, passed_on = tags[:-1], np.diff(line.ticks, append=line.end) == 1
+        ends = np.where(passed_on, tags[1:], begins + round(self._tick))
+        return self._sorted(line, np.stack([begins, ends], axis=1) + round(self._lag))
 
     def _take_markers(self, line: Line) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
         """Take away the markers up to the end of a line."""

@@ -3,32 +3,14 @@
 from collections.abc import Generator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.leaving import leave
 from rig.acquire.assembly import Assembler, LineFailed, LineRead, Timing
+from rig.acquire.events import Recorded
 from rig.model.devices import Clock, PointClock, SweepingGalvo, TimeTagger
 from rig.model.sweep import Sweep
 
 #: How much later than planned the last marker may come [s].
 LATE_S = 1.0
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """The timing instrument gave records, perhaps none. ``words`` are valid while this is handled.
-
-    Attributes
-    ----------
-    words
-        (n,) uint32.
-    begins
-        Whether they are the first of a measurement, whose sync pulses are counted from zero.
-    """
-
-    words: NDArray[np.uint32]
-    begins: bool
 
 
 @dataclass(frozen=True)

@@ -4,28 +4,40 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
-from enum import Enum
 from functools import partial
 from typing import cast
 
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
 from rig.acquire.assembly import LineFailed, LineRead, Timing
-from rig.acquire.continuous import Recorded, SweepDevices, follow
+from rig.acquire.continuous import SweepDevices, follow
+from rig.acquire.events import (
+    Consumer,
+    Ended,
+    Event,
+    LightChanged,
+    LineDone,
+    Noticed,
+    Outcome,
+    Phase,
+    PhaseChanged,
+    Ready,
+    Recorded,
+    StepCut,
+    StepDone,
+)
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,
     Device,
-    Exposure,
     Galvo,
     GatedSpad,
     GuardedLaser,
     Operator,
     PointClock,
     Preparation,
-    Rates,
     Settings,
     SweepingGalvo,
     Tcspc,
@@ -51,151 +63,6 @@ TRIES = 3
 
 #: What is said of a detector whose bias could not be taken away, or that could not be asked.
 BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
-
-
-class Phase(Enum):
-    """What the engine is doing.
-
-    ::
-
-        PREPARING -> AIMING -> BIASING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
-            ^---------- a pass with other settings ------------------'
-    """
-
-    PREPARING = "preparing"
-    AIMING = "aiming"
-    BIASING = "biasing the detector"
-    LIGHTING = "lighting"
-    CHECKING = "checking rates"
-    EXPOSING = "exposing"
-    CLOSING = "closing"
-
-
-class Outcome(Enum):
-    """How a scan ended."""
-
-    COMPLETE = "complete"
-    INTERRUPTED = "interrupted"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class PhaseChanged:
-    """The engine began another phase."""
-
-    phase: Phase
-
-
-@dataclass(frozen=True)
-class Ready:
-    """All is set for the first exposure of a pass.
-
-    Attributes
-    ----------
-    pass_index
-        Which pass of the plan.
-    rates
-        Sync and count rates.
-    warnings
-        The timing instrument's own warnings.
-    settings
-        What each device says of itself and its settings now, by device name.
-    """
-
-    pass_index: int
-    rates: Rates
-    warnings: tuple[str, ...]
-    settings: dict[str, Settings]
-
-
-@dataclass(frozen=True)
-class StepDone:
-    """One step was measured. ``exposure.counts`` is valid only while the event is handled."""
-
-    step: Step
-    exposure: Exposure
-
-
-@dataclass(frozen=True)
-class StepCut:
-    """A step was ended before its time, because a stop was asked for; it counts as not measured.
-
-    ``exposure`` holds what was counted until then, for as long as the event is handled.
-    """
-
-    step: Step
-    exposure: Exposure
-
-
-@dataclass(frozen=True)
-class LightChanged:
-    """What is known of the laser's light.
-
-    Attributes
-    ----------
-    on
-        Whether the laser says that it emits; None where it could not be asked or does not obey.
-    when
-        Local time at which it was read back, ISO 8601.
-    """
-
-    on: bool | None
-    when: str
-
-    @property
-    def words(self) -> str:
-        """What is known, as a sentence."""
-        if self.on is None:
-            return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
-        return f"laser on since {self.when}" if self.on else f"laser dark, read back twice at {self.when}"
-
-
-@dataclass(frozen=True)
-class Noticed:
-    """Something less than good was noticed that does not end the scan.
-
-    Attributes
-    ----------
-    sentence
-        What.
-    first, last
-        The steps that it concerns.
-    kind
-        ``warning``, or what else it is.
-    """
-
-    sentence: str
-    first: int
-    last: int
-    kind: str = "warning"
-
-
-@dataclass(frozen=True)
-class LineDone:
-    """All steps of a line were measured: a good moment to put data on disk."""
-
-    steps_done: int
-
-
-@dataclass(frozen=True)
-class Ended:
-    """The scan is over and the laser is dark.
-
-    Attributes
-    ----------
-    outcome, reason
-        How and why.
-    steps_done
-        Steps that can be trusted; fewer than were measured where the laser went dark unnoticed.
-    """
-
-    outcome: Outcome
-    steps_done: int
-    reason: str
-
-
-Event = PhaseChanged | Ready | StepDone | StepCut | LineDone | LightChanged | Noticed | Recorded | Ended
-Consumer = Callable[[Event], None]
 
 
 @dataclass(frozen=True)

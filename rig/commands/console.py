@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
-from rig.acquire.engine import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 

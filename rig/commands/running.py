@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.acquire.acquisition import ScanResult, Watch
-from rig.acquire.engine import Outcome
+from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
 from rig.errors import DataFileError, InterruptedScanError, UsageError

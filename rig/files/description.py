@@ -56,6 +56,8 @@ class ScanDescription:
         (S, 2) commanded mirror angles.
     dtype
         Type of the counts; a floating type says that they are expectations, not photons.
+    tagged
+        Whether the file is to hold the bin of each photon rather than histograms.
     """
 
     laser_m: NDArray[np.float64]
@@ -78,6 +80,7 @@ class ScanDescription:
     dtype: DTypeLike = "<u4"
     delay_s: NDArray[np.float64] | None = None
     mirror_rad: NDArray[np.float64] | None = None
+    tagged: bool = False
 
     def __post_init__(self) -> None:
         steps = len(self.laser_m)
@@ -90,6 +93,8 @@ class ScanDescription:
             )
         if self.bins < 1 or not self.bin_width_s > 0:
             raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
+        if self.tagged and np.dtype(self.dtype).kind == "f":
+            raise ValueError("expectations are no photons that could be listed; take histograms")
         if self.channels and len(self.channels) != self.channel_count:
             raise ValueError(f"{len(self.channels)} channels, but detector_m has {self.channel_count}")
         if self.delay_s is not None and self.delays is not None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
-from rig.files import content, mend
+from rig.files import content, forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.content import Note
@@ -244,15 +244,11 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._check_stored(counts)
+            self._check_stored(counts, int(np.count_nonzero(self._marked)) * prod(counts.shape[1:]))
         else:
-            photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
-            if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
-                raise DataFileError(
-                    f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
-                    f"it goes from {offset[0]} to {offset[-1]}"
-                )
-            self._offset = offset
+            photons = transients["photons"]
+            self._spans = self._read_offsets(photons)
+            self._check_stored(photons, int((self._spans[1] - self._spans[0]).sum()))
             self.bins = self._tagged_bins(photons)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
@@ -263,24 +259,44 @@ class ScanFile(RecordedFile):
                 f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
             )
 
-    def _check_stored(self, counts: h5py.Dataset) -> None:
-        """Refuse counts that claim to be measured and were never written, or are packed as no counts are."""
-        if counts.chunks is None:
+    def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
+        """Refuse values that claim to be measured and were never written, or are packed as none are."""
+        if values.chunks is None:
             return
-        chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
-        written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
-        measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
-        if written < measured:
+        what = values.name.rsplit("/", 1)[-1]
+        itemsize = values.dtype.itemsize
+        written = values.id.get_num_chunks() * prod(values.chunks) * itemsize
+        packed = values.id.get_storage_size()
+        if written < measured * itemsize:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
-                "bytes were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured * itemsize} bytes of {what} were measured, but chunks of "
+                f"{written} bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
+                f"{self.path}: its {what} claim {written / 1e9:.3g} GB and are packed into "
                 f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
                 "less: h5repack -f GZIP=1"
             )
+
+    def _read_offsets(self, photons: h5py.Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first photon of each pair of step and channel, and the one after its last.
+
+        What is said of steps that are not measured is not looked at: it may be anything while a file is
+        written. They have no photons.
+        """
+        offset = read(self._file["transients/photon_offset"]).astype(np.int64)
+        done = np.repeat(self.done, len(self.detector_m[0]))
+        first, stop = offset[:-1] * done, offset[1:] * done
+        edges = np.column_stack([first, stop])[done].ravel()
+        all_of_it = offset[0] == 0 and offset[-1] == len(photons)
+        rising = (np.diff(edges, prepend=0, append=len(photons)) >= 0).all()
+        if not rising or (done.all() and not all_of_it):
+            raise DataFileError(
+                f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
+                f"it goes from {offset[0]} to {offset[-1]}"
+            )
+        return first, stop
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
         """Return the number of bins of the time-tagged form: as said, or else up to the last photon."""
@@ -325,9 +341,10 @@ class ScanFile(RecordedFile):
     def altered(self) -> NDArray[np.bool_]:
         """(S,) which steps were measured, but were altered in the file since; all False without checksums."""
         with reading(self.path):
-            if "checksum" not in self._file["transients"] or not content.written_here(self._file):
+            if "checksum" not in self._file["transients"] or not forms.written_here(self._file):
                 return np.zeros(self.steps, bool)
-            return content.altered(self._file, read(self._file["transients/checksum"]))
+            form = forms.of_file(self._file)
+            return form.altered(self._file, form.stored_sums(self._file))
 
     @property
     def events(self) -> list[Note]:
@@ -549,7 +566,7 @@ class ScanFile(RecordedFile):
         if not self.tagged:
             return DenseHistograms(self.path, transients["counts"], np.flatnonzero(wanted))
         pairs = np.repeat(wanted, len(self.channels))
-        return TaggedHistograms(self.path, transients["photons"], self._offset, self.bins, pairs)
+        return TaggedHistograms(self.path, transients["photons"], self._spans, self.bins, pairs)
 
     def rectified_by_s(
         self, delays: PathDelays | None = None, laser_m: NDArray | None = None

@@ -16,7 +16,7 @@ from drivers.hydraharp.library import HHLib
 from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
-from rig.acquire.engine import Event, Outcome
+from rig.acquire.events import Event, Outcome
 from rig.bench.simulated import simulated_bench
 from rig.devices.kinds import Wires
 from rig.files.scan import ScanFile
