@@ -33,6 +33,7 @@ class Desk:
         self.bench = Bench()
         self.bench.mirror = SteeringMirror(natural_frequency_hz=2500.0)
         self.board = SimulatedBoard(self.bench, DaqWiring(LINES.markers, None, ("ao0", "ao1"), scale))
+        self.board.start_after_s = 0.0  # what comes when is counted from the start
         shared = SharedBoard(self.board)
         self.clock = DaqPointClock(shared, LINES)
         self.galvo = AnalogueGalvo(

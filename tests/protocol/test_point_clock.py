@@ -28,6 +28,7 @@ class Desk:
     def __init__(self, lines: PulseLines = LINES) -> None:
         self.bench = Bench()
         self.board = SimulatedBoard(self.bench, WIRING)
+        self.board.start_after_s = 0.0  # what comes when is counted from the start
         self.clock = DaqPointClock(SharedBoard(self.board), lines)
         self.ticks_s: list[float] = []
         self.bench.tick_listeners.append(lambda times_s: self.ticks_s.extend(times_s.tolist()))

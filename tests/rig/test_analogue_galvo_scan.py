@@ -13,11 +13,11 @@ from rig.model.state import RigState
 from support.misaligned import errors_m, misaligned
 
 
-def scanned(path, galvo: dict, gain: float = 1.0):
+def scanned(path, galvo: dict, gain: float = 1.0, motion: str = "step"):
     """Return counts (positions, 60) of each nanosecond, and what the file says of the galvo."""
     wrong = {"mirror_gain": [gain, gain]}
     config = built_in_with({"galvo": galvo, "simulation": {"seed": 4, "misalignment": wrong}})
-    plan = ScanPlan.grid(config, columns=6, rows=5, spacing_m=0.2, exposure_s=0.05)
+    plan = ScanPlan.grid(config, columns=6, rows=5, spacing_m=0.2, exposure_s=0.05, motion=motion)
     acquire(plan, RigState(config), path)
     with ScanFile(path) as scan:
         counts = scan.counts(range(len(plan)))[:, 0]
@@ -42,6 +42,12 @@ def test_a_scan_sees_what_it_sees_with_another_mirror(tmp_path, with_optotune):
     assert galvo["volts_per_degree_x"] == 0.8
     assert here.sum() > 100_000
     assert not np.array_equal(here, with_optotune)  # a pair takes other angles, so other photons are drawn
+    assert abs(sigmas(here, with_optotune)) < 5
+
+
+def test_a_mirror_that_never_stops_sees_the_same(tmp_path, with_optotune):
+    """Voltages and marks are of one clock; of each 50 ms the mirror is on its way for about 0.5 ms."""
+    here, _ = scanned(tmp_path / "scan.h5", {"kind": "analogue"}, motion="continuous")
     assert abs(sigmas(here, with_optotune)) < 5
 
 
