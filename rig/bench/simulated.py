@@ -53,7 +53,7 @@ def _wiring(config: RigConfig) -> "DaqWiring":
 
     wiring = DaqWiring((), None)
     if clock := config.point_clock:
-        wiring = replace(wiring, markers=clock.markers, step=clock.step)
+        wiring = replace(wiring, markers=clock.markers, step=clock.step or None)
     if isinstance(galvo := config.galvo, AnalogueGalvoConfig):
         wiring = replace(wiring, channels=galvo.channels, volts_per_degree=galvo.volts_per_degree)
     return wiring

@@ -190,7 +190,7 @@ def _harp(config: RigConfig) -> dict[str, Any]:
 
 def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
     """Return the point clock, to be entered."""
-    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step))
+    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step or None))
 
 
 def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:

@@ -232,15 +232,15 @@ class DaqClockConfig(_Section):
         ("port0/line0", "port0/line1", "port0/line2", "port0/line3"), min_length=1, max_length=4
     )
     """Lines to the timing instrument's marker inputs M1, M2, M3 and M4: points, lines, frames, a spare."""
-    step: str | None = "port0/line4"
-    """Line to the mirror's trigger input."""
+    step: str = "port0/line4"
+    """Line to the mirror's trigger input; empty where no mirror has one."""
     counter: str = "ctr0"
     """The counter whose pulses are the one clock of all samples."""
 
     @model_validator(mode="after")
     def _lines_differ(self) -> "DaqClockConfig":
-        lines = [*self.markers, *([self.step] if self.step is not None else [])]
-        twice = sorted({line for line in lines if lines.count(line) > 1})
+        lines = [*self.markers, self.step]
+        twice = sorted({line for line in lines if line and lines.count(line) > 1})
         if twice:
             raise ValueError(f"two pulses go to {twice[0]}; give each a line of its own")
         return self

@@ -29,11 +29,11 @@ LINES = tuple(f"port0/line{number}" for number in range(32))
 CHANNELS = ("ao0", "ao1")
 
 
-#: From the call that starts to the first sample [s]: NI-DAQmx programs its clock meanwhile (UNCONFIRMED how long).
+#: From the call that starts to the first sample [s], in which NI-DAQmx programs its clock; UNCONFIRMED.
 START_S = 0.02
 
-#: The same where the bench's clock jumps: another device's thread may move it on while the board is started, by as
-#: much as a timing instrument runs ahead of the program.
+#: The same where the bench's clock jumps: another device's thread may move it on while the board is started,
+#: by as much as a timing instrument runs ahead of the program.
 START_JUMPING_S = 0.2
 
 
