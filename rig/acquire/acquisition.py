@@ -124,8 +124,8 @@ class Recorder:
             self._writer.note(sentence, step, step)
 
 
-def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool = False) -> ScanDescription:
-    """Say all that is known before the first photon; ``tagged`` is whether the file is to list photons."""
+def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
+    """Say all that is known before the first photon."""
     detector_m = np.array([[channel.spot_m for channel in state.channels]])
     gate_start_s = gate_stop_s = fade_from_s = None
     gates = {one.gate_s for one in plan.passes}
@@ -152,7 +152,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool 
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
-        tagged=tagged,
+        tagged=plan.continuous,
     )
 
 
@@ -248,11 +248,23 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured, tagged=plan.continuous) as devices:
+    begin_s = _begin_s(plan, state, measured)
+    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
         with ScanWriter.resume(target) as writer:
             return _run(plan, state, devices, writer, watch or Watch(), None)
+
+
+def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
+    """Return the time at which a simulated bench goes on that has seen some spots already, else zero.
+
+    A new bench would not know of these visits, and give the same photons again, of a scene that moves back to
+    where it began.
+    """
+    if len(np.unique(plan.spots_m, axis=0)) == len(plan):
+        return 0.0
+    return plan.duration_s(state.config) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:
