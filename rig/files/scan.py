@@ -566,10 +566,12 @@ class ScanFile(RecordedFile):
         if whole < 2:
             steps = done if frames == 1 else done[done < size]
             return steps, self._histograms(np.isin(np.arange(self.steps), steps))
-        each = np.arange(self.steps) // size
-        return np.arange(size), RepeatedHistograms(
-            [self._histograms(each == frame) for frame in range(whole)]
-        )
+        return np.arange(size), RepeatedHistograms(self.histograms_of_frames())
+
+    def histograms_of_frames(self) -> list[Histograms]:
+        """Return the counts of each whole frame, in order; of a plan with one set of positions."""
+        each = np.arange(self.steps) // (self.steps // self.frames)
+        return [self._histograms(each == frame) for frame in self.whole_frames.tolist()]
 
     def _histograms(self, wanted: NDArray[np.bool_]) -> Histograms:
         """Return the counts of (S,) wanted steps."""
