@@ -110,9 +110,8 @@ class Recorder:
                 self._writer.close(outcome.value, reason)
 
     def _append(self, exposure: Exposure) -> None:
-        """Give a step's photons to the file, in its form."""
-        if self._writer.tagged:
-            assert isinstance(exposure, TaggedExposure), "only a time-tagged instrument lists its photons"
+        """Give a step's photons to the file."""
+        if self._writer.tagged and isinstance(exposure, TaggedExposure):
             self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
         else:
             self._writer.append(exposure.counts, exposure.live_time_s)
@@ -124,8 +123,8 @@ class Recorder:
             self._writer.note(sentence, step, step)
 
 
-def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool = False) -> ScanDescription:
-    """Say all that is known before the first photon; ``tagged`` is whether the file is to list photons."""
+def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescription:
+    """Say all that is known before the first photon."""
     detector_m = np.array([[channel.spot_m for channel in state.channels]])
     gate_start_s = gate_stop_s = fade_from_s = None
     gates = {one.gate_s for one in plan.passes}
@@ -152,7 +151,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices, *, tagged: bool 
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
-        tagged=tagged,
+        tagged=plan.continuous,
     )
 
 
