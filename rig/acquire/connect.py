@@ -42,7 +42,8 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     first
         Step of the plan with which the scan begins.
     tagged
-        Whether the timing instrument is to record each photon, instead of making histograms.
+        Whether the timing instrument is to record each photon, and the point clock to mark positions among
+        them, instead of histograms that the instrument makes.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     """
     with ExitStack() as stack:
         galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
-        clock = stack.enter_context(_point_clock(config, wires))
+        clock = stack.enter_context(_point_clock(config, wires, tagged))
         spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
         yield Devices(
             galvo=galvo,
@@ -80,8 +81,10 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
         )
 
 
-def _point_clock(config: RigConfig, wires: Wires) -> AbstractContextManager[PointClock | None]:
-    if config.point_clock is None:
+def _point_clock(
+    config: RigConfig, wires: Wires, tagged: bool
+) -> AbstractContextManager[PointClock | None]:
+    if config.point_clock is None or not tagged:
         return nullcontext()
     return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
 

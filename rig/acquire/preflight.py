@@ -113,6 +113,11 @@ def _check_continuous(state: RigState) -> None:
             f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
             "stops needs: use --mode step"
         )
+    if state.config.point_clock is None:
+        raise RefusedError(
+            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
+            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
+        )
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
