@@ -110,9 +110,8 @@ class Recorder:
                 self._writer.close(outcome.value, reason)
 
     def _append(self, exposure: Exposure) -> None:
-        """Give a step's photons to the file, in its form."""
-        if self._writer.tagged:
-            assert isinstance(exposure, TaggedExposure), "only a time-tagged instrument lists its photons"
+        """Give a step's photons to the file."""
+        if self._writer.tagged and isinstance(exposure, TaggedExposure):
             self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
         else:
             self._writer.append(exposure.counts, exposure.live_time_s)
