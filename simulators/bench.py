@@ -278,6 +278,8 @@ class Bench:
         Seed of all photon statistics.
     clock
         The one clock; by default it runs as fast as the computer can.
+    mirror
+        By default one that is as quick as the rig's.
 
     Attributes
     ----------
@@ -301,6 +303,7 @@ class Bench:
         *,
         seed: int = 0,
         clock: BenchClock | None = None,
+        mirror: SteeringMirror | None = None,
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         if photons and len(photons) != len(self.geometry.channels):
@@ -310,7 +313,7 @@ class Bench:
         self.photons = tuple(photons)
         self.seed = seed
         self.clock = clock or BenchClock()
-        self.mirror = SteeringMirror()
+        self.mirror = mirror or SteeringMirror()
         self.watchers: list[Callable[[float], None]] = []
         self.tick_listeners: list[Callable[[NDArray[np.float64]], None]] = []
         self.stop_listeners: list[Callable[[float], None]] = []

@@ -60,11 +60,13 @@ def simulated_bench(config: RigConfig, *, real_time: bool) -> "Bench":
     """
     from simulators.bench import Bench
     from simulators.clock import BenchClock
+    from simulators.motion.mirror import SteeringMirror
 
     simulation = config.simulation or SimulationConfig()
     geometry = true_geometry(config)
     clock = BenchClock(real_time=real_time)
-    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
+    mirror = SteeringMirror.trailing(simulation.misalignment.mirror_lag_s)
+    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock, mirror=mirror)
 
 
 def timing_faults(config: RigConfig) -> "Timing":
