@@ -327,8 +327,9 @@ class LagRoutine(Routine[MirrorLag]):
             1e3 * np.array(found.lag_after_error_s),
         )  # fmt: skip
         axes["along"].set(
-            title="lag in parts of the lines", xscale="symlog", xlabel="time after the line's first point (ms)",
-            ylabel="more than in the mean (ms)",
+            title="lag in parts of the lines", ylabel="more than in the mean (ms)",
+            xscale="symlog", xlabel="time after the line's first point (ms)",
+            xticks=(0, 1, 10, 100), xticklabels=("0", "1", "10", "100"),
         )  # fmt: skip
         return figure
 
