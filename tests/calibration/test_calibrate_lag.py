@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch, acquire
+from rig.calibrate.routine import changed
 from rig.calibrate.run import fitted, measured
 from rig.calibrate.timing.lag import LagRoutine, Swept, fit_lag, swept
 from rig.errors import CalibrationError, RefusedError
@@ -148,10 +149,10 @@ def test_data_that_cannot_tell(tmp_path):
     acquire(stepped, RigState(setup), tmp_path / "stepped.h5")
     with pytest.raises(CalibrationError, match="a mirror that stops at each position"):
         routine.fit([tmp_path / "stepped.h5"], RigState(config))
-    dark = rig(tmp_path, columns=10, spacing="1mm")
-    (path,) = measured(LagRoutine(rows=2, point_s=0.1e-3), dark, None, tmp_path, Watch())
-    with pytest.raises(CalibrationError, match="it has no peak: .* 20 are the least"):
-        routine.fit([path], RigState(dark))
+    weak = changed(config, laser={"power_setpoint": 1.0})
+    (path,) = measured(routine, weak, None, tmp_path, Watch())
+    with pytest.raises(CalibrationError, match=r"it has no peak: .* 20 are the least"):
+        routine.fit([path], RigState(weak))
     assert not (tmp_path / "calibrations").exists()
 
 
