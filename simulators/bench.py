@@ -8,10 +8,10 @@ from bisect import bisect_left, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import dist, inf, radians, tan
+from math import ceil, inf, radians, tan
 from operator import attrgetter
 from threading import RLock
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,10 @@ from simulators.clock import BenchClock
 from simulators.motion.mirror import SteeringMirror
 from simulators.motion.mount import MirrorMount
 from simulators.ticks import Ticks
+from simulators.track import STEP_S, Track
 
-#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [rad], about
-#: 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
-MOVEMENT_STEP_RAD = 6e-4
+#: A moving mirror is followed in pieces of at most so much bench time [s], so that memory is bounded.
+MOVEMENT_S = 10e-3
 
 #: Tangent in which mirror positions are counted, in single precision, where photons are drawn for them. Any
 #: will do; this one has been used from the beginning, and another one would draw other photons.
@@ -103,6 +103,22 @@ class BenchGeometry:
             raise ValueError(f"the mirror at {mirror_rad} rad sends the beam away from the wall")
         x, y, _ = start_m - direction * (start_m[2] / direction[2])
         return float(x), float(y), 0.0
+
+    def laser_spots_m(self, mirror_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return `laser_spot_m` (n, 3) of (n, 2) angles.
+
+        Raises
+        ------
+        ValueError
+            If the beam goes away from the wall.
+        """
+        starts_m, directions = self.mount.rays(mirror_rad)
+        starts_m = starts_m + self.galvo_m
+        if not (directions[:, 2] < 0).all():
+            raise ValueError("the moving mirror sends the beam away from the wall")
+        spots_m = starts_m - directions * (starts_m[:, 2:] / directions[:, 2:])
+        spots_m[:, 2] = 0.0
+        return np.asarray(spots_m)
 
 
 @dataclass(frozen=True)
@@ -231,19 +247,42 @@ class Photons(Protocol):
         """Draw the detections of ``duration_s``, times after sync folded into one period."""
         ...
 
+    def detections_along(self, track: Track, light: LightState, rng: np.random.Generator) -> Detections:
+        """Draw the detections while the laser spot goes its way, times after sync folded into one period."""
+        ...
+
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second."""
         ...
 
 
+@runtime_checkable
+class MovingPhotons(Photons, Protocol):
+    """The same of a scene that moves meanwhile."""
+
+    def at(self, bench_s: float) -> Photons:
+        """Return what is detected from a bench time on, the scene where it is then."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Stretch:
-    """A time in which nothing changes: where the laser points, how long, and the first sync pulse."""
+    """A time in which only mirror and scene move: where the laser points, since when, how long.
 
-    spot_m: Spot
+    `first_pulse` counts sync pulses.
+    """
+
+    spot_m: Spot | Track
     light: LightState
+    begin_s: float
     duration_s: float
     first_pulse: int
+
+    def drawn(self, photons: Photons, rng: np.random.Generator) -> Detections:
+        """Draw what a channel detects."""
+        if isinstance(self.spot_m, Track):
+            return photons.detections_along(self.spot_m, self.light, rng)
+        return photons.detections(self.spot_m, self.light, self.duration_s, rng)
 
 
 def _drawn(
@@ -252,11 +291,17 @@ def _drawn(
     """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
     pieces = [no_detections()]
     for one in stretches:
-        piece = photons.detections(one.spot_m, one.light, one.duration_s, rng)
+        seen = photons.at(one.begin_s) if isinstance(photons, MovingPhotons) else photons
+        piece = one.drawn(seen, rng)
         pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
     return Detections(
         np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
     )
+
+
+def _parts(duration_s: float, longest_s: float) -> int:
+    """Return into how many parts a time is cut; rounding makes none more."""
+    return max(ceil(duration_s / longest_s - 1e-6), 1)
 
 
 class Bench:
@@ -264,7 +309,7 @@ class Bench:
 
     Photon statistics are drawn from the seed, the commanded mirror position, how often that position has been
     measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
-    draw.
+    draw. A bench whose clock does not begin at zero, in place of one that has drawn already, draws others.
 
     Several threads may use it: one may draw photons while another commands mirror and switches.
 
@@ -311,6 +356,7 @@ class Bench:
                 f"photons of {len(photons)} channels for a detector of {len(self.geometry.channels)}"
             )
         self.photons = tuple(photons)
+        self._began_s = clock.now_s() if clock else 0.0
         self.seed = seed
         self.clock = clock or BenchClock()
         self.mirror = mirror or SteeringMirror()
@@ -439,7 +485,7 @@ class Bench:
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times, the mirror and all switches followed.
 
-        At each change, and at each step of a moving mirror, the detector begins anew, ready.
+        At each change, and each `MOVEMENT_S` of a moving mirror, the detector begins anew, ready.
         """
         return self.drawing(start_s, stop_s)()
 
@@ -452,6 +498,14 @@ class Bench:
         return lambda: tuple(
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
         )
+
+    def warm_up(self) -> None:
+        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits."""
+        way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
+        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
+        for photons in self.photons:
+            photons.detections((0.3, 0.0, 0.0), wide_open, 1e-3, np.random.default_rng(0))
+            photons.detections_along(way, wide_open, np.random.default_rng(0))
 
     def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
         """Return how sync pulses came between two bench times, cut where their rate changed."""
@@ -523,35 +577,31 @@ class Bench:
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
         entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        if self._began_s:  # visits of before were those of another bench
+            entropy += (round(self._began_s * 1e6),)
         first = np.random.SeedSequence(entropy)  # the channels after the first are its children
         return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
 
     def _stretches(self, start_s: float, stop_s: float) -> list[_Stretch]:
-        """Cut a time into stretches in which nothing changes and the mirror hardly moves."""
+        """Cut a time into stretches in which no switch changes, and the mirror stands or goes a short way."""
         stretches = []
-        for begin_s, end_s in pairwise([start_s, *self._changes_between(start_s, stop_s), stop_s]):
-            light = self._light_at(begin_s)
-            for middle_s, duration_s in self._steps(begin_s, end_s):
-                spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
-                first = round((middle_s - duration_s / 2 - start_s) * light.repetition_hz)
-                stretches.append(_Stretch(spot, light, duration_s, first))
+        switches = [at for at, _ in self._light if start_s < at < stop_s]
+        for since_s, until_s in pairwise([start_s, *switches, stop_s]):
+            light = self._light_at(since_s)
+            for begin_s, end_s, moving in self.mirror.moving_between(since_s, until_s):
+                pieces = _parts(end_s - begin_s, MOVEMENT_S) if moving else 1
+                for piece_s, next_s in pairwise(np.linspace(begin_s, end_s, pieces + 1).tolist()):
+                    spot = self._track(piece_s, next_s) if moving else self._spot_m(piece_s)
+                    first = round((piece_s - start_s) * light.repetition_hz)
+                    stretches.append(_Stretch(spot, light, piece_s, next_s - piece_s, first))
         return stretches
 
-    def _changes_between(self, start_s: float, stop_s: float) -> list[float]:
-        switches = [at for at, _ in self._light if start_s < at < stop_s]
-        return sorted({*switches, *self.mirror.commands_between(start_s, stop_s)})
+    def _spot_m(self, at_s: float) -> Spot:
+        return self.geometry.laser_spot_m(self.mirror.position(at_s))
+
+    def _track(self, begin_s: float, end_s: float) -> Track:
+        times_s = np.linspace(begin_s, end_s, _parts(end_s - begin_s, STEP_S) + 1)
+        return Track(self.geometry.laser_spots_m(self.mirror.positions(times_s)), end_s - begin_s)
 
     def _light_at(self, at_s: float) -> LightState:
         return next(light for since, light in reversed(self._light) if since <= at_s)
-
-    def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP_RAD` in each piece."""
-        middle_s, duration_s = (begin_s + end_s) / 2, end_s - begin_s
-        if duration_s <= 0:
-            return []
-        moved = max(
-            dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
-        )
-        if moved <= MOVEMENT_STEP_RAD or duration_s < 10e-6:
-            return [(middle_s, duration_s)]
-        return self._steps(begin_s, middle_s) + self._steps(middle_s, end_s)

@@ -32,7 +32,9 @@ class Station:
 
 
 @contextmanager
-def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> Iterator[Devices]:
+def open_devices(
+    config: RigConfig, first: int = 0, *, tagged: bool = False, begin_s: float = 0.0
+) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
     Parameters
@@ -42,7 +44,10 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     first
         Step of the plan with which the scan begins.
     tagged
-        Whether the timing instrument is to record each photon, instead of making histograms.
+        Whether the timing instrument is to record each photon, and the point clock to mark positions among
+        them, instead of histograms that the instrument makes.
+    begin_s
+        Time at which the clock of a simulated bench begins.
 
     Raises
     ------
@@ -53,7 +58,7 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     """
     with ExitStack() as stack:
         if config.simulated:
-            wires, _ = stack.enter_context(_simulated(config))
+            wires, _ = stack.enter_context(_simulated(config, begin_s))
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
@@ -68,7 +73,7 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     """
     with ExitStack() as stack:
         galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
-        clock = stack.enter_context(_point_clock(config, wires))
+        clock = stack.enter_context(_point_clock(config, wires, tagged))
         spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
         yield Devices(
             galvo=galvo,
@@ -80,8 +85,8 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
         )
 
 
-def _point_clock(config: RigConfig, wires: Wires) -> AbstractContextManager[PointClock | None]:
-    if config.point_clock is None:
+def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
+    if config.point_clock is None or not tagged:
         return nullcontext()
     return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
 
@@ -126,11 +131,12 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
 
 
 @contextmanager
-def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
+def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.simulated import simulated_instruments
 
-    bench, instruments = simulated_instruments(config)
+    bench, instruments = simulated_instruments(config, begin_s)
+    bench.warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

@@ -113,6 +113,11 @@ def _check_continuous(state: RigState) -> None:
             f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
             "stops needs: use --mode step"
         )
+    if state.config.point_clock is None:
+        raise RefusedError(
+            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
+            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
+        )
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
@@ -131,4 +136,5 @@ def _in_words(plan: ScanPlan) -> str:
     grid = plan.passes[0].positions
     if not isinstance(grid, Grid):
         return f"the list of {len(plan)} positions"
-    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}"
+    lines = f" x {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
+    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}{lines}"

@@ -1,5 +1,6 @@
 """The steering mirror: a critically damped second-order servo that trails its command."""
 
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -8,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 #: Error below which the servo holds its target exactly [rad] (about 1 um on a wall 2.5 m away).
 HOLD = 3.6e-7
+
+#: It stands after so many times 1/w, whatever the step: (1 + 25) exp(-25) is 4e-10 of it, less than `HOLD`.
+STILL_TURNS = 25.0
 
 
 class SteeringMirror:
@@ -85,6 +89,29 @@ class SteeringMirror:
     def settled(self, at_s: float) -> bool:
         """Whether the mirror stands on what is commanded by then."""
         return self.position(at_s) == self.target(at_s)
+
+    def moving_between(self, start_s: float, stop_s: float) -> list[tuple[float, float, bool]]:
+        """Cut a time where the mirror is commanded while it stands, and where it stands for certain.
+
+        Returns
+        -------
+        list of (begin_s, end_s, moving)
+            All of the time in order. Where it is not said to move, it stands still; the last moments of a
+            movement it may, too.
+        """
+        parts: list[tuple[float, float, bool]] = []
+        for begin_s, end_s in pairwise([start_s, *self.commands_between(start_s, stop_s), stop_s]):
+            if self.settled(begin_s):
+                parts.append((begin_s, end_s, False))
+                continue
+            still_s = min(begin_s + STILL_TURNS / self._w, end_s)
+            if parts and parts[-1][2]:
+                parts[-1] = (parts[-1][0], still_s, True)
+            else:
+                parts.append((begin_s, still_s, True))
+            if still_s < end_s:
+                parts.append((still_s, end_s, False))
+        return [part for part in parts if part[0] < part[1]]
 
     def commands_between(self, start_s: float, stop_s: float) -> list[float]:
         """Return the times of the commands given inside the open interval."""
