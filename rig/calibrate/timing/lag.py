@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
@@ -36,6 +35,8 @@ SETTLED_LAGS = 4.0
 #: What the path delays may be wrong by: a polynomial along x of this degree, and so along y to first order.
 #: Errors of places a distance d away go with (x / d)^n: at 0.9 m of 2.5 m the next term is 1e-3 of the first.
 DEGREE = 6
+#: Steps from a lag of zero; each leaves the square of what was missing, and the third less than 1 ns.
+NEWTON_STEPS = 4
 #: Fewest positions: two for each number that is fitted.
 MIN_POSITIONS = 2 * (2 * (DEGREE + 1) + 1)
 #: Least part of the positions that is to be passed the other way.
@@ -172,30 +173,40 @@ def _require_lines_back(seen: Swept, name: str) -> None:
     )
 
 
+def _polynomials(places_m: Floats, reach_m: float) -> Floats:
+    """(N, 2 (DEGREE + 1)) polynomials at (N, 3) places."""
+    x, y, _ = (places_m / reach_m).T
+    along_x = legvander(x, DEGREE)
+    return np.concatenate([along_x, along_x * y[:, None]], axis=1)
+
+
 def _arrivals_s(seen: Swept, lag_s: float, smooth_s: Floats, delays: PathDelays) -> Floats:
     places_m = seen.places_m(lag_s)
-    x, y, _ = (places_m / seen.reach_m).T
-    along_x = legvander(x, DEGREE)
-    basis = np.concatenate([along_x, along_x * y[:, None]], axis=1)
-    return delays.delay_s(places_m, places_m) + basis @ smooth_s
+    return delays.delay_s(places_m, places_m) + _polynomials(places_m, seen.reach_m) @ smooth_s
+
+
+def _slopes(seen: Swept, lag_s: float, smooth_s: Floats, delays: PathDelays) -> Floats:
+    """(N,) by how much arrivals come later with each second of lag."""
+    tiny_s = 1e-3 * seen.point_s
+    later_s, earlier_s = (_arrivals_s(seen, lag_s + by_s, smooth_s, delays) for by_s in (tiny_s, -tiny_s))
+    return (later_s - earlier_s) / (2 * tiny_s)
 
 
 def _fit(seen: Swept, lag_s: float, delays: PathDelays) -> FittedLag:
-    units_s = np.repeat([1e-3, 1e-12], [1, 2 * (DEGREE + 1)])  # of the unknowns: the lag, the polynomial
-
-    def residuals(unknowns: Floats) -> Floats:
-        lag_s, *smooth_s = unknowns * units_s
-        return (seen.arrival_s - _arrivals_s(seen, lag_s, np.array(smooth_s), delays)) / seen.error_s
-
-    start = np.zeros(len(units_s))
-    start[0] = lag_s / units_s[0]
-    fit = least_squares(residuals, start, x_scale="jac")
-    chi2 = float(2 * fit.cost / (len(seen.arrival_s) - len(start)))
-    variance = np.linalg.inv(fit.jac.T @ fit.jac)[0, 0] * max(chi2, 1.0)
-    found_s, smooth_s = float(fit.x[0] * units_s[0]), fit.x[1:] * units_s[1:]
-    return FittedLag(
-        found_s, float(np.sqrt(variance)) * units_s[0], chi2, np.ones(len(seen.arrival_s), bool), smooth_s
-    )
+    """Fit by Newton's method (Gauss); only the lag is not linear, and hardly."""
+    smooth_s = np.zeros(2 * (DEGREE + 1))
+    units_s = np.repeat([1e-3, 1e-12], [1, len(smooth_s)])  # so that lag and polynomials are alike in size
+    for _ in range(NEWTON_STEPS):
+        basis = _polynomials(seen.places_m(lag_s), seen.reach_m)
+        slopes = _slopes(seen, lag_s, smooth_s, delays)
+        design = np.column_stack([slopes, basis]) * units_s / seen.error_s[:, None]
+        left = (seen.arrival_s - _arrivals_s(seen, lag_s, smooth_s, delays)) / seen.error_s
+        step_s = np.linalg.lstsq(design, left)[0] * units_s
+        lag_s, smooth_s = lag_s + float(step_s[0]), smooth_s + step_s[1:]
+    left = (seen.arrival_s - _arrivals_s(seen, lag_s, smooth_s, delays)) / seen.error_s
+    chi2 = float((left**2).sum() / (len(left) - len(units_s)))
+    variance = np.linalg.inv(design.T @ design)[0, 0] * max(chi2, 1.0)
+    return FittedLag(lag_s, float(np.sqrt(variance) * units_s[0]), chi2, np.ones(len(left), bool), smooth_s)
 
 
 @dataclass(frozen=True)
@@ -213,8 +224,7 @@ def lag_along(seen: Swept, found: FittedLag, delays: PathDelays) -> AlongLine:
     Of small changes: what is left of the arrivals, by what a change of the lag changes.
     """
     at_s = found.arrivals_s(seen, found.lag_s, delays)
-    tiny_s = 1e-3 * seen.point_s
-    slope = (found.arrivals_s(seen, found.lag_s + tiny_s, delays) - at_s) / tiny_s
+    slope = _slopes(seen, found.lag_s, found.smooth_s, delays)
     after_s = seen.begins_s - seen.begins_s.min()
     point = np.rint(after_s / seen.point_s).astype(np.int64)
     # parts grow with the time since the turn, whose traces are short
