@@ -1,7 +1,8 @@
 """Points of a scan in records that this program wrote while it ran: sweeps of a mirror that never stopped.
 
-A line that failed is in them twice. The head says with which step each sweep began, so the one that counts is
-known. The mirror trails its command: the photons of a point are those between two markers, by that much later.
+A line that failed is in them twice. The head says with which step each sweep began, so the one that counts
+is known. The mirror trails its command: the photons of a point are those between two markers, by that much
+later.
 """
 
 from dataclasses import dataclass
@@ -122,7 +123,7 @@ class Sweeps:
         return np.concatenate(parts)
 
     def _of_sweep(self, tag: NDArray[np.int64], mask: NDArray[np.uint8], first: int) -> NDArray[np.int64]:
-        """Return (n, 2) where the points of a sweep begin and end; one without a marker after it has no end."""
+        """Return (n, 2) where the points of a sweep begin and end; one with no marker after it has no end."""
         point = np.flatnonzero(mask[:-1] & 1 << POINT_MARKER - 1)[: len(self.exposure) - first]
         exposure = self.exposure[first : first + len(point)]
         begin, next_one = tag[point], tag[point + 1]
