@@ -2,8 +2,9 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,10 +22,30 @@ from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
+    from rig.acquire.raw_records import RawRecords
     from rig.image.until import Until
     from rig.live.feed import LiveFeed
 
 Acquisition = Callable[[Watch], ScanResult]
+
+
+@dataclass(frozen=True)
+class Onlookers:
+    """Who takes part in a scan beside its file and the terminal.
+
+    Attributes
+    ----------
+    until
+        What may end it before its last position; that is no failure.
+    live
+        Whether it is shown while it runs.
+    records
+        What keeps the timing instrument's records.
+    """
+
+    until: "Until | None" = None
+    live: bool = False
+    records: "RawRecords | None" = None
 
 
 def run(
@@ -33,8 +54,7 @@ def run(
     target: Path,
     as_json: bool,
     config: Path | None = None,
-    until: "Until | None" = None,
-    live: bool = False,
+    others: Onlookers = Onlookers(),
 ) -> None:
     """Run a scan into ``target`` and tell how it went.
 
@@ -48,25 +68,24 @@ def run(
         Whether the result is printed as a document.
     config
         The rig's configuration, if it takes one to go on with the scan.
-    until
-        What may end the scan before its last position; that is no failure.
-    live
-        Whether it is shown while it runs.
+    others
+        Who takes part.
 
     Raises
     ------
     rig.errors.InterruptedScanError
         If the person stopped it after a position.
     """
-    began_s = time.monotonic()
+    began_s, until = time.monotonic(), others.until
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with ExitStack() as stack:
             stop = stack.enter_context(StopRequest(console.say))
-            feed = _feed(target) if live else None
+            feed = _feed(target) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
-            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until, feed))
+            lookers = [one for one in (others.records, until, feed) if one is not None]
+            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, lookers, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
@@ -78,6 +97,8 @@ def run(
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if until and until.trouble:
         console.warn(until.trouble)
+    if others.records:
+        _tell_records(others.records)
     if until and result.ended.outcome is Outcome.INTERRUPTED and result.ended.reason == until.reason():
         console.say(f"Ended as asked: {until.reason()}. {_safe(target, config)}")
         return
@@ -85,11 +106,35 @@ def run(
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
 
-def _watch(
-    progress: console.ScanProgress, stop: StopRequest, until: "Until | None", feed: "LiveFeed | None"
-) -> Watch:
-    lookers = [one for one in (until, feed) if one is not None]
+def records_beside(target: Path, plan: ScanPlan, *, again: bool = False) -> "RawRecords":
+    """Return what keeps the records of a scan beside its file; ``again``: of one that is taken up again.
 
+    Raises
+    ------
+    UsageError
+        If the scan has no records, or there is such a file.
+    """
+    from rig.acquire.raw_records import RawRecords
+    from rig.files.records import beside
+
+    if not plan.continuous:
+        raise UsageError("--ptu keeps photons as records, which only a scan with --mode continuous has")
+    return RawRecords(beside(target, again=again))
+
+
+def _tell_records(records: "RawRecords") -> None:
+    if records.problem:
+        console.warn(records.problem)
+    elif records.path.exists():
+        console.say(f"Records: {records.path} ({records.path.stat().st_size / 1e6:.1f} MB)")
+
+
+def _watch(
+    progress: console.ScanProgress,
+    stop: StopRequest,
+    lookers: "Sequence[RawRecords | Until | LiveFeed]",
+    until: "Until | None",
+) -> Watch:
     def begun(description: ScanDescription) -> None:
         for one in lookers:
             one.begun(description)
