@@ -3,13 +3,10 @@
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-#: Error below which the servo holds its target exactly [rad] (about 1 um on a wall 2.5 m away).
-HOLD = 3.6e-7
-
-#: It stands after so many times 1/w, whatever the step: (1 + 25) exp(-25) is 4e-10 of it, less than `HOLD`.
+#: It stands after so many times 1/w, whatever the step: (1 + 25) exp(-25) is 4e-10 of it, less than the error
+#: below which it is held.
 STILL_TURNS = 25.0
 
 
@@ -17,8 +14,9 @@ class SteeringMirror:
     """Two axes, as optical angles [rad].
 
     The error follows e(t) = (e0 + (v0 + w e0) t) exp(-w t), the critically damped response with natural
-    frequency ``w``; below `HOLD` the mirror stands exactly on its target, so that where it points does not
-    depend on where it came from. Commands may be given for times to come, tens of thousands at once.
+    frequency ``w``; below `simulators.motion.moves.HOLD` the mirror stands exactly on its target, so that
+    where it points does not depend on where it came from. Commands may be given for times to come, tens of
+    thousands at once.
 
     Parameters
     ----------
@@ -54,10 +52,12 @@ class SteeringMirror:
         times = np.atleast_1d(np.asarray(times_s, np.float64))
         if not len(times):
             return
+        from simulators.motion.moves import append  # compiled: only who moves a mirror loads that
+
         self.drop_after(float(times[0]))
         self._make_room(len(times))
         times = np.maximum(times, self.known_from_s)
-        self._end = _append(
+        self._end = append(
             self._start_s, self._moves, self._end, times, np.asarray(angles_rad, np.float64), self._w
         )
 
@@ -77,8 +77,10 @@ class SteeringMirror:
 
     def positions(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the angles (n, 2) [rad] at each of (n,) times."""
+        from simulators.motion.moves import positions
+
         known = slice(self._first, self._end)
-        return np.asarray(_positions(self._start_s[known], self._moves[known], times_s, self._w))
+        return np.asarray(positions(self._start_s[known], self._moves[known], times_s, self._w))
 
     def settled(self, at_s: float) -> bool:
         """Whether the mirror stands on what is commanded by then."""
@@ -131,44 +133,3 @@ class SteeringMirror:
         self._start_s, self._moves = np.zeros(size), np.zeros((size, 6))
         self._start_s[: len(start_s)], self._moves[: len(start_s)] = start_s, moves
         self._first, self._end = 0, len(start_s)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _axis(error, rate, t, w):  # type: ignore[no-untyped-def]
-    """Error of an axis and its rate a time after they were these."""
-    decay = np.exp(-w * t)
-    slope = rate + w * error
-    return (error + slope * t) * decay, (slope - w * (error + slope * t)) * decay
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _state(move, t, w):  # type: ignore[no-untyped-def]
-    """Position and its rate (x, y, v_x, v_y) a time after a move began."""
-    ex, vx = _axis(move[2], move[4], t, w)
-    ey, vy = _axis(move[3], move[5], t, w)
-    if np.hypot(ex, ey) < HOLD and np.hypot(vx, vy) < HOLD * w:
-        return move[0], move[1], 0.0, 0.0
-    return move[0] + ex, move[1] + ey, vx, vy
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _append(start_s, moves, end, times, angles, w):  # type: ignore[no-untyped-def]
-    """Append moves, each from where the one before has come to; return the new end."""
-    for i in range(len(times)):
-        x, y, vx, vy = _state(moves[end - 1], max(times[i] - start_s[end - 1], 0.0), w)
-        move = moves[end]
-        start_s[end] = times[i]
-        move[0], move[1] = angles[i, 0], angles[i, 1]
-        move[2], move[3] = x - angles[i, 0], y - angles[i, 1]
-        move[4], move[5] = vx, vy
-        end += 1
-    return end
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _positions(start_s, moves, times, w):  # type: ignore[no-untyped-def]
-    places = np.empty((len(times), 2))
-    for i in range(len(times)):
-        k = max(np.searchsorted(start_s, times[i], "right") - 1, 0)
-        places[i, 0], places[i, 1], _, _ = _state(moves[k], max(times[i] - start_s[k], 0.0), w)
-    return places

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from simulators.motion.mirror import HOLD, SteeringMirror
+from simulators.motion.mirror import SteeringMirror
+from simulators.motion.moves import HOLD
 
 W = 2 * np.pi * 400.0
 
