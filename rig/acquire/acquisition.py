@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import (
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import (
     Consumer,
-    Devices,
     Ended,
     Event,
     LightChanged,
@@ -18,7 +18,6 @@ from rig.acquire.engine import (
     Noticed,
     Outcome,
     Ready,
-    ScanEngine,
     StepCut,
     StepDone,
 )
@@ -28,7 +27,8 @@ from rig.files.description import ScanDescription
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter, finish
 from rig.model.config import RigConfig
-from rig.model.devices import Operator
+from rig.model.devices import Exposure, Operator
+from rig.model.photons import TaggedExposure
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -59,7 +59,7 @@ class Watch:
     should_stop
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
-        Told what a new scan is, before its first event.
+        Told what a scan is, new or taken up again, before its first event.
     """
 
     consumers: Sequence[Consumer] = ()
@@ -68,7 +68,7 @@ class Watch:
 
 
 class Recorder:
-    """A consumer of scan events that streams histograms to a file and adds them up.
+    """A consumer of scan events that streams photons to a file and adds them up.
 
     Each line of the grid is on disk before the next begins; the closing record tells how the scan ended.
 
@@ -92,13 +92,13 @@ class Recorder:
                 self._writer.record_devices(settings, pass_index)
             case StepDone(exposure=exposure):
                 self._note(exposure.warnings)
-                self._writer.append(exposure.counts, exposure.live_time_s)
+                self._append(exposure)
                 self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
             case StepCut(step=step, exposure=exposure):
                 self._writer.keep_cut(step.index, exposure.counts, exposure.live_time_s)
-            case Noticed(sentence=sentence, first=first, last=last):
-                self._writer.note(sentence, first, last)
+            case Noticed(sentence=sentence, first=first, last=last, kind=kind):
+                self._writer.note(sentence, first, last, kind)
             case LightChanged():
                 self.light = event
                 step_now = min(self._writer.appended, self._writer.steps - 1)
@@ -108,6 +108,13 @@ class Recorder:
             case Ended(outcome=outcome, steps_done=trusted, reason=reason):
                 self._writer.withdraw(trusted)
                 self._writer.close(outcome.value, reason)
+
+    def _append(self, exposure: Exposure) -> None:
+        """Give a step's photons to the file."""
+        if self._writer.tagged and isinstance(exposure, TaggedExposure):
+            self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
+        else:
+            self._writer.append(exposure.counts, exposure.live_time_s)
 
     def _note(self, warnings: tuple[str, ...]) -> None:
         """Note what is said of the step at hand."""
@@ -144,6 +151,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
+        tagged=plan.continuous,
     )
 
 
@@ -159,7 +167,7 @@ def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None =
     rig.errors.RefusedError
         If the plan goes beyond what was calibrated.
     """
-    with open_devices(state.config) as devices:
+    with open_devices(state.config, tagged=plan.continuous) as devices:
         return record(plan, state.of_devices(devices.identities()), devices, target, watch)
 
 
@@ -239,11 +247,25 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured) as devices:
+    begin_s = _begin_s(plan, state, measured)
+    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
+        watch = watch or Watch()
         with ScanWriter.resume(target) as writer:
-            return _run(plan, state, devices, writer, watch or Watch(), None)
+            watch.begun(describe(plan, state, devices))
+            return _run(plan, state, devices, writer, watch, None)
+
+
+def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
+    """Return the time at which a simulated bench goes on that has seen some spots already, else zero.
+
+    A new bench would not know of these visits, and give the same photons again, of a scene that moves back to
+    where it began.
+    """
+    if len(np.unique(plan.spots_m, axis=0)) == len(plan):
+        return 0.0
+    return plan.duration_s(state.config) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:

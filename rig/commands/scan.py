@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Grid, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -26,11 +26,19 @@ def scan(
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="step: the mirror rests at each position. continuous: it never stops along a line, and each "
+            "photon is recorded with its time; much faster at short exposures."
+        ),
+    ] = Mode.STEP,
+    frames: Frames = None,
     order: Annotated[
         Order,
         typer.Option(
-            help="raster: line by line. progressive: coarse to fine, the whole wall again and again. random: "
-            "anywhere."
+            help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
+            "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
     until: Annotated[
@@ -62,6 +70,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
+    live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -73,9 +82,13 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
+      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+
       rig scan --preset office-10ms          a dataset of the paper
 
       rig scan --config lab.toml --dry-run   what would be done
+
+      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
@@ -101,6 +114,8 @@ def scan(
         spacing_m=parse(spacing, "length") if spacing else None,
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
+        motion=mode.value,
+        frames=frames,
     )
     ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
@@ -116,7 +131,7 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending)
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending, live)
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":
@@ -195,10 +210,11 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "simulated": config.simulated,
                 "plan": plan.model_dump(mode="json"),
                 "positions": len(plan),
+                "frames": one.frames,
                 "skipped": grid.skipped,
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
-                "duration_s": plan.duration_s(config),
+                "duration_s": found.duration_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
@@ -207,18 +223,26 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             }
         )
         return
-    width_m, height_m = (grid.columns - 1) * grid.spacing_m, (grid.rows - 1) * grid.spacing_m
+    width_m, height_m = grid.area_m
+    frame_s = plan.duration_s(config) / one.frames
+    frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(
         f"{config.name}: plan, nothing was moved",
         {
-            "positions": f"{len(plan):,} of {grid.columns} x {grid.rows}, "
-            f"{show_length(grid.spacing_m)} apart; {grid.skipped} skipped around the detector's spot",
+            "positions": f"{len(grid.spots_m):,} of {grid.columns} x {grid.rows}, "
+            f"{show_length(grid.spacing_m)} apart{lines_apart}; {grid.skipped} skipped around the detector's "
+            "spot",
+            **(frames if one.frames > 1 else {}),
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
-            "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
+            "time": f"~{show_duration(found.duration_s)} on hardware, with "
+            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "photons"
+            if plan.continuous
+            else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
             "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
@@ -230,5 +254,9 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
 def _order_in_words(grid: "GridPositions") -> str:
     if grid.order != "progressive":
-        return {"snake": "raster, lines alternate in direction", "random": "random"}[grid.order]
+        return {
+            "snake": "raster, lines alternate in direction",
+            "unidirectional": "raster, all lines run to the right",
+            "random": "random",
+        }[grid.order]
     return "progressive, the whole wall seen after " + ", ".join(f"{count:,}" for count in grid.rounds)

@@ -3,9 +3,11 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 from drivers.clock import Clock, SystemClock
+from drivers.daq.board import SharedBoard
+from drivers.daq.nidaqmx_board import NidaqmxBoard
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from rig.bench.reached import detector_at, timing_at
@@ -45,10 +47,17 @@ def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
     library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
     hhlib: Callable[[], HHLib] = partial(load_library, library)
+    counter = config.point_clock.counter if config.point_clock else ""
+
+    @cache
+    def daq(device: str) -> SharedBoard:
+        return SharedBoard(NidaqmxBoard(device, counter=counter))
+
     return Wires(
-        galvo=config.galvo.address or "",
+        galvo=config.serial_addresses.get("galvo") or "",
         laser=config.laser.address or "",
         usb_backend=None,
         hhlib=hhlib,
+        daq=daq,
         clock=clock or SystemClock(),
     )
