@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Mode, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -70,6 +70,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
+    live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -130,7 +131,7 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending)
+    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending, live)
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":
