@@ -44,6 +44,26 @@ READERS = (
 )
 
 
+def test_a_scan_that_runs_is_read_up_to_its_last_line(running, tmp_path):
+    scan, environment = running
+    positions = []
+    for arguments in READERS:
+        reader = a_second_program(arguments, tmp_path, environment)
+        assert scan.poll() is None, "the scan ended before it was read"
+        assert reader.returncode == 0, reader.stderr
+        assert "being written by a scan" in reader.stderr
+        with ScanFile(tmp_path / "a.h5") as file:
+            assert file.status == "running"
+            positions.append(int(file.done.sum()))
+    assert positions == sorted(positions)
+    assert 0 < positions[0] < 3000
+    scan.kill()
+    scan.wait()
+    with ScanFile(tmp_path / "a.h5") as file:
+        assert file.status == "interrupted"
+        assert file.done.sum() >= positions[-1]
+
+
 def a_second_program(arguments, folder, environment):
     command = rig_command(*arguments)
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
