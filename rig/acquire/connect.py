@@ -81,9 +81,7 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
         )
 
 
-def _point_clock(
-    config: RigConfig, wires: Wires, tagged: bool
-) -> AbstractContextManager[PointClock | None]:
+def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
     if config.point_clock is None or not tagged:
         return nullcontext()
     return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
