@@ -59,7 +59,7 @@ class Watch:
     should_stop
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
-        Told what a new scan is, before its first event.
+        Told what a scan is, new or taken up again, before its first event.
     """
 
     consumers: Sequence[Consumer] = ()
@@ -110,9 +110,8 @@ class Recorder:
                 self._writer.close(outcome.value, reason)
 
     def _append(self, exposure: Exposure) -> None:
-        """Give a step's photons to the file, in its form."""
-        if self._writer.tagged:
-            assert isinstance(exposure, TaggedExposure), "only a time-tagged instrument lists its photons"
+        """Give a step's photons to the file."""
+        if self._writer.tagged and isinstance(exposure, TaggedExposure):
             self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
         else:
             self._writer.append(exposure.counts, exposure.live_time_s)
@@ -248,11 +247,25 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured, tagged=plan.continuous) as devices:
+    begin_s = _begin_s(plan, state, measured)
+    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
+        watch = watch or Watch()
         with ScanWriter.resume(target) as writer:
-            return _run(plan, state, devices, writer, watch or Watch(), None)
+            watch.begun(describe(plan, state, devices))
+            return _run(plan, state, devices, writer, watch, None)
+
+
+def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
+    """Return the time at which a simulated bench goes on that has seen some spots already, else zero.
+
+    A new bench would not know of these visits, and give the same photons again, of a scene that moves back to
+    where it began.
+    """
+    if len(np.unique(plan.spots_m, axis=0)) == len(plan):
+        return 0.0
+    return plan.duration_s(state.config) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:

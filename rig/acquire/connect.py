@@ -32,7 +32,9 @@ class Station:
 
 
 @contextmanager
-def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> Iterator[Devices]:
+def open_devices(
+    config: RigConfig, first: int = 0, *, tagged: bool = False, begin_s: float = 0.0
+) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
     Parameters
@@ -44,6 +46,8 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     tagged
         Whether the timing instrument is to record each photon, and the point clock to mark positions among
         them, instead of histograms that the instrument makes.
+    begin_s
+        Time at which the clock of a simulated bench begins.
 
     Raises
     ------
@@ -54,7 +58,7 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     """
     with ExitStack() as stack:
         if config.simulated:
-            wires, _ = stack.enter_context(_simulated(config))
+            wires, _ = stack.enter_context(_simulated(config, begin_s))
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
@@ -102,8 +106,10 @@ def _timing(
 
 
 @contextmanager
-def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
+def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False) -> Iterator[Station]:
     """Open devices and cameras. On the simulated rig the bench takes the place of ``operator``.
+
+    ``tagged`` as of `open_devices`.
 
     Raises
     ------
@@ -121,15 +127,16 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
-        yield Station(stack.enter_context(devices_on(config, wires)), operator, cameras)
+        yield Station(stack.enter_context(devices_on(config, wires, tagged=tagged)), operator, cameras)
 
 
 @contextmanager
-def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
+def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.simulated import simulated_instruments
 
-    bench, instruments = simulated_instruments(config)
+    bench, instruments = simulated_instruments(config, begin_s)
+    bench.warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

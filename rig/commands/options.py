@@ -41,7 +41,21 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+Frames = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
+    ),
+]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
+Live = Annotated[
+    bool,
+    typer.Option(
+        "--live",
+        help="Show the scan while it runs: counts, rates, light, live image; in a window where there is a "
+        "display, and as pictures in SCAN-live/.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 

@@ -6,6 +6,7 @@ them back. Writer, journal and mending know no form.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from math import prod
 from typing import Any, ClassVar
 
 import h5py
@@ -89,10 +90,35 @@ class Form(ABC):
             `stored_sums` of it, or the `sums` of who wrote it.
         """
 
+    def fitting(self, counts: NDArray) -> NDArray:
+        """Return a step's counts in the file's shape.
+
+        Raises
+        ------
+        ValueError
+            If they have another shape.
+        """
+        alone = prod(self.shape[:-1]) == 1
+        if np.shape(counts) != self.shape and not (
+            alone and np.shape(counts) in {self.shape[-1:], (1, *self.shape[-1:])}
+        ):
+            raise ValueError(f"counts must be {self.shape}, not {np.shape(counts)}")
+        return np.reshape(counts, self.shape)
+
     @property
     @abstractmethod
     def room_bytes(self) -> int:
         """Bytes that must be free on the disk so that what is gathered, and as much again, can be written."""
+
+    @abstractmethod
+    def put(self, step: int, counts: NDArray) -> None:
+        """Gather a step that was counted.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the shape or type does not fit.
+        """
 
     @abstractmethod
     def full(self, appended: int) -> bool:

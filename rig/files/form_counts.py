@@ -2,7 +2,6 @@
 
 import zlib
 from collections.abc import Iterator
-from math import prod
 from typing import ClassVar, NamedTuple
 
 import h5py
@@ -113,20 +112,9 @@ class CountForm(Form):
         return 8 * int(self.at.counts.nbytes)
 
     def put(self, step: int, counts: NDArray) -> None:
-        """Gather a step.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the shape or type does not fit.
-        """
-        alone = prod(self.shape[:-1]) == 1
-        if np.shape(counts) != self.shape and not (
-            alone and np.shape(counts) in {self.shape[-1:], (1, *self.shape[-1:])}
-        ):
-            raise ValueError(f"counts must be {self.shape}, not {np.shape(counts)}")
+        """Gather a step."""
         row = step - self.at.first
-        np.copyto(self.at.counts[row], np.reshape(counts, self.shape))
+        np.copyto(self.at.counts[row], self.fitting(counts))
         self._photons[step] = _sums(self.at.counts[row : row + 1])[0]
 
     def full(self, appended: int) -> bool:

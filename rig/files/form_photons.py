@@ -142,8 +142,16 @@ class PhotonForm(Form):
         """What is gathered, and as much again, in both files."""
         return 4 * int(self.at.bins.nbytes)
 
-    def put(self, step: int, photon_bins: NDArray, of_channel: NDArray) -> None:
-        """Gather a step.
+    def put(self, step: int, counts: NDArray) -> None:
+        """Gather a step that was counted: its photons in the order of their bins."""
+        counts = self.fitting(counts)
+        if counts.dtype.kind not in "ui":
+            raise TypeError(f"photons are counted in whole numbers, not in {counts.dtype}")
+        photon_bins = np.repeat(np.tile(np.arange(self.shape[1]), self.shape[0]), counts.ravel())
+        self.put_photons(step, photon_bins, counts.sum(axis=1, dtype=np.int64))
+
+    def put_photons(self, step: int, photon_bins: NDArray, of_channel: NDArray) -> None:
+        """Gather a step photon by photon.
 
         Raises
         ------

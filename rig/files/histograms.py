@@ -11,6 +11,7 @@ from recon.capture import Histograms
 from rig.errors import DataFileError
 from rig.files.blocks import read, spans
 from rig.files.check import reading
+from rig.files.form_counts import CHUNK_HISTOGRAMS
 
 #: Bytes of counts in a block: a few chunks, and small beside any machine's memory.
 BLOCK_BYTES = 16 * 2**20
@@ -149,7 +150,9 @@ class TaggedHistograms:
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (positions, counts) in order; the positions count those that are wanted."""
+        # whole chunks, as of stored histograms: what is made of the blocks is then the same to the last bit
         rows = _rows_of_a_block(self._bins * 4)
+        rows = max(rows // CHUNK_HISTOGRAMS * CHUNK_HISTOGRAMS, min(rows, CHUNK_HISTOGRAMS))
         for start in range(0, len(self._pairs), rows):
             some = slice(start, min(start + rows, len(self._pairs)))
             yield some, self._histograms(some)[:, bins]

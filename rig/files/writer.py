@@ -21,7 +21,6 @@ from rig.errors import DataFileError, UsageError
 from rig.files import content, forms, mend
 from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
-from rig.files.form_counts import CountForm
 from rig.files.form_photons import PhotonForm
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
@@ -162,7 +161,7 @@ class ScanWriter:
         return isinstance(self._form, PhotonForm)
 
     def append(self, counts: NDArray, live_time_s: float = float("nan")) -> None:
-        """Add the next step to a file of histograms.
+        """Add the next step, counted; a time-tagged file takes its photons in the order of their bins.
 
         Parameters
         ----------
@@ -174,12 +173,10 @@ class ScanWriter:
         Raises
         ------
         ValueError
-            If the shape or type does not fit, all steps are there already, or the file is time-tagged.
+            If the shape or type does not fit, or all steps are there already.
         DataFileError
             If the file cannot be written, e.g. on a full disk; nothing more will be written then.
         """
-        if not isinstance(self._form, CountForm):
-            raise ValueError(f"{self.path} is time-tagged: it takes photons, not histograms")
         self._make_room()
         self._form.put(self.appended, counts)
         self._live[self.appended] = live_time_s
@@ -188,7 +185,7 @@ class ScanWriter:
     def append_photons(
         self, photon_bins: NDArray, of_channel: NDArray, live_time_s: float = float("nan")
     ) -> None:
-        """Add the next step to a time-tagged file.
+        """Add the next step, photon by photon, to a time-tagged file.
 
         Parameters
         ----------
@@ -209,7 +206,7 @@ class ScanWriter:
         if not isinstance(self._form, PhotonForm):
             raise ValueError(f"{self.path} is of histograms: it takes counts, not photons")
         self._make_room()
-        self._form.put(self.appended, photon_bins, of_channel)
+        self._form.put_photons(self.appended, photon_bins, of_channel)
         self._live[self.appended] = live_time_s
         self.appended += 1
 
