@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import ceil, inf, radians, tan
 from operator import attrgetter
 from threading import RLock
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -256,12 +256,25 @@ class Photons(Protocol):
         ...
 
 
+@runtime_checkable
+class MovingPhotons(Photons, Protocol):
+    """The same of a scene that moves meanwhile."""
+
+    def at(self, bench_s: float) -> Photons:
+        """Return what is detected from a bench time on, the scene where it is then."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Stretch:
-    """A time in which the switches do not change: where the laser points, and the first sync pulse."""
+    """A time in which only mirror and scene move: where the laser points, since when, how long.
+
+    `first_pulse` counts sync pulses.
+    """
 
     spot_m: Spot | Track
     light: LightState
+    begin_s: float
     duration_s: float
     first_pulse: int
 
@@ -278,7 +291,8 @@ def _drawn(
     """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
     pieces = [no_detections()]
     for one in stretches:
-        piece = one.drawn(photons, rng)
+        seen = photons.at(one.begin_s) if isinstance(photons, MovingPhotons) else photons
+        piece = one.drawn(seen, rng)
         pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
     return Detections(
         np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
@@ -295,7 +309,7 @@ class Bench:
 
     Photon statistics are drawn from the seed, the commanded mirror position, how often that position has been
     measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
-    draw.
+    draw. A bench whose clock does not begin at zero, in place of one that has drawn already, draws others.
 
     Several threads may use it: one may draw photons while another commands mirror and switches.
 
@@ -339,6 +353,7 @@ class Bench:
                 f"photons of {len(photons)} channels for a detector of {len(self.geometry.channels)}"
             )
         self.photons = tuple(photons)
+        self._began_s = clock.now_s() if clock else 0.0
         self.seed = seed
         self.clock = clock or BenchClock()
         self.mirror = SteeringMirror()
@@ -481,6 +496,14 @@ class Bench:
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
         )
 
+    def warm_up(self) -> None:
+        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits."""
+        way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
+        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
+        for photons in self.photons:
+            photons.detections((0.3, 0.0, 0.0), wide_open, 1e-3, np.random.default_rng(0))
+            photons.detections_along(way, wide_open, np.random.default_rng(0))
+
     def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
         """Return how sync pulses came between two bench times, cut where their rate changed."""
         found: list[Syncs] = []
@@ -551,6 +574,8 @@ class Bench:
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
         entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        if self._began_s:  # visits of before were those of another bench
+            entropy += (round(self._began_s * 1e6),)
         first = np.random.SeedSequence(entropy)  # the channels after the first are its children
         return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
 
@@ -565,7 +590,7 @@ class Bench:
                 for piece_s, next_s in pairwise(np.linspace(begin_s, end_s, pieces + 1).tolist()):
                     spot = self._track(piece_s, next_s) if moving else self._spot_m(piece_s)
                     first = round((piece_s - start_s) * light.repetition_hz)
-                    stretches.append(_Stretch(spot, light, next_s - piece_s, first))
+                    stretches.append(_Stretch(spot, light, piece_s, next_s - piece_s, first))
         return stretches
 
     def _spot_m(self, at_s: float) -> Spot:

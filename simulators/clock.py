@@ -11,12 +11,14 @@ class BenchClock:
     ----------
     real_time
         False: waiting costs nothing, the clock jumps ahead. True: waiting takes as long as it says.
+    begin_s
+        Bench time now, of a bench that goes on where another one ended.
     """
 
-    def __init__(self, *, real_time: bool = False) -> None:
+    def __init__(self, *, real_time: bool = False, begin_s: float = 0.0) -> None:
         self.real_time = real_time
-        self._now_s = 0.0
-        self._started_s = time.monotonic()
+        self._now_s = begin_s
+        self._started_s = time.monotonic() - begin_s
         self._lock = threading.Lock()
 
     def now_s(self) -> float:

@@ -1,6 +1,6 @@
 """What one channel of the detector sees: light of a hidden scene, stray light and background."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import dist
 
 import numpy as np
@@ -104,9 +104,14 @@ class HiddenScenePhotons:
             seen_hz += self._light_hz(laser_spot_m, light)
         return self.detector.detected_hz(seen_hz, light)
 
+    def _lit(self, duration_s: float) -> Iterable[tuple[tuple[LightPaths, ...], float]]:
+        """Return the light of the scene, and how long [s] it is as it is, until a time is over."""
+        return ((self._light_paths, duration_s),)
+
     def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         seen_per_m2 = 0.0
-        for paths in self._light_paths:
+        light_paths, _ = next(iter(self._lit(0.0)))
+        for paths in light_paths:
             weight_per_m2, path_m = paths.arrivals(laser_spot_m)
             arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
@@ -144,9 +149,10 @@ class HiddenScenePhotons:
     ) -> NDArray[np.float64]:
         """Light of the hidden scene, bounce by bounce."""
         drawn_m = []
-        for paths in self._light_paths:
-            expected = self._detections_m2_hz * light.received * duration_s * paths.flux(spot_m)
-            drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
+        for light_paths, lit_s in self._lit(duration_s):
+            for paths in light_paths:
+                expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
+                drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
         path_m = np.concatenate(drawn_m)
         return self._outside_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
 
@@ -176,11 +182,15 @@ class HiddenScenePhotons:
         """Draw all light that the gate has yet to pass, and the moments when its pulses leave."""
         peak = self.detector.ringing.peak if light.gated else 1.0
         lit_s = track.duration_s * peak * light.received
-        drawn = [
-            self._near(knot, paths, track, lit_s * knot.share, rng)
-            for paths in self._light_paths
-            for knot in track.knots
-        ]
+        drawn, begin_s = [], 0.0
+        for light_paths, part_s in self._lit(track.duration_s):
+            part = track.part(begin_s, begin_s + part_s)
+            for paths in light_paths:
+                for knot in part.knots:
+                    power_s = lit_s * (part_s / track.duration_s) * knot.share
+                    arrivals_s, moments = self._near(knot, paths, part, power_s, rng)
+                    drawn.append((arrivals_s, (begin_s + moments * part_s) / track.duration_s))
+            begin_s += part_s
         pulses = lit_s * light.repetition_hz
         if self._stray_may_pass(direct_along_s(track.spots_m, self.geometry), light):
             moments = rng.random(rng.poisson(self.optics.stray_per_pulse * pulses))

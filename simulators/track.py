@@ -67,6 +67,14 @@ class Track:
         here = self.spots_m[step]
         return np.asarray(here + (place - step)[:, None] * (self.spots_m[step + 1] - here))
 
+    def part(self, begin_s: float, end_s: float) -> "Track":
+        """Return the way between two times from its beginning [s]."""
+        if begin_s <= 0 and end_s >= self.duration_s:
+            return self
+        steps = max(ceil((end_s - begin_s) / STEP_S), 1)
+        moments = np.linspace(begin_s, end_s, steps + 1) / self.duration_s
+        return Track(self.at(np.minimum(moments, 1.0)), end_s - begin_s)
+
     @cached_property
     def knots(self) -> tuple[Knot, ...]:
         """The places at which light is rendered: both ends, and evenly along the way between them."""

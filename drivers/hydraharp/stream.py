@@ -90,6 +90,9 @@ class HydraHarpStream(Instrument):
         self._queue_pieces = queue_pieces
         self._span_bins = MAX_DTIME + 1
         self._reader: Reader | None = None
+        Decoder(T3).decode(
+            np.empty(0, np.uint32)
+        )  # compiled the first time, which must not keep records waiting
         bins, last = self._settings.bins, max(self._settings.inputs)
         if bins > self._span_bins or last > MAX_CHANNEL:
             raise LimitError(

@@ -247,11 +247,23 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured, tagged=plan.continuous) as devices:
+    begin_s = _begin_s(plan, state, measured)
+    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
         with ScanWriter.resume(target) as writer:
             return _run(plan, state, devices, writer, watch or Watch(), None)
+
+
+def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
+    """Return the time at which a simulated bench goes on that has seen some spots already, else zero.
+
+    A new bench would not know of these visits, and give the same photons again, of a scene that moves back to
+    where it began.
+    """
+    if len(np.unique(plan.spots_m, axis=0)) == len(plan):
+        return 0.0
+    return plan.duration_s(state.config) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:

@@ -197,6 +197,12 @@ class Assembler:
         return LineRead(line, exposures, found.taken - int(sizes.sum()))
 
 
+def warm_up() -> None:
+    """Let what sorts photons be compiled, which takes seconds the first time, before there is light."""
+    nothing = np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.int8)
+    sort_photons(*nothing, np.array([0, 1]), (0,), 1)
+
+
 def _few(names: list[str]) -> str:
     shown = ", ".join(names[:MOST_NAMED])
     return shown + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")

@@ -32,7 +32,9 @@ class Station:
 
 
 @contextmanager
-def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> Iterator[Devices]:
+def open_devices(
+    config: RigConfig, first: int = 0, *, tagged: bool = False, begin_s: float = 0.0
+) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
     Parameters
@@ -44,6 +46,8 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     tagged
         Whether the timing instrument is to record each photon, and the point clock to mark positions among
         them, instead of histograms that the instrument makes.
+    begin_s
+        Time at which the clock of a simulated bench begins.
 
     Raises
     ------
@@ -54,7 +58,7 @@ def open_devices(config: RigConfig, first: int = 0, *, tagged: bool = False) -> 
     """
     with ExitStack() as stack:
         if config.simulated:
-            wires, _ = stack.enter_context(_simulated(config))
+            wires, _ = stack.enter_context(_simulated(config, begin_s))
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
@@ -81,9 +85,7 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
         )
 
 
-def _point_clock(
-    config: RigConfig, wires: Wires, tagged: bool
-) -> AbstractContextManager[PointClock | None]:
+def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
     if config.point_clock is None or not tagged:
         return nullcontext()
     return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
@@ -127,11 +129,12 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
 
 
 @contextmanager
-def _simulated(config: RigConfig) -> "Iterator[tuple[Wires, Bench]]":
+def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.simulated import simulated_instruments
 
-    bench, instruments = simulated_instruments(config)
+    bench, instruments = simulated_instruments(config, begin_s)
+    bench.warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

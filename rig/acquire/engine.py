@@ -9,7 +9,7 @@ from typing import cast
 
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
-from rig.acquire.assembly import LineFailed, LineRead, Timing
+from rig.acquire.assembly import LineFailed, LineRead, Timing, warm_up
 from rig.acquire.continuous import SweepDevices, follow
 from rig.acquire.events import (
     Consumer,
@@ -141,6 +141,8 @@ class ScanEngine:
         self._consume: Consumer = lambda event: None
         self._asked: Callable[[], bool | str] = lambda: False
         self._stopped_by = "stopped by the operator"
+        if plan.continuous:
+            warm_up()
 
     def _should_stop(self) -> bool:
         """Return whether a stop is asked for, and keep the reason where there is one."""

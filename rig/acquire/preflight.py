@@ -136,4 +136,5 @@ def _in_words(plan: ScanPlan) -> str:
     grid = plan.passes[0].positions
     if not isinstance(grid, Grid):
         return f"the list of {len(plan)} positions"
-    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}"
+    lines = f" x {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
+    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}{lines}"

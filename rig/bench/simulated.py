@@ -1,6 +1,7 @@
 """The simulated bench that a configuration describes, and the truth of its scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import FaultsConfig, RigConfig, SimulationConfig
+from rig.model.quantities import parse
 
 if TYPE_CHECKING:
     from simulators.bench import Bench, BenchGeometry, Channel, LightState, Photons
@@ -24,8 +26,10 @@ if TYPE_CHECKING:
 RATE_SPOTS = (9, 6)
 
 
-def simulated_instruments(config: RigConfig) -> "tuple[Bench, SimulatedInstruments]":
+def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Bench, SimulatedInstruments]":
     """Build the bench and its instruments, which are yet to be entered.
+
+    Its clock begins at ``begin_s``.
 
     Raises
     ------
@@ -35,7 +39,7 @@ def simulated_instruments(config: RigConfig) -> "tuple[Bench, SimulatedInstrumen
     from simulators.wire.instruments import SimulatedInstruments
 
     simulation = config.simulation or SimulationConfig()
-    bench = simulated_bench(config, real_time=simulation.real_time)
+    bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
     depth = simulation.faults.largest_count
     return bench, SimulatedInstruments(
         bench, timing=timing_faults(config), count_depth=depth, wiring=_wiring(config)
@@ -50,8 +54,8 @@ def _wiring(config: RigConfig) -> "DaqWiring":
     return DaqWiring(clock.markers, clock.step) if clock else DaqWiring((), None)
 
 
-def simulated_bench(config: RigConfig, *, real_time: bool) -> "Bench":
-    """Build the bench.
+def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0) -> "Bench":
+    """Build the bench; its clock begins at ``begin_s``.
 
     Raises
     ------
@@ -63,7 +67,7 @@ def simulated_bench(config: RigConfig, *, real_time: bool) -> "Bench":
 
     simulation = config.simulation or SimulationConfig()
     geometry = true_geometry(config)
-    clock = BenchClock(real_time=real_time)
+    clock = BenchClock(real_time=real_time, begin_s=begin_s)
     return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
 
 
@@ -142,6 +146,8 @@ def hidden_scene(config: RigConfig) -> "Scene":
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the true depth (y, x) of a built-in scene of the simulator, NaN where nothing is.
 
+    The name may say by how much the scene is moved: ``four@10cm,0cm,0cm``.
+
     Raises
     ------
     UsageError
@@ -149,10 +155,20 @@ def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -
     """
     from simulators.scenes import scene
 
+    found, _, moved = name.partition("@")
     try:
-        return scene(name).depth_map(x_m, y_m)
+        return scene(found).moved(_offset_m(moved)).depth_map(x_m, y_m)
     except ValueError as error:
         raise UsageError(f"scene:{name}: {error}") from None
+
+
+def _offset_m(text: str) -> tuple[float, float, float]:
+    """Read by how much a scene is moved, e.g. ``10cm,0cm,0cm``; nothing is not at all."""
+    parts = text.split(",") if text else ["0m"] * 3
+    if len(parts) != 3:
+        raise ValueError(f"'{text}' is no way to move: write x, y and z, e.g. @10cm,0cm,0cm")
+    x_m, y_m, z_m = (parse(part, "length") for part in parts)
+    return x_m, y_m, z_m
 
 
 def mesh_triangles_m(path: Path) -> NDArray[np.float64]:
@@ -194,13 +210,11 @@ def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Sequence[Photons]
     """Return the physics of each detector channel."""
     from simulators.optics.brightness import tuned
     from simulators.optics.light import Optics
-    from simulators.photons import HiddenScenePhotons
 
     simulation = config.simulation or SimulationConfig()
-    rendered, first_bounce = renderer(config), _first_bounce(simulation.faults, simulation.seed)
+    seen, first_bounce = _scene_photons(config), _first_bounce(simulation.faults, simulation.seed)
     photons = [
-        HiddenScenePhotons(
-            rendered,
+        seen(
             geometry,
             Optics(),
             _detector(simulation.faults),
@@ -221,6 +235,18 @@ def _photons(config: RigConfig, geometry: "BenchGeometry") -> "Sequence[Photons]
         return tuned(photons, good_m or _spots(config), _light(config), simulation.count_rate_hz)
     except ValueError as error:
         raise ConfigError(f"simulation.count_rate: {error}; choose another rate or scene") from None
+
+
+def _scene_photons(config: RigConfig) -> "Callable[..., Photons]":
+    """Return what makes the physics of a channel, for a scene that stands or one that moves."""
+    from simulators.motion.path import BackAndForth
+    from simulators.moving import MovingScenePhotons
+    from simulators.photons import HiddenScenePhotons
+
+    motion = (config.simulation or SimulationConfig()).motion
+    if motion is None:
+        return partial(HiddenScenePhotons, renderer(config))
+    return partial(MovingScenePhotons, renderer(config), BackAndForth(motion.travel_m, motion.duration_s))
 
 
 def _detector(faults: FaultsConfig) -> "Detector":
@@ -252,7 +278,7 @@ def _spots(config: RigConfig) -> list[tuple[float, float, float]]:
     """Return spots in the middles of equal parts of the scanned wall, those at a channel's left out."""
     scan, (columns, rows) = config.scan, RATE_SPOTS
     x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * scan.columns * scan.spacing_m
-    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * scan.spacing_m
+    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * scan.rows * (scan.row_spacing_m or scan.spacing_m)
     looked_at_m = [channel.spot_m[:2] for channel in _channels(config)]
     away_m = scan.skip_m / 2
     return [

@@ -41,6 +41,12 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+Frames = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
+    ),
+]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 

@@ -123,10 +123,13 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         )
         return
     rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
+    frames = plan.passes[0].frames
+    whole = result.ended.steps_done * frames // len(plan)
     console.print_facts(
         str(target),
         {
             "positions": f"{result.ended.steps_done:,} of {len(plan):,}",
+            **({"frames": f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Grid, Mode, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Mode, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -33,6 +33,7 @@ def scan(
             "photon is recorded with its time; much faster at short exposures."
         ),
     ] = Mode.STEP,
+    frames: Frames = None,
     order: Annotated[
         Order,
         typer.Option(
@@ -86,6 +87,8 @@ def scan(
 
       rig scan --config lab.toml --dry-run   what would be done
 
+      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
+
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
     from rig.acquire.acquisition import acquire
@@ -111,6 +114,7 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
         motion=mode.value,
+        frames=frames,
     )
     ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
@@ -205,6 +209,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "simulated": config.simulated,
                 "plan": plan.model_dump(mode="json"),
                 "positions": len(plan),
+                "frames": one.frames,
                 "skipped": grid.skipped,
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
@@ -217,13 +222,18 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             }
         )
         return
-    width_m, height_m = (grid.columns - 1) * grid.spacing_m, (grid.rows - 1) * grid.spacing_m
+    width_m, height_m = grid.area_m
+    frame_s = plan.duration_s(config) / one.frames
+    frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(
         f"{config.name}: plan, nothing was moved",
         {
-            "positions": f"{len(plan):,} of {grid.columns} x {grid.rows}, "
-            f"{show_length(grid.spacing_m)} apart; {grid.skipped} skipped around the detector's spot",
+            "positions": f"{len(grid.spots_m):,} of {grid.columns} x {grid.rows}, "
+            f"{show_length(grid.spacing_m)} apart{lines_apart}; {grid.skipped} skipped around the detector's "
+            "spot",
+            **(frames if one.frames > 1 else {}),
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",

@@ -533,6 +533,17 @@ class ScanFile(RecordedFile):
         )
 
     @property
+    def frames(self) -> int:
+        """How often all positions were to be visited, all passes together."""
+        passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
+        return sum(one.frames for one in passes) or 1
+
+    @property
+    def whole_frames(self) -> NDArray[np.int64]:
+        """(n,) frames of which every step was measured; of a plan with one set of positions."""
+        return np.flatnonzero(self.done.reshape(self.frames, -1).all(axis=1))
+
+    @property
     def imaged(self) -> tuple[NDArray[np.int64], Histograms]:
         """(n,) steps whose spots are imaged (of frames those of the first), and the counts there.
 
@@ -549,9 +560,9 @@ class ScanFile(RecordedFile):
                 f"{self.path} holds {len(passes)} passes with other settings or positions each: they are no "
                 "one picture. It is raw data of a calibration"
             )
-        frames = sum(one.frames for one in passes) or 1
+        frames = self.frames
         size = self.steps // frames
-        whole = int(np.count_nonzero(self.done.reshape(frames, size).all(axis=1))) if frames > 1 else 0
+        whole = len(self.whole_frames) if frames > 1 else 0
         if whole < 2:
             steps = done if frames == 1 else done[done < size]
             return steps, self._histograms(np.isin(np.arange(self.steps), steps))
@@ -615,7 +626,9 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
     kind = "time-tagged photons" if scan.tagged else "histograms"
     lines = {
         "status": scan.status + (f" ({scan.reason})" if scan.reason else ""),
-        "positions": f"{scan.steps:,}" + ("" if measured == scan.steps else f", {measured:,} measured"),
+        "positions": f"{scan.steps:,}"
+        + (f", {scan.frames} frames" if scan.frames > 1 else "")
+        + ("" if measured == scan.steps else f", {measured:,} measured"),
         "wall": f"{show_length(high[0] - low[0])} x {show_length(high[1] - low[1])}",
         "detector": ("one spot" if len(scan.detector_m) == 1 else "a spot for each position")
         if len(scan.channels) == 1

@@ -217,6 +217,8 @@ class ScanConfig(_Section):
     columns: int = Field(180, ge=2)
     rows: int = Field(130, ge=2)
     spacing_m: Metres = Field(0.01, gt=0)
+    row_spacing_m: Metres | None = Field(None, gt=0)
+    """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
     skip_m: Metres = Field(0.04, ge=0)
     """Side of the square around the detector's spot that is not scanned."""
@@ -299,6 +301,15 @@ class FaultsConfig(_Section):
     """Where a bin of the timing instrument is full."""
 
 
+class MotionConfig(_Section):
+    """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
+
+    travel_m: Point
+    """From one end of its way to the other; without motion it stands in the middle."""
+    duration_s: Seconds = Field(gt=0)
+    """Time from one end to the other; the scan begins at the first."""
+
+
 class SimulationConfig(_Section):
     """The simulated bench, when there is no hardware."""
 
@@ -310,6 +321,8 @@ class SimulationConfig(_Section):
     """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
     gloss: Literal["ward", "ggx"] | None = None
     """Model of the gloss of all hidden surfaces instead of their own."""
+    motion: MotionConfig | None = None
+    """Present: the scene moves while it is scanned (with three bounces). Absent: it stands still."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
@@ -317,6 +330,14 @@ class SimulationConfig(_Section):
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
+
+    @model_validator(mode="after")
+    def _moves_without_interreflections(self) -> "SimulationConfig":
+        if self.motion is not None and self.bounces > 3:
+            raise ValueError(
+                f"a scene that moves is lit by three bounces, not {self.bounces}: leave motion or bounces out"
+            )
+        return self
 
 
 class RigConfig(_Section):
@@ -569,6 +590,7 @@ def _known_keys(place: tuple[str | int, ...]) -> list[str]:
 _SECTIONS: dict[str, type[BaseModel]] = {
     "simulation": SimulationConfig,
     "point_clock": DaqClockConfig,
+    "motion": MotionConfig,
     "channels": ChannelConfig,
     "tcspc": HydraHarpConfig,
 }

@@ -55,7 +55,9 @@ class Grid(_Part):
     columns: int = Field(ge=1)
     rows: int = Field(ge=1)
     spacing_m: float = Field(gt=0)
-    """Distance between neighbours."""
+    """Distance between neighbours along x, and along y unless `row_spacing_m` says otherwise."""
+    row_spacing_m: float | None = Field(None, gt=0)
+    """Distance between lines, where a detector of many pixels sees what is between them."""
     order: Literal["snake", "unidirectional", "random", "progressive"] = "snake"
     """snake: lines alternate in direction, so that the mirror never jumps. unidirectional: all lines run to
     the right. progressive: from coarse to fine, in rounds, each of them a snake (`_rounds`)."""
@@ -68,6 +70,12 @@ class Grid(_Part):
     def places(self) -> int:
         """Number of positions, those that are left out among them."""
         return self.columns * self.rows
+
+    @property
+    def area_m(self) -> tuple[float, float]:
+        """Distance between the outermost positions along x and y."""
+        across_m = self.row_spacing_m or self.spacing_m
+        return (self.columns - 1) * self.spacing_m, (self.rows - 1) * across_m
 
     @cached_property
     def spots_m(self) -> NDArray[np.float64]:
@@ -103,7 +111,7 @@ class Grid(_Part):
             lines = rows
         spots_m = np.zeros((self.places, 3))
         spots_m[:, 0] = (columns - (self.columns - 1) / 2) * self.spacing_m
-        spots_m[:, 1] = (rows - (self.rows - 1) / 2) * self.spacing_m
+        spots_m[:, 1] = (rows - (self.rows - 1) / 2) * (self.row_spacing_m or self.spacing_m)
         if self.order == "random":
             spots_m = spots_m[np.random.default_rng(self.seed).permutation(len(spots_m))]
         kept = np.ones(len(spots_m), bool)
@@ -281,6 +289,7 @@ class ScanPlan(_Part):
             "columns": config.scan.columns,
             "rows": config.scan.rows,
             "spacing_m": config.scan.spacing_m,
+            "row_spacing_m": config.scan.row_spacing_m,
             "exposure_s": config.scan.exposure_s,
             "skip_m": config.scan.skip_m,
         }
