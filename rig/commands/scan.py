@@ -1,6 +1,7 @@
 """``rig scan``: measure the relay wall."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,6 +68,14 @@ def scan(
             "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
         ),
     ] = None,
+    ptu: Annotated[
+        bool,
+        typer.Option(
+            "--ptu",
+            help="Keep the timing instrument's records, too, beside the scan file, as .ptu; for --mode "
+            "continuous.",
+        ),
+    ] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
@@ -97,6 +106,7 @@ def scan(
     from rig.commands.consent import require_consent
     from rig.commands.running import run
     from rig.errors import UsageError
+    from rig.files.records import beside
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -120,6 +130,10 @@ def scan(
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    if ptu and not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
@@ -130,7 +144,15 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending)
+    records = beside(target) if ptu else None
+    run(
+        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        plan,
+        target,
+        as_json,
+        needed,
+        ending,
+    )
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":

@@ -116,3 +116,30 @@ class ScanDescription:
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
         return "wall" if self.delays is None and self.delay_s is None else "laser"
+
+    def rectified_by_s(self) -> NDArray[np.float64] | None:
+        """Return (S, C) what to subtract for rectified time; None where that is nothing."""
+        if self.delay_s is not None:
+            return np.broadcast_to(self.delay_s.reshape(self.steps, -1), (self.steps, self.channel_count))
+        if self.delays is None:
+            return None
+        detector_m = self.detector_m.reshape(-1, self.channel_count, 3)
+        return rectified_by_s(self.delays, self.channels, self.laser_m, detector_m)
+
+
+def rectified_by_s(
+    delays: PathDelays, channels: tuple[Channel, ...], laser_m: NDArray, detector_m: NDArray
+) -> NDArray[np.float64]:
+    """Return (S, C) what to subtract from recorded time for rectified time.
+
+    Parameters
+    ----------
+    delays
+        Of the paths.
+    channels
+        The C channels, each with its own delay; none where that is not known.
+    laser_m, detector_m
+        (S, 3) and (1 or S, C, 3) spots.
+    """
+    of_channel_s = np.array([channel.delay_s for channel in channels] or 0.0)
+    return delays.delay_s(laser_m[:, None], detector_m) + of_channel_s

@@ -17,7 +17,7 @@ from rig.files import content, forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.content import Note
-from rig.files.description import Settings
+from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.layout import SCANS
 from rig.files.recorded import RecordedFile
@@ -595,8 +595,7 @@ class ScanFile(RecordedFile):
         if delays is None:
             return np.zeros((self.steps, len(self.channels)))
         laser_m = self.laser_m if laser_m is None else laser_m
-        of_channel_s = np.array([channel.delay_s for channel in self.channels])
-        return delays.delay_s(laser_m[:, None], self.detector_m) + of_channel_s
+        return rectified_by_s(delays, self.channels, laser_m, self.detector_m)
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""

@@ -240,6 +240,19 @@ def blocks(
         block = np.zeros((min(rows, len(start) - first), len(inputs), len(bins)), np.uint32)
 
 
+def photons_before(records: Records, tags: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return how many photons of a T3 file come before each of these rising sync pulses."""
+    found = np.empty(len(tags), np.int64)
+    done = before = 0
+    for batch, _, _ in records.batches(0.0):
+        if batch.photons:
+            here = slice(done, int(np.searchsorted(tags, batch.tag[-1], "right")))
+            found[here] = before + np.searchsorted(batch.tag, tags[here])
+            done, before = here.stop, before + batch.photons
+    found[done:] = before
+    return found
+
+
 @njit(cache=True)
 def _count(block, start, stop, begin, end, photons, low):  # type: ignore[no-untyped-def]
     """Count photons ``begin`` to ``end`` of a batch into the rows to which they belong."""
