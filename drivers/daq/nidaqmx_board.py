@@ -3,7 +3,9 @@
 Source: documentation of nidaqmx 1.7 and NI's manuals of the M, S and X Series; not yet run on a board.
 
 A counter of the board is the one sample clock: digital and analogue samples are armed first and wait for its
-pulses, then it starts. NI's manuals allow "Counter n Internal Output" as source of both clocks.
+pulses, then it starts. NI's manuals allow "Counter n Internal Output" as source of both clocks. It goes on
+until it is stopped: a task with such a clock is done one pulse after its last sample (NI-DAQmx, device
+considerations).
 
 UNCONFIRMED, because it cannot be seen without a board: whether a certain model plays lines from a buffer at
 all (many small USB boards, such as USB-6001 and USB-6009, do not; the X Series does, on port 0), whether it

@@ -61,7 +61,7 @@ class Watch:
     should_stop
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
-        Told what a new scan is, before its first event.
+        Told what a scan is, new or taken up again, before its first event.
     records
         Where the timing instrument's records of a new scan are kept, beside its file; None for nowhere.
     """
@@ -261,12 +261,14 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
     with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
+        watch, description = watch or Watch(), describe(plan, state, devices)
         records = beside(target, again=True) if plan.continuous and beside(target).exists() else None
         with (
             ScanWriter.resume(target) as writer,
-            RawRecords(records, describe(plan, state, devices), writer.appended) as raw,
+            RawRecords(records, description, writer.appended) as raw,
         ):
-            return _run(plan, state, devices, writer, watch or Watch(), raw)
+            watch.begun(description)
+            return _run(plan, state, devices, writer, watch, raw)
 
 
 def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -30,7 +30,7 @@ def examine(config: RigConfig, folder: Path) -> list[Finding]:
     """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
     findings = [*_software(), _disk(folder)]
     if not config.simulated:
-        findings += [*_ports(config), _detector(config), _timing_library(config)]
+        findings += [*_ports(config), *_boards(config), _detector(config), _timing_library(config)]
     return findings
 
 
@@ -56,7 +56,7 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
     from serial.tools import list_ports
 
     present = {str(Path(port.device).resolve()): port for port in list_ports.comports()}
-    for name, address in (("galvo", config.galvo.address), ("laser", config.laser.address)):
+    for name, address in config.serial_addresses.items():
         what = f"{name} at {address}"
         if address is None or "://" in address:
             yield Finding(what, "ok", "a URL; it is tried when a scan opens it")
@@ -72,6 +72,24 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
                 f"no such port; present: {seen}",
                 "Plug it in, switch it on, or correct the address",
             )
+
+
+def _boards(config: RigConfig) -> Iterator[Finding]:
+    from drivers.daq.board import SharedBoard
+    from drivers.daq.nidaqmx_board import NidaqmxBoard
+    from drivers.errors import DeviceError
+
+    uses: dict[str, list[str]] = {}
+    if isinstance(config.galvo, AnalogueGalvoConfig):
+        uses.setdefault(config.galvo.device, []).append("galvo")
+    if config.point_clock is not None:
+        uses.setdefault(config.point_clock.device, []).append("point clock")
+    for device, names in uses.items():
+        what = f"DAQ board {device} ({' and '.join(names)})"
+        try:
+            yield Finding(what, "ok", SharedBoard(NidaqmxBoard(device)).identity())
+        except DeviceError as error:
+            yield Finding(what, "missing", error.answered, error.remedy)
 
 
 def _served(what: str, address: str) -> Finding:

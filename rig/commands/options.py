@@ -48,6 +48,14 @@ Frames = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
+Live = Annotated[
+    bool,
+    typer.Option(
+        "--live",
+        help="Show the scan while it runs: counts, rates, light, live image; in a window where there is a "
+        "display, and as pictures in SCAN-live/.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 

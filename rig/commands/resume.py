@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, Live
 
 
 def resume(
@@ -17,6 +17,7 @@ def resume(
             "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
         ),
     ] = None,
+    live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -35,4 +36,4 @@ def resume(
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, live=live)

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
 from rig.errors import DataFileError, InterruptedScanError, UsageError
+from rig.files.description import ScanDescription
 from rig.files.journal import journal_of
 from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
@@ -20,6 +22,7 @@ from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
     from rig.image.until import Until
+    from rig.live.feed import LiveFeed
 
 Acquisition = Callable[[Watch], ScanResult]
 
@@ -31,6 +34,7 @@ def run(
     as_json: bool,
     config: Path | None = None,
     until: "Until | None" = None,
+    live: bool = False,
 ) -> None:
     """Run a scan into ``target`` and tell how it went.
 
@@ -46,6 +50,8 @@ def run(
         The rig's configuration, if it takes one to go on with the scan.
     until
         What may end the scan before its last position; that is no failure.
+    live
+        Whether it is shown while it runs.
 
     Raises
     ------
@@ -55,8 +61,12 @@ def run(
     began_s = time.monotonic()
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
-        with StopRequest(console.say) as stop:
-            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until))
+        with ExitStack() as stack:
+            stop = stack.enter_context(StopRequest(console.say))
+            feed = _feed(target) if live else None
+            if feed is not None:
+                stack.callback(feed.close)
+            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until, feed))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
@@ -75,10 +85,24 @@ def run(
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
 
-def _watch(progress: console.ScanProgress, stop: StopRequest, until: "Until | None") -> Watch:
-    if until is None:
-        return Watch([progress], stop)
-    return Watch([progress, until], lambda: stop() or until.reason(), until.begun)
+def _watch(
+    progress: console.ScanProgress, stop: StopRequest, until: "Until | None", feed: "LiveFeed | None"
+) -> Watch:
+    lookers = [one for one in (until, feed) if one is not None]
+
+    def begun(description: ScanDescription) -> None:
+        for one in lookers:
+            one.begun(description)
+
+    return Watch([progress, *lookers], lambda: stop() or (until.reason() if until else False), begun)
+
+
+def _feed(target: Path) -> "LiveFeed":
+    from rig.live.feed import LiveFeed
+
+    feed = LiveFeed(target, console.warn, window=console.err.is_terminal)
+    console.say(f"Live pictures: {feed.folder / 'now.png'}")
+    return feed
 
 
 def _is_there(target: Path) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Mode, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -79,6 +79,7 @@ def scan(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
+    live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -152,6 +153,7 @@ def scan(
         as_json,
         needed,
         ending,
+        live,
     )
 
 

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from drivers.daq.analogue_galvo import AnalogueGalvo, AnalogueLimits, Settling
 from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import DaqPointClock, PulseLines
 from drivers.hydraharp.device import HydraHarp
@@ -23,6 +24,7 @@ from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
 from rig.model.config import (
+    AnalogueGalvoConfig,
     DaqClockConfig,
     HydraHarpConfig,
     Id120Config,
@@ -115,6 +117,17 @@ def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManage
     return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits)
 
 
+def open_analogue_galvo(config: AnalogueGalvoConfig, wires: Wires) -> AbstractContextManager[Galvo]:
+    """Return the galvanometer pair, to be entered."""
+    return AnalogueGalvo(
+        wires.daq(config.device),
+        config.channels,
+        clock=wires.clock,
+        limits=AnalogueLimits((config.max_angle_x_rad, config.max_angle_y_rad), config.volts_per_degree),
+        settling=Settling(config.settle_time_s, config.settle_time_full_s),
+    )
+
+
 def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[GatedSpad]:
     """Return the detector, to be entered."""
     return Id120Spad(
@@ -177,7 +190,7 @@ def _harp(config: RigConfig) -> dict[str, Any]:
 
 def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
     """Return the point clock, to be entered."""
-    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step))
+    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step or None))
 
 
 def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -192,7 +205,10 @@ def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
         return scan.bins, scan.bin_width_s
 
 
-GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {"optotune": open_optotune}
+GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {
+    "optotune": open_optotune,
+    "analogue": open_analogue_galvo,
+}
 LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"katana": open_katana}
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
 POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}

@@ -54,7 +54,7 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         return SharedBoard(NidaqmxBoard(device, counter=counter))
 
     return Wires(
-        galvo=config.galvo.address or "",
+        galvo=config.serial_addresses.get("galvo") or "",
         laser=config.laser.address or "",
         usb_backend=None,
         hhlib=hhlib,

@@ -280,7 +280,7 @@ VOLUME: Layout = {
     "/volume/x_m": Entry("float", "voxel centres along x [m]", ("x",), required=True),
     "/volume/y_m": Entry("float", "voxel centres along y [m]", ("y",), required=True),
     "/volume/z_m": Entry("float", "voxel centres along z [m], the depth", ("z",), required=True),
-    "/volume/t_s": Entry("float", "times of the transient camera's frames [s]", ("t",)),
+    "/volume/t_s": Entry("float", "times of frames [s], after the flash or since the scan began", ("t",)),
     "/volume/depth_m": Entry(
         "float", "depth of the surface seen at each pixel [m]; NaN where nothing", ("y", "x")
     ),

@@ -27,7 +27,7 @@ def open_journal(path: Path, *, alone: bool) -> Journal | None:
     Raises
     ------
     DataFileError
-        If another program writes it, or it cannot be read.
+        If it is asked for alone and another program writes it, or it cannot be read.
     """
     if not os.path.exists(journal_of(path)):
         return None

@@ -16,8 +16,6 @@ import numpy as np
 from rig.errors import DataFileError, printable
 
 MAGIC_RECORDS, MAGIC_HISTOGRAMS = b"PQTTTR\0\0", b"PQHISTO\0"
-#: What older files begin with: one layout for each instrument and version.
-OLDER = (b"HydraHarp", b"TimeHarp 200", b"PicoHarp 300")
 
 #: Where our own files keep what records cannot say; other programs pass over it.
 #: Spots [m]: the laser's (P, 3), and the detector's (1 or P, C, 3).

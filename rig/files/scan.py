@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isnan, prod
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -19,6 +20,7 @@ from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.content import Note
 from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
+from rig.files.journal import Journal
 from rig.files.layout import SCANS
 from rig.files.recorded import RecordedFile
 from rig.model.calibrations.chosen import Calibrations
@@ -120,6 +122,8 @@ class ScanFile(RecordedFile):
     delays, delay_s
         What to subtract for rectified time: the path delays, or a measured (S, C) delay; both None where the
         file is rectified.
+    growing
+        Whether a scan writes it: what was on disk when it was opened is here.
     mended
         What was done to read the file in spite of its program's end, in words; empty if nothing.
 
@@ -130,18 +134,13 @@ class ScanFile(RecordedFile):
     """
 
     def _open(self) -> h5py.File:
-        self.mended = ""
+        self.mended, self.growing = "", False
         journal = mend.open_journal(self.path, alone=False)
         if journal is None:
             return super()._open()
         try:
-            self.digested = journal.path
-            self.mended = (
-                f"{self.path} was not closed by the program that wrote it: it is read from its journal, "
-                f"{journal.path}, and was not touched. rig resume {self.path} goes on with it"
-            )
-            if journal.torn_bytes:
-                self.mended += f". The journal's last {journal.torn_bytes} bytes are torn and were left out"
+            self.digested, self.growing = journal.path, journal.growing
+            self.mended = _why_mended(self.path, journal)
             return mend.for_reading(journal, self.path)
         finally:
             journal.close()
@@ -308,15 +307,14 @@ class ScanFile(RecordedFile):
 
     @property
     def status(self) -> str:
-        """``complete``, ``interrupted`` or ``failed``."""
-        return str(self._attribute("stop", "status", "interrupted"))
+        """``running``, ``complete``, ``interrupted`` or ``failed``."""
+        return "running" if self.growing else str(self._attribute("stop", "status", "interrupted"))
 
     @property
     def reason(self) -> str:
         """Why the run ended, in words."""
-        return str(
-            self._attribute("stop", "reason", "" if "stop" in self._file else "it has no closing record")
-        )
+        unsaid = "" if "stop" in self._file or self.growing else "it has no closing record"
+        return str(self._attribute("stop", "reason", unsaid))
 
     @property
     def photons(self) -> int:
@@ -552,7 +550,9 @@ class ScanFile(RecordedFile):
         done = np.flatnonzero(self.done)
         if not len(done):
             raise DataFileError(
-                f"{self.path} holds no measured position: the scan ended before the first; resume it"
+                f"{self.path} holds no measured position yet: a scan writes it, and has not finished a line"
+                if self.growing
+                else f"{self.path} holds no measured position: the scan ended before the first; resume it"
             )
         passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
         if not all(one.same_settings(passes[0]) and one.positions == passes[0].positions for one in passes):
@@ -566,10 +566,12 @@ class ScanFile(RecordedFile):
         if whole < 2:
             steps = done if frames == 1 else done[done < size]
             return steps, self._histograms(np.isin(np.arange(self.steps), steps))
-        each = np.arange(self.steps) // size
-        return np.arange(size), RepeatedHistograms(
-            [self._histograms(each == frame) for frame in range(whole)]
-        )
+        return np.arange(size), RepeatedHistograms(self.histograms_of_frames())
+
+    def histograms_of_frames(self) -> list[Histograms]:
+        """Return the counts of each whole frame, in order; of a plan with one set of positions."""
+        each = np.arange(self.steps) // (self.steps // self.frames)
+        return [self._histograms(each == frame) for frame in self.whole_frames.tolist()]
 
     def _histograms(self, wanted: NDArray[np.bool_]) -> Histograms:
         """Return the counts of (S,) wanted steps."""
@@ -605,6 +607,18 @@ class ScanFile(RecordedFile):
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
         return None if value is None else float(value)
+
+
+def _why_mended(path: Path, journal: Journal) -> str:
+    """Say why a scan file is read from its journal."""
+    if journal.growing:
+        return f"{path} is being written by a scan: the lines that it has finished until now are read"
+    told = (
+        f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
+        f"and was not touched. rig resume {path} goes on with it"
+    )
+    torn = journal.torn_bytes
+    return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")
 
 
 def in_words(numbers: NDArray[np.int64]) -> str:

@@ -1,4 +1,4 @@
-"""PicoQuant ``.ptu``: time-tagged records of a HydraHarp, whose markers tell the points of a scan."""
+"""PicoQuant ``.ptu``, ``.ht2``, ``.ht3``, ``.pt2``, ``.pt3``: records whose markers tell a scan's points."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rig.importers.tagged import Records, Survey
 
 NAME = "PicoQuant records"
-SIGN = ".ptu with the records of a HydraHarp or MultiHarp, T2 or T3"
+SIGN = ".ptu, .ht2, .ht3, .pt2 or .pt3 with records of a HydraHarp, MultiHarp or PicoHarp 300, T2 or T3"
 PARTS = ("TTResultFormat_TTTRRecType", "TTResult_NumberOfRecords")
 
 #: A gap between markers of so many usual ones lacks some.

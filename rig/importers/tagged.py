@@ -24,15 +24,32 @@ from drivers.hydraharp.records import (
 )
 from rig.errors import DataFileError
 from rig.files.picoquant import Head
+from rig.importers.picoharp_records import PicoHarpDecoder
 
-#: Record types by their number in the head; the last two are those of MultiHarp and its kin.
-_FORMATS = {
+
+@dataclass(frozen=True)
+class PicoHarpFormat:
+    """Records of a PicoHarp 300.
+
+    Attributes
+    ----------
+    is_t3
+        Whether tags count sync pulses.
+    """
+
+    is_t3: bool
+
+
+#: Record types by their number in the head; 07 at their end are those of MultiHarp and its kin.
+_FORMATS: dict[int, RecordFormat | PicoHarpFormat] = {
     0x00010204: T2_VERSION_1,
     0x00010304: T3_VERSION_1,
     0x01010204: T2,
     0x01010304: T3,
     0x00010207: T2,
     0x00010307: T3,
+    0x00010203: PicoHarpFormat(is_t3=False),
+    0x00010303: PicoHarpFormat(is_t3=True),
 }
 #: Records decoded at once, and bytes of counts made at once.
 _PIECE, _BLOCK_BYTES = 2**18, 2**25
@@ -61,7 +78,7 @@ class Records:
     """
 
     head: Head
-    format: RecordFormat
+    format: RecordFormat | PicoHarpFormat
     count: int
     truncated: bool
     told: tuple[str, ...]
@@ -78,8 +95,8 @@ class Records:
         kind = int(head.number("TTResultFormat_TTTRRecType"))
         if kind not in _FORMATS:
             raise DataFileError(
-                f"{head.path} holds records of the type {kind:#010x}, which are not those of a HydraHarp or "
-                "a MultiHarp; this program does not know their fields"
+                f"{head.path} holds records of the type {kind:#010x}, which are not those of a HydraHarp, a "
+                "MultiHarp or a PicoHarp 300; this program does not know their fields"
             )
         said, there = int(head.number("TTResult_NumberOfRecords")), (head.size - head.end) // 4
         if 0 < said <= there:
@@ -99,7 +116,7 @@ class Records:
         DataFileError
             If the records are damaged.
         """
-        decoder, left, sync = Decoder(self.format), self.count, -1
+        decoder, left, sync = _decoder(self.format), self.count, -1
         unit_s = 0.0 if self.format.is_t3 else self.head.number("MeasDesc_GlobalResolution")
         with self.head.path.open("rb") as file:
             file.seek(self.head.end)
@@ -118,6 +135,10 @@ class Records:
                     bins = np.empty(batch.photons, np.int64)
                     sync = _after_sync(batch.tag, batch.channel, sync, max(1, round(width_s / unit_s)), bins)
                     yield _without_syncs(batch, bins)
+
+
+def _decoder(of: RecordFormat | PicoHarpFormat) -> Decoder | PicoHarpDecoder:
+    return Decoder(of) if isinstance(of, RecordFormat) else PicoHarpDecoder(of.is_t3)
 
 
 def _without_syncs(batch: Batch, bins: NDArray[np.int64]) -> tuple[Batch, NDArray[np.int64], int]:

@@ -114,3 +114,42 @@ def _sort(tag, dtime, channel, edges, channel_of, bins, photon_bins, counts):  #
                 photon_bins[place[c]] = dtime[photon]
                 place[c] += 1
     return kept, i
+
+
+def count_photons(
+    photon_bins: NDArray[np.unsignedinteger], of_channel: NDArray[np.int64], bins: int
+) -> NDArray[np.uint32]:
+    """Return (channels, bins) photons a bin; the work is done without Python's lock.
+
+    Parameters
+    ----------
+    photon_bins
+        (photons,) bin of each, below ``bins``, channel after channel.
+    of_channel
+        (channels,) how many of them each channel has.
+    bins
+        Number of bins of a histogram.
+
+    Raises
+    ------
+    ValueError
+        If the photons are not as many as the channels have, or a bin is not below ``bins``.
+    """
+    counts = np.zeros((len(of_channel), bins), np.uint32)
+    if len(photon_bins) != of_channel.sum() or not _count(photon_bins, of_channel, counts):
+        raise ValueError(f"{len(photon_bins)} photons are not the {of_channel} of channels of {bins} bins")
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def _count(photon_bins, of_channel, counts):  # type: ignore[no-untyped-def]
+    """Add the photons up; return whether all were within the bins."""
+    i = 0
+    for channel in range(len(of_channel)):
+        row = counts[channel]
+        for _ in range(of_channel[channel]):
+            if photon_bins[i] >= len(row):
+                return False
+            row[photon_bins[i]] += 1
+            i += 1
+    return True

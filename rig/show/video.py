@@ -85,9 +85,10 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
     bar = figure.add_axes(((left + wide + 0.2) / _WIDTH_IN, bottom / tall, 0.16 / _WIDTH_IN, high))
     figure.colorbar(drawn, cax=bar, label=video_label(compensation))
     figure.text(0.5, 1 - 0.25 / tall, f"{volume.scan}: {parameters_line(volume)}", ha="center")
+    after = "" if volume.parameters.get("each_frame") else " after the flash"
     for image, time_s in zip(amplitude, volume.t_s, strict=True):
         drawn.set_data(image)  # type: ignore[attr-defined]
-        axes.set_title(f"{stamp(time_s)} after the flash", family="monospace")
+        axes.set_title(stamp(time_s, volume) + after, family="monospace")
         canvas.draw()
         yield np.array(canvas.buffer_rgba())[..., :3]
 

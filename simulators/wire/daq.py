@@ -29,6 +29,14 @@ LINES = tuple(f"port0/line{number}" for number in range(32))
 CHANNELS = ("ao0", "ao1")
 
 
+#: From the call that starts to the first sample [s], in which NI-DAQmx programs its clock; UNCONFIRMED.
+START_S = 0.02
+
+#: The same where the bench's clock jumps: another device's thread may move it on while the board is started,
+#: by as much as a timing instrument runs ahead of the program.
+START_JUMPING_S = 0.2
+
+
 class DaqFailure(Exception):  # noqa: N818 - what NI-DAQmx calls an error
     """What the board's driver raises.
 
@@ -85,6 +93,8 @@ class SimulatedBoard:
         Numbers of ticks whose markers get lost, or are followed by a second pulse.
     double_after_s
         How long after the first that second pulse comes; a ringing cable takes microseconds.
+    start_after_s
+        Time from the call that starts to the first sample.
     buffered_lines
         Whether it can play lines; many small boards cannot.
     """
@@ -95,6 +105,7 @@ class SimulatedBoard:
         self.lost_marks: set[int] = set()
         self.double_marks: set[int] = set()
         self.double_after_s = 2e-6
+        self.start_after_s = START_S if bench.clock.real_time else START_JUMPING_S
         self.buffered_lines = True
         self._bench = bench
         self._wiring = wiring or DaqWiring()
@@ -146,7 +157,7 @@ class SimulatedBoard:
         channels: Sequence[str],
         volts: NDArray[np.float64],
     ) -> float:
-        """Play from now on; return the rate that it takes itself to have."""
+        """Play, soon; return the rate that it takes itself to have."""
         self._require(lines, LINES, levels.shape[1])
         self._require(channels, CHANNELS, volts.shape[1])
         if self._playing:
@@ -158,11 +169,12 @@ class SimulatedBoard:
         if rate_hz > self.fastest_hz(analogue=bool(channels)):
             raise DaqFailure(TOO_FAST, "Sample rate is larger than the maximum sample rate of the device.")
         _require_range(volts)
-        sample_s, now_s = (1 + self.clock_error) / rate_hz, self._bench.clock.now_s()
-        self._ends_s = now_s + len(levels) * sample_s
+        sample_s = (1 + self.clock_error) / rate_hz
+        begin_s = self._bench.clock.now_s() + self.start_after_s
+        self._ends_s = begin_s + len(levels) * sample_s
         if len(channels):
-            self._follow(now_s + np.arange(len(volts)) * np.float64(sample_s), list(channels), volts)
-        self._tick(now_s, sample_s, list(lines), levels)
+            self._follow(begin_s + np.arange(len(volts)) * np.float64(sample_s), list(channels), volts)
+        self._tick(begin_s, sample_s, list(lines), levels)
         return rate_hz
 
     def playing(self) -> bool:
@@ -189,7 +201,7 @@ class SimulatedBoard:
             self._bench.stop_ticks()
             self._bench.stop_following(self._ends_s)
 
-    def _tick(self, now_s: float, sample_s: float, lines: list[str], levels: NDArray[np.bool_]) -> None:
+    def _tick(self, begin_s: float, sample_s: float, lines: list[str], levels: NDArray[np.bool_]) -> None:
         """Turn rising edges into the ticks that step the mirror, and pulses at the marker inputs."""
         rising = levels & ~np.vstack([np.zeros_like(levels[:1]), levels[:-1]])
         at = {line: rising[:, column] for column, line in enumerate(lines)}
@@ -203,12 +215,12 @@ class SimulatedBoard:
             return
         every = int(np.gcd.reduce(np.diff(edges))) or 1
         marks = masks[edges[0] :: every][: (edges[-1] - edges[0]) // every + 1].copy()
-        begin_s, tick_s = now_s + edges[0] * sample_s, every * sample_s
+        first_s, tick_s = begin_s + edges[0] * sample_s, every * sample_s
         for tick in sorted(self.double_marks):
             if tick < len(marks) and marks[tick]:
-                self._bench.mark(int(marks[tick]), begin_s + tick * tick_s + self.double_after_s)
+                self._bench.mark(int(marks[tick]), first_s + tick * tick_s + self.double_after_s)
         marks[[tick for tick in self.lost_marks if tick < len(marks)]] = 0
-        self._bench.start_ticks(marks, tick_s, start_s=begin_s)
+        self._bench.start_ticks(marks, tick_s, start_s=first_s)
 
     def _follow(self, times_s: NDArray[np.float64], channels: list[str], volts: NDArray[np.float64]) -> None:
         """Let the mirror follow its voltages; it stays at the last."""
@@ -223,7 +235,8 @@ class SimulatedBoard:
 
     def _angles_rad(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return optical angles (..., 2) for the galvo's voltages: twice those by which its mirrors turn."""
-        return 2 * np.radians(volts / np.array(self._wiring.volts_per_degree))
+        # contiguous: what is compiled for one order of memory would be compiled again for another
+        return np.ascontiguousarray(2 * np.radians(volts / np.array(self._wiring.volts_per_degree)))
 
     def _require_plugged_in(self) -> None:
         if not self._plugged_in:

@@ -28,6 +28,7 @@ class Desk:
     def __init__(self, lines: PulseLines = LINES) -> None:
         self.bench = Bench()
         self.board = SimulatedBoard(self.bench, WIRING)
+        self.board.start_after_s = 0.0  # what comes when is counted from the start
         self.clock = DaqPointClock(SharedBoard(self.board), lines)
         self.ticks_s: list[float] = []
         self.bench.tick_listeners.append(lambda times_s: self.ticks_s.extend(times_s.tolist()))
@@ -247,14 +248,14 @@ def test_lost_and_double_markers_come_so(desk):
 
 
 def test_the_built_in_rig_has_one():
-    with open_devices(built_in()) as opened:
+    with open_devices(built_in(), tagged=True) as opened:
         assert opened.identities()["point_clock"] == opened.point_clock.identity
         assert opened.read_back()["point_clock"]["step_line"] == "port0/line4"
 
 
 def test_a_rig_without_one_opens_too():
     config = built_in_with({"simulation": {"scene": "letters"}}).model_copy(update={"point_clock": None})
-    with open_devices(config) as opened:
+    with open_devices(config, tagged=True) as opened:
         assert opened.point_clock is None
         assert "point_clock" not in opened.read_back()
 

@@ -349,22 +349,6 @@ def test_a_real_file_in_t2_says_what_it_holds(tmp_path):
         import_scan(source, tmp_path / "a.h5", bin_width_s=16e-12, **GRID)
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("hydraharp/v10.ht2", "HydraHarp in PicoQuant's older format 1.0"),
-        ("hydraharp/v10.ht3", "HydraHarp in PicoQuant's older format 1.0"),
-        ("hydraharp/v10.hhd", "HydraHarp in PicoQuant's older format 1.0"),
-        ("timeharp/v20.thd", "TimeHarp 200 in PicoQuant's older format 2.0"),
-        ("timeharp/v50.t3r", "TimeHarp 200 in PicoQuant's older format 5.0"),
-    ],
-)
-def test_older_files_are_named_for_what_they_are(tmp_path, name, said):
-    source = published(f"original/picoquant/{name}")
-    with pytest.raises(DataFileError, match=said):
-        import_scan(source, tmp_path / "a.h5")
-
-
 def test_the_command_takes_quantities(rig, tmp_path, events):
     ptu(tmp_path / "a.ptu", records_of(events))
     words = (

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rig.model.sorting import sort_photons
+from rig.model.sorting import count_photons, sort_photons
 
 
 def slowly(tag, dtime, channel, edges, inputs, bins):
@@ -96,3 +96,16 @@ def test_what_does_not_fit_is_refused(change, said):
     good |= {"edges": np.array([0, 3]), "inputs": (0,), "bins": 4}
     with pytest.raises(ValueError, match=said):
         sort_photons(**good | change)
+
+
+@pytest.mark.parametrize("dtype", ["u2", "u4"])
+def test_photons_are_counted_by_channel(dtype):
+    rng = np.random.default_rng(2)
+    of_channel = np.array([700, 0, 1300])
+    photon_bins = rng.integers(0, 40, 2000).astype(dtype)
+    counts = count_photons(photon_bins, of_channel, 41)
+    for channel, some in enumerate(np.split(photon_bins, np.cumsum(of_channel)[:-1])):
+        np.testing.assert_array_equal(counts[channel], np.bincount(some, minlength=41))
+    for wrong in (photon_bins[:-1], np.append(photon_bins[:-1], 41).astype(dtype)):
+        with pytest.raises(ValueError, match="photons are not the"):
+            count_photons(wrong, of_channel, 41)
