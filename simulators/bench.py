@@ -323,6 +323,8 @@ class Bench:
         Seed of all photon statistics.
     clock
         The one clock; by default it runs as fast as the computer can.
+    mirror
+        By default one that is as quick as the rig's.
 
     Attributes
     ----------
@@ -346,6 +348,7 @@ class Bench:
         *,
         seed: int = 0,
         clock: BenchClock | None = None,
+        mirror: SteeringMirror | None = None,
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         if photons and len(photons) != len(self.geometry.channels):
@@ -356,7 +359,7 @@ class Bench:
         self._began_s = clock.now_s() if clock else 0.0
         self.seed = seed
         self.clock = clock or BenchClock()
-        self.mirror = SteeringMirror()
+        self.mirror = mirror or SteeringMirror()
         self.watchers: list[Callable[[float], None]] = []
         self.tick_listeners: list[Callable[[NDArray[np.float64]], None]] = []
         self.stop_listeners: list[Callable[[float], None]] = []

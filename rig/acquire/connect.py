@@ -106,8 +106,10 @@ def _timing(
 
 
 @contextmanager
-def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
+def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False) -> Iterator[Station]:
     """Open devices and cameras. On the simulated rig the bench takes the place of ``operator``.
+
+    ``tagged`` as of `open_devices`.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def open_station(config: RigConfig, operator: Operator) -> Iterator[Station]:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
-        yield Station(stack.enter_context(devices_on(config, wires)), operator, cameras)
+        yield Station(stack.enter_context(devices_on(config, wires, tagged=tagged)), operator, cameras)
 
 
 @contextmanager

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
 
-#: Natural frequency of galvanometers [Hz]: within a thousandth of a small step in 0.6 ms; the GVS011's
-#: specification is 0.4 ms, to an unsaid fraction.
-GALVANOMETER_HZ = 2500.0
+#: By how much the mirror of each kind trails its command [s] (unconfirmed). A galvanometer of 2.5 kHz is
+#: within a thousandth of a small step in 0.6 ms; the GVS011's specification is 0.4 ms, to an unsaid fraction.
+MIRROR_LAG_S = {"optotune": 0.8e-3, "analogue": 1 / (np.pi * 2500)}
 
 #: The mean rate is taken over so many laser spots along x and y.
 RATE_SPOTS = (9, 6)
@@ -78,10 +78,9 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
     simulation = config.simulation or SimulationConfig()
     geometry = true_geometry(config)
     clock = BenchClock(real_time=real_time, begin_s=begin_s)
-    bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
-    if isinstance(config.galvo, AnalogueGalvoConfig):
-        bench.mirror = SteeringMirror(natural_frequency_hz=GALVANOMETER_HZ)
-    return bench
+    asked_s = simulation.misalignment.mirror_lag_s
+    mirror = SteeringMirror.trailing(MIRROR_LAG_S[config.galvo.kind] if asked_s is None else asked_s)
+    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock, mirror=mirror)
 
 
 def timing_faults(config: RigConfig) -> "Timing":

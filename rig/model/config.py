@@ -69,7 +69,7 @@ class OptotuneConfig(_GalvoConfig):
     turn_time_s: Seconds = Field(0.008, gt=0)
     """Continuous scans: time in which the mirror turns round at the end of a line."""
     lag_s: Seconds = Field(0.8e-3, ge=0)
-    """Continuous scans: by how much the mirror trails its command."""
+    """Continuous scans: by how much the mirror trails its command; what was calibrated goes before it."""
 
 
 class AnalogueGalvoConfig(_GalvoConfig):
@@ -308,6 +308,9 @@ class MisalignmentConfig(_Section):
     """Real angle for each commanded one."""
     cable_delay_s: Seconds = 0.0
     """Delay of forgotten cable."""
+    mirror_lag_s: Seconds | None = Field(None, gt=0)
+    """By how much the mirror trails a command that moves evenly; None: as usual for its kind. galvo.lag and
+    rig calibrate lag say how much is taken for it."""
 
 
 class FaultsConfig(_Section):

@@ -119,7 +119,8 @@ class RigState:
     @property
     def mirror_lag_s(self) -> float:
         """By how much the mirror trails its command while it moves."""
-        return self.config.galvo.lag_s
+        lag = self.calibrations.lag
+        return lag.lag_s if lag else self.config.galvo.lag_s
 
     @cached_property
     def delays(self) -> PathDelays:

@@ -1,6 +1,7 @@
 """The steering mirror: a critically damped second-order servo that trails its command."""
 
 from itertools import pairwise
+from math import pi
 
 import numpy as np
 from numba import njit
@@ -27,12 +28,17 @@ class SteeringMirror:
     """
 
     def __init__(self, *, natural_frequency_hz: float = 400.0) -> None:
-        self._w = 2 * 3.141592653589793 * natural_frequency_hz
+        self._w = 2 * pi * natural_frequency_hz
         # one move a row: from when on; target (x, y), error and its rate at that time. Those from
         # `_first` to `_end` hold; the others are room
         self._start_s = np.zeros(64)
         self._moves = np.zeros((64, 6))
         self._first, self._end = 0, 1
+
+    @classmethod
+    def trailing(cls, lag_s: float) -> "SteeringMirror":
+        """Return one that trails by ``lag_s`` a command that moves evenly: by 2 / w."""
+        return cls(natural_frequency_hz=1 / (pi * lag_s))
 
     @property
     def known_from_s(self) -> float:
