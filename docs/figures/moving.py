@@ -111,7 +111,13 @@ def main(folder: Path, gif: Path, picture: Path) -> None:
         GRID.y_m,
         GRID.z_m,
         t_s=frame_s * np.arange(FRAMES),
-        parameters={"camera": "confocal", "solver": "rsd", "wavelength_m": 0.08, "cycles": 2.0, "each_frame": True},
+        parameters={
+            "camera": "confocal",
+            "solver": "rsd",
+            "wavelength_m": 0.08,
+            "cycles": 2.0,
+            "each_frame": True,
+        },
         scan="a 4 at 1 m, 0.3 m/s",
     )
     save_video(volume, gif, compensation="z⁴")
