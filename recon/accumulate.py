@@ -82,7 +82,30 @@ class Accumulator:
         self._tally.add(positions, self.bins, seen)
         self.arrived[positions] = True
 
-    def image(self, last: int | None = None, among: int | None = None) -> Image:
+    def add_photons(
+        self, positions: NDArray[np.intp], offset: NDArray[np.integer], photon_bins: NDArray[np.integer]
+    ) -> None:
+        """Add the photons of some positions; the quicker way where most bins are empty.
+
+        Parameters
+        ----------
+        positions
+            (n,) which; one that comes again is added up.
+        offset
+            (n + 1,) where the photons of each begin, and the end.
+        photon_bins
+            (photons,) the bin of each, in the whole record.
+        """
+        self._transform.add_photons(positions, offset, photon_bins)
+        self._tally.add_photons(np.repeat(positions, np.diff(offset)), self.bins, photon_bins)
+        self.arrived[positions] = True
+
+    def image(
+        self,
+        last: int | None = None,
+        among: int | None = None,
+        weights: NDArray[np.floating] | None = None,
+    ) -> Image:
         """Image what has arrived.
 
         Parameters
@@ -92,20 +115,24 @@ class Accumulator:
         among
             Show the solver the first so many positions, those that are not used as dark ones: a finer lattice
             is faster than one that is coarser than half a wavelength. None shows it what is used alone.
+        weights
+            (P,) by which positions are multiplied; None is one for all.
         """
         bright = self.arrived.copy()
         bright[len(bright) if last is None else last :] = False
         shown = np.flatnonzero(bright) if among is None else np.arange(among)
+        weight = bright[shown] if weights is None else (bright * weights)[shown].astype(np.float32)
 
         def spectra(*asked: object) -> list[NDArray[np.complexfloating]]:
-            return [one[:, shown] * bright[shown] for one in self._transform.spectra]
+            return [one[:, shown] * weight for one in self._transform.spectra]
 
         part = replace(self._problem, capture=subset(self._capture, shown), spectra=spectra)
         return focused(part, "rsd", self.pulse)
 
-    def surface(self, image: Image) -> Surface:
-        """Find the surface in an image of what has arrived."""
-        return find(image, photon_noise(self._tally, self.pulse, image.grid))
+    def surface(self, image: Image, weights: NDArray[np.floating] | None = None) -> Surface:
+        """Find the surface in an image of what has arrived, made with these weights."""
+        tally = self._tally if weights is None else self._tally.weighted(np.where(self.arrived, weights, 0))
+        return find(image, photon_noise(tally, self.pulse, image.grid))
 
 
 @dataclass(frozen=True)
@@ -182,6 +209,15 @@ class GrowingPicture:
             if fitting > 0:
                 accumulator.add(slice(first, first + fitting), counts[:fitting])
         self.positions = max(self.positions, first + len(counts))
+
+    def add_photons(self, first: int, offset: NDArray[np.integer], photon_bins: NDArray[np.integer]) -> None:
+        """As `add`, from photons: (n + 1,) where those of each position begin, and (photons,) their bins."""
+        for accumulator in dict.fromkeys(self._accumulators):
+            fitting = min(len(offset) - 1, self._needed_until[accumulator.pulse] - first)
+            if fitting > 0:
+                some = photon_bins[: offset[fitting]]
+                accumulator.add_photons(np.arange(first, first + fitting), offset[: fitting + 1], some)
+        self.positions = max(self.positions, first + len(offset) - 1)
 
     def picture(self) -> Picture:
         """Make the picture of the complete rounds; before the first is complete, of what is there."""

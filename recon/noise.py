@@ -13,6 +13,7 @@ intensity is distributed exponentially (the field is a sum of many small terms, 
 """
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,6 +98,26 @@ class Tally:
         summed[:, : start.shape[1]] *= start
         np.add.at(self.cells[:, cells], self.tile[positions], summed)
 
+    def add_photons(self, positions: NDArray[np.intp], bins: slice, photon_bins: NDArray[np.integer]) -> None:
+        """Add photons, each by its position and its bin; those outside `bins` are left out."""
+        capture, cell_s = self.capture, self.group * self.capture.bin_width_s
+        inside = (photon_bins >= bins.start) & (photon_bins < bins.stop)
+        positions, number = positions[inside], photon_bins[inside].astype(np.intp) // self.group
+        end = self.window.end_weights(capture.bins, capture.bin_width_s)
+        centre = np.maximum(number * self.group, bins.start) + self.group // 2
+        weight = end[np.minimum(centre, capture.bins - 1)]
+        begins_s = np.broadcast_to(capture.begins_s(positions), positions.shape)
+        weight = weight * self.window.start_weights_at(begins_s + (number + 0.5) * cell_s)
+        np.add.at(self.cells, (self.tile[positions], number), weight.astype(np.float32))
+
+    def weighted(self, weights: NDArray[np.floating]) -> "Tally":
+        """Return the tally of positions that are multiplied by (P,) weights, their variance by squares."""
+        members = np.bincount(self.tile, weights != 0)
+        squares = np.bincount(self.tile, np.square(weights))
+        other = copy(self)
+        other.cells = self.cells * np.divide(squares, np.maximum(members, 1))[:, None].astype(np.float32)
+        return other
+
 
 def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:
     """Give positions (P, coordinates) the numbers of tiles, halved along the longest until they are many."""
@@ -176,11 +197,15 @@ def photon_noise(tally: Tally, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
 
     begin_s, laser_m, detector_m = mean(capture.first_bin_s), mean(capture.laser_m), mean(capture.detector_m)
     x_m, y_m = (np.linspace(axis[0], axis[-1], min(PLACES, len(axis))) for axis in (grid.x_m, grid.y_m))
+
+    def distances_m(spots_m: NDArray[np.float64], z_m: float) -> NDArray[np.float64]:
+        across, up = (x_m[:, None] - spots_m[:, 0]) ** 2, (y_m[:, None] - spots_m[:, 1]) ** 2
+        return np.sqrt(across + up[:, None] + (z_m - spots_m[:, 2]) ** 2)
+
     levels = np.empty((len(grid.z_m), len(y_m), len(x_m)))
     for k, z_m in enumerate(grid.z_m):
-        places_m = np.stack(np.broadcast_arrays(x_m[None, :], y_m[:, None], z_m), axis=-1)[..., None, :]
-        r_p = np.linalg.norm(places_m - laser_m, axis=-1)
-        delay_s = (r_p + np.linalg.norm(places_m - detector_m, axis=-1)) / C_M_PER_S
+        r_p = distances_m(laser_m, z_m)
+        delay_s = (r_p + distances_m(detector_m, z_m)) / C_M_PER_S
         cell = np.clip(((delay_s - begin_s) / cell_s).astype(int), 0, seen.shape[1] - 1)
         weights = 1 / r_p**2
         levels[k] = (seen[np.arange(tiles), cell] * weights).sum(axis=-1)

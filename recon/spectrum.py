@@ -11,6 +11,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture, Positions
@@ -111,10 +112,39 @@ class Transform:
         soft = self._edges.soften(positions, counts)
         begins_s = self._capture.begins_s(positions)
         for family, matrix in zip(self._families, self._matrices, strict=True):
-            phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, begins_s))
-            phases = phases.astype(self._dtype)
+            phases = self._phases(family, begins_s)
             for number, sums in family.sums(soft, matrix, self.bins.start):
                 self.spectra[number][:, positions] += sums.view(self._dtype).T * phases
+
+    def add_photons(
+        self, positions: NDArray[np.intp], offset: NDArray[np.integer], photon_bins: NDArray[np.integer]
+    ) -> None:
+        """Add photons one by one: the quicker way where most bins are empty.
+
+        Parameters
+        ----------
+        positions
+            (n,) which; they may come more than once.
+        offset
+            (n + 1,) where the photons of each begin, and the end.
+        photon_bins
+            (photons,) the bin of each, in the whole record.
+        """
+        wanted, row_of = np.unique(positions, return_inverse=True)
+        row = np.repeat(row_of, np.diff(offset))
+        inside = (photon_bins >= self.bins.start) & (photon_bins < self.bins.stop)
+        row, bins = row[inside], photon_bins[inside].astype(np.intp)
+        weight = self._edges.weights(wanted[row], bins)
+        begins_s = self._capture.begins_s(wanted)
+        for family, matrix in zip(self._families, self._matrices, strict=True):
+            phases = self._phases(family, begins_s)
+            for number, sums in family.sums_of_photons(len(wanted), row, bins, weight, matrix):
+                self.spectra[number][:, wanted] += sums.view(self._dtype).T * phases
+
+    def _phases(self, family: "_Family", begins_s: NDArray[np.float64]) -> NDArray[np.complexfloating]:
+        """(F, positions) what the time of the first bin does to a sum."""
+        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, begins_s))
+        return phases.astype(self._dtype)
 
 
 @dataclass(frozen=True)
@@ -146,6 +176,27 @@ class _Family:
             edge: counts[:, edge - first : end - first] @ matrix[edge - self.edges[0] : end - self.edges[0]]
             for edge, end in pairwise(self.edges)
         }
+        yield from self._of_members(pieces)
+
+    def sums_of_photons(
+        self,
+        rows: int,
+        row: NDArray[np.intp],
+        bins: NDArray[np.intp],
+        weight: NDArray[np.floating],
+        matrix: NDArray[np.floating],
+    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
+        """As `sums`, from the row, the bin and the weight of each photon."""
+        starts = np.array(self.edges)
+        piece = np.searchsorted(starts, np.arange(starts[0], starts[-1]), side="right") - 1
+        summed = np.zeros((len(starts) - 1, rows, matrix.shape[1]), matrix.dtype)
+        _sum_photons(row, bins - starts[0], weight, piece, matrix, summed)
+        yield from self._of_members(dict(zip(self.edges, summed, strict=False)))
+
+    def _of_members(
+        self, pieces: dict[int, NDArray[np.floating]]
+    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
+        """Put the sums between neighbouring edges together to those of the members' bins."""
         for number, bins in self.members.items():
             total, *others = (piece for edge, piece in pieces.items() if bins.start <= edge < bins.stop)
             yield number, sum(others, total)
@@ -166,3 +217,22 @@ def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> ND
     centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s
     factors = np.exp(-1j * np.multiply.outer(centres_s, family.band.frequencies_rad_per_s))
     return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def _sum_photons(
+    row: NDArray[np.intp],
+    place: NDArray[np.intp],
+    weight: NDArray[np.floating],
+    piece: NDArray[np.intp],
+    matrix: NDArray[np.floating],
+    summed: NDArray[np.floating],
+) -> None:
+    """Add to (pieces, rows, 2 F) sums the factors of each photon's bin; what is outside is left out."""
+    for photon in range(len(row)):
+        at = place[photon]
+        if 0 <= at < len(matrix):
+            total = summed[piece[at], row[photon]]
+            factors = matrix[at]
+            for number in range(len(factors)):
+                total[number] += weight[photon] * factors[number]

@@ -77,6 +77,12 @@ class Window:
         centres_s = (np.arange(bins.start, stop) + 0.5) * bin_width_s
         return _raised_cosine(first_bin_s[:, None] - self.start_s + centres_s, self.rise_s)
 
+    def start_weights_at(self, rectified_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the weights at rectified times, of the start alone."""
+        if self.start_s is None:
+            return np.ones_like(rectified_s)
+        return _raised_cosine(rectified_s - self.start_s, self.rise_s)
+
 
 class Edges:
     """Softens a part of the record.
@@ -107,6 +113,12 @@ class Edges:
         soft[:, : start.shape[1]] *= start
         soft[:, self._falls_from :] *= self._end[self._falls_from :]
         return soft
+
+    def weights(self, positions: NDArray[np.intp], bins: NDArray[np.intp]) -> NDArray[np.floating]:
+        """Return the weights of photons, each by its position and its bin, one of those wanted."""
+        begins_s = np.broadcast_to(self._capture.begins_s(positions), positions.shape)
+        start = self._window.start_weights_at(begins_s + (bins + 0.5) * self._capture.bin_width_s)
+        return start.astype(self._dtype) * self._end[bins - self._bins.start]
 
 
 def windowed_blocks(

@@ -42,9 +42,16 @@ class MovedPaths:
         """Return all light [1/m^2]."""
         return self._paths.flux(shifted(laser_spot_m, self._offset_m))
 
-    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw the paths (number,) of photons that arrive [m]."""
-        return self._paths.sample(shifted(laser_spot_m, self._offset_m), number, rng)
+    def sample(
+        self,
+        laser_spot_m: Spot,
+        number: int,
+        rng: np.random.Generator,
+        from_m: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Draw the paths (number,) of photons that arrive [m], maybe from spots of their own."""
+        moved_m = None if from_m is None else from_m - self._offset_m
+        return self._paths.sample(shifted(laser_spot_m, self._offset_m), number, rng, moved_m)
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (K,) light [1/m^2] and its (K,) paths [m]."""

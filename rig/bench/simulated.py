@@ -1,6 +1,7 @@
 """The simulated bench that a configuration describes, and the truth of its scenes."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import ConfigError, DataFileError, UsageError
-from rig.model.config import FaultsConfig, RigConfig, SimulationConfig
+from rig.model.config import AnalogueGalvoConfig, FaultsConfig, RigConfig, SimulationConfig
 from rig.model.quantities import parse
 
 if TYPE_CHECKING:
@@ -18,8 +19,13 @@ if TYPE_CHECKING:
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
+    from simulators.wire.daq import DaqWiring
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
+
+#: By how much the mirror of each kind trails its command [s] (unconfirmed). A galvanometer of 2.5 kHz is
+#: within a thousandth of a small step in 0.6 ms; the GVS011's specification is 0.4 ms, to an unsaid fraction.
+MIRROR_LAG_S = {"optotune": 0.8e-3, "analogue": 1 / (np.pi * 2500)}
 
 #: The mean rate is taken over so many laser spots along x and y.
 RATE_SPOTS = (9, 6)
@@ -40,7 +46,21 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     simulation = config.simulation or SimulationConfig()
     bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
     depth = simulation.faults.largest_count
-    return bench, SimulatedInstruments(bench, timing=timing_faults(config), count_depth=depth)
+    return bench, SimulatedInstruments(
+        bench, timing=timing_faults(config), count_depth=depth, wiring=daq_wiring(config)
+    )
+
+
+def daq_wiring(config: RigConfig) -> "DaqWiring":
+    """Return what hangs on the DAQ board."""
+    from simulators.wire.daq import DaqWiring
+
+    wiring = DaqWiring((), None)
+    if clock := config.point_clock:
+        wiring = replace(wiring, markers=clock.markers, step=clock.step or None)
+    if isinstance(galvo := config.galvo, AnalogueGalvoConfig):
+        wiring = replace(wiring, channels=galvo.channels, volts_per_degree=galvo.volts_per_degree)
+    return wiring
 
 
 def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0) -> "Bench":
@@ -53,11 +73,14 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
     """
     from simulators.bench import Bench
     from simulators.clock import BenchClock
+    from simulators.motion.mirror import SteeringMirror
 
     simulation = config.simulation or SimulationConfig()
     geometry = true_geometry(config)
     clock = BenchClock(real_time=real_time, begin_s=begin_s)
-    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock)
+    asked_s = simulation.misalignment.mirror_lag_s
+    mirror = SteeringMirror.trailing(MIRROR_LAG_S[config.galvo.kind] if asked_s is None else asked_s)
+    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock, mirror=mirror)
 
 
 def timing_faults(config: RigConfig) -> "Timing":

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, Live
 
 
 def resume(
@@ -17,6 +17,7 @@ def resume(
             "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
         ),
     ] = None,
+    live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -29,10 +30,11 @@ def resume(
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
     from rig.commands.consent import require_consent
-    from rig.commands.running import run
+    from rig.commands.running import Onlookers, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config)
+    others = Onlookers(live=live)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, others)

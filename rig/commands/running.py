@@ -2,17 +2,20 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.acquire.acquisition import ScanResult, Watch
-from rig.acquire.engine import Outcome
+from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
 from rig.errors import DataFileError, InterruptedScanError, UsageError
+from rig.files.description import ScanDescription
 from rig.files.journal import journal_of
 from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
@@ -20,8 +23,25 @@ from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
     from rig.image.until import Until
+    from rig.live.feed import LiveFeed
 
 Acquisition = Callable[[Watch], ScanResult]
+
+
+@dataclass(frozen=True)
+class Onlookers:
+    """Who takes part in a scan beside its file and the terminal.
+
+    Attributes
+    ----------
+    until
+        What may end it before its last position; that is no failure.
+    live
+        Whether it is shown while it runs.
+    """
+
+    until: "Until | None" = None
+    live: bool = False
 
 
 def run(
@@ -30,7 +50,7 @@ def run(
     target: Path,
     as_json: bool,
     config: Path | None = None,
-    until: "Until | None" = None,
+    others: Onlookers = Onlookers(),
 ) -> None:
     """Run a scan into ``target`` and tell how it went.
 
@@ -44,19 +64,24 @@ def run(
         Whether the result is printed as a document.
     config
         The rig's configuration, if it takes one to go on with the scan.
-    until
-        What may end the scan before its last position; that is no failure.
+    others
+        Who takes part.
 
     Raises
     ------
     rig.errors.InterruptedScanError
         If the person stopped it after a position.
     """
-    began_s = time.monotonic()
+    began_s, until = time.monotonic(), others.until
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
-        with StopRequest(console.say) as stop:
-            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until))
+        with ExitStack() as stack:
+            stop = stack.enter_context(StopRequest(console.say))
+            feed = _feed(target) if others.live else None
+            if feed is not None:
+                stack.callback(feed.close)
+            lookers = [one for one in (until, feed) if one is not None]
+            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, lookers, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
@@ -75,10 +100,25 @@ def run(
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
 
-def _watch(progress: console.ScanProgress, stop: StopRequest, until: "Until | None") -> Watch:
-    if until is None:
-        return Watch([progress], stop)
-    return Watch([progress, until], lambda: stop() or until.reason(), until.begun)
+def _watch(
+    progress: console.ScanProgress,
+    stop: StopRequest,
+    lookers: "Sequence[Until | LiveFeed]",
+    until: "Until | None",
+) -> Watch:
+    def begun(description: ScanDescription) -> None:
+        for one in lookers:
+            one.begun(description)
+
+    return Watch([progress, *lookers], lambda: stop() or (until.reason() if until else False), begun)
+
+
+def _feed(target: Path) -> "LiveFeed":
+    from rig.live.feed import LiveFeed
+
+    feed = LiveFeed(target, console.warn, window=console.err.is_terminal)
+    console.say(f"Live pictures: {feed.folder / 'now.png'}")
+    return feed
 
 
 def _is_there(target: Path) -> bool:

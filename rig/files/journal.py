@@ -109,14 +109,20 @@ class Journal:
     new
         Make it, and write; else read what is there.
     alone
-        Whether no other program may read it meanwhile.
+        Whether no other program may read it meanwhile. Else it may be read while another program writes: a
+        record is never changed once it is whole.
+
+    Attributes
+    ----------
+    growing
+        Whether another program writes it.
 
     Raises
     ------
     UsageError
         If it is to be made and is there already.
     DataFileError
-        If another program writes it.
+        If it is to be held alone, and another program writes it.
     OSError
         If it cannot be opened or made.
     """
@@ -125,6 +131,7 @@ class Journal:
         self._descriptor: int | None = None
         self.path = path
         self.end = 0
+        self.growing = False
         create = os.O_RDWR | os.O_CREAT | os.O_EXCL
         flags = (create if new else os.O_RDWR if alone else os.O_RDONLY) | getattr(os, "O_BINARY", 0)
         try:
@@ -142,6 +149,9 @@ class Journal:
         try:
             fcntl.flock(self.descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
         except BlockingIOError:
+            if not alone:
+                self.growing = True
+                return
             self.close()
             scan = str(self.path).removesuffix(".journal")
             raise DataFileError(f"{scan} is being written by another program; wait for its end") from None

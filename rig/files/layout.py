@@ -187,7 +187,8 @@ SCAN: Layout = {
     ),
     "/transients/photon_offset": Entry(
         "unsigned",
-        "time-tagged form: first photon of each step and channel, then the total",
+        "time-tagged form: first photon of each step and channel, then the total; means nothing at steps "
+        "that are not measured",
         ("steps*channels+1",),
     ),
     "/transients/done": Entry("bool", "whether the step has been measured", ("steps",)),
@@ -198,9 +199,16 @@ SCAN: Layout = {
     ),
     "/transients/checksum": Entry(
         "unsigned",
-        "CRC-32 of each chunk of counts as it is stored; a chunk that differs was altered since, and its "
-        "steps count as not measured",
+        "CRC-32 of each chunk of counts, or of photons, as it is stored; a chunk that differs was altered "
+        "since, and its steps count as not measured",
         ("chunks",),
+    ),
+    "/transients/step_checksum": Entry(
+        "unsigned",
+        "time-tagged form: CRC-32 of the step's entries of photon_offset, from that of its first channel to "
+        "that of the next step's, 8 bytes each, little endian; where it differs, the step counts as not "
+        "measured",
+        ("steps",),
     ),
     "/events": Entry(
         "table",

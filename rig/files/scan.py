@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isnan, prod
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -13,12 +14,13 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
-from rig.files import content, mend
+from rig.files import content, forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.content import Note
-from rig.files.description import Settings
+from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
+from rig.files.journal import Journal
 from rig.files.layout import SCANS
 from rig.files.recorded import RecordedFile
 from rig.model.calibrations.chosen import Calibrations
@@ -120,6 +122,8 @@ class ScanFile(RecordedFile):
     delays, delay_s
         What to subtract for rectified time: the path delays, or a measured (S, C) delay; both None where the
         file is rectified.
+    growing
+        Whether a scan writes it: what was on disk when it was opened is here.
     mended
         What was done to read the file in spite of its program's end, in words; empty if nothing.
 
@@ -130,18 +134,13 @@ class ScanFile(RecordedFile):
     """
 
     def _open(self) -> h5py.File:
-        self.mended = ""
+        self.mended, self.growing = "", False
         journal = mend.open_journal(self.path, alone=False)
         if journal is None:
             return super()._open()
         try:
-            self.digested = journal.path
-            self.mended = (
-                f"{self.path} was not closed by the program that wrote it: it is read from its journal, "
-                f"{journal.path}, and was not touched. rig resume {self.path} goes on with it"
-            )
-            if journal.torn_bytes:
-                self.mended += f". The journal's last {journal.torn_bytes} bytes are torn and were left out"
+            self.digested, self.growing = journal.path, journal.growing
+            self.mended = _why_mended(self.path, journal)
             return mend.for_reading(journal, self.path)
         finally:
             journal.close()
@@ -244,15 +243,11 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._check_stored(counts)
+            self._check_stored(counts, int(np.count_nonzero(self._marked)) * prod(counts.shape[1:]))
         else:
-            photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
-            if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
-                raise DataFileError(
-                    f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
-                    f"it goes from {offset[0]} to {offset[-1]}"
-                )
-            self._offset = offset
+            photons = transients["photons"]
+            self._spans = self._read_offsets(photons)
+            self._check_stored(photons, int((self._spans[1] - self._spans[0]).sum()))
             self.bins = self._tagged_bins(photons)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
@@ -263,24 +258,44 @@ class ScanFile(RecordedFile):
                 f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
             )
 
-    def _check_stored(self, counts: h5py.Dataset) -> None:
-        """Refuse counts that claim to be measured and were never written, or are packed as no counts are."""
-        if counts.chunks is None:
+    def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
+        """Refuse values that claim to be measured and were never written, or are packed as none are."""
+        if values.chunks is None:
             return
-        chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
-        written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
-        measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
-        if written < measured:
+        what = values.name.rsplit("/", 1)[-1]
+        itemsize = values.dtype.itemsize
+        written = values.id.get_num_chunks() * prod(values.chunks) * itemsize
+        packed = values.id.get_storage_size()
+        if written < measured * itemsize:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
-                "bytes were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured * itemsize} bytes of {what} were measured, but chunks of "
+                f"{written} bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
+                f"{self.path}: its {what} claim {written / 1e9:.3g} GB and are packed into "
                 f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
                 "less: h5repack -f GZIP=1"
             )
+
+    def _read_offsets(self, photons: h5py.Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first photon of each pair of step and channel, and the one after its last.
+
+        What is said of steps that are not measured is not looked at: it may be anything while a file is
+        written. They have no photons.
+        """
+        offset = read(self._file["transients/photon_offset"]).astype(np.int64)
+        done = np.repeat(self.done, len(self.detector_m[0]))
+        first, stop = offset[:-1] * done, offset[1:] * done
+        edges = np.column_stack([first, stop])[done].ravel()
+        all_of_it = offset[0] == 0 and offset[-1] == len(photons)
+        rising = (np.diff(edges, prepend=0, append=len(photons)) >= 0).all()
+        if not rising or (done.all() and not all_of_it):
+            raise DataFileError(
+                f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
+                f"it goes from {offset[0]} to {offset[-1]}"
+            )
+        return first, stop
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
         """Return the number of bins of the time-tagged form: as said, or else up to the last photon."""
@@ -292,15 +307,14 @@ class ScanFile(RecordedFile):
 
     @property
     def status(self) -> str:
-        """``complete``, ``interrupted`` or ``failed``."""
-        return str(self._attribute("stop", "status", "interrupted"))
+        """``running``, ``complete``, ``interrupted`` or ``failed``."""
+        return "running" if self.growing else str(self._attribute("stop", "status", "interrupted"))
 
     @property
     def reason(self) -> str:
         """Why the run ended, in words."""
-        return str(
-            self._attribute("stop", "reason", "" if "stop" in self._file else "it has no closing record")
-        )
+        unsaid = "" if "stop" in self._file or self.growing else "it has no closing record"
+        return str(self._attribute("stop", "reason", unsaid))
 
     @property
     def photons(self) -> int:
@@ -325,9 +339,10 @@ class ScanFile(RecordedFile):
     def altered(self) -> NDArray[np.bool_]:
         """(S,) which steps were measured, but were altered in the file since; all False without checksums."""
         with reading(self.path):
-            if "checksum" not in self._file["transients"] or not content.written_here(self._file):
+            if "checksum" not in self._file["transients"] or not forms.written_here(self._file):
                 return np.zeros(self.steps, bool)
-            return content.altered(self._file, read(self._file["transients/checksum"]))
+            form = forms.of_file(self._file)
+            return form.altered(self._file, form.stored_sums(self._file))
 
     @property
     def events(self) -> list[Note]:
@@ -535,7 +550,9 @@ class ScanFile(RecordedFile):
         done = np.flatnonzero(self.done)
         if not len(done):
             raise DataFileError(
-                f"{self.path} holds no measured position: the scan ended before the first; resume it"
+                f"{self.path} holds no measured position yet: a scan writes it, and has not finished a line"
+                if self.growing
+                else f"{self.path} holds no measured position: the scan ended before the first; resume it"
             )
         passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
         if not all(one.same_settings(passes[0]) and one.positions == passes[0].positions for one in passes):
@@ -562,7 +579,7 @@ class ScanFile(RecordedFile):
         if not self.tagged:
             return DenseHistograms(self.path, transients["counts"], np.flatnonzero(wanted))
         pairs = np.repeat(wanted, len(self.channels))
-        return TaggedHistograms(self.path, transients["photons"], self._offset, self.bins, pairs)
+        return TaggedHistograms(self.path, transients["photons"], self._spans, self.bins, pairs)
 
     def rectified_by_s(
         self, delays: PathDelays | None = None, laser_m: NDArray | None = None
@@ -580,8 +597,7 @@ class ScanFile(RecordedFile):
         if delays is None:
             return np.zeros((self.steps, len(self.channels)))
         laser_m = self.laser_m if laser_m is None else laser_m
-        of_channel_s = np.array([channel.delay_s for channel in self.channels])
-        return delays.delay_s(laser_m[:, None], self.detector_m) + of_channel_s
+        return rectified_by_s(delays, self.channels, laser_m, self.detector_m)
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""
@@ -591,6 +607,18 @@ class ScanFile(RecordedFile):
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
         return None if value is None else float(value)
+
+
+def _why_mended(path: Path, journal: Journal) -> str:
+    """Say why a scan file is read from its journal."""
+    if journal.growing:
+        return f"{path} is being written by a scan: the lines that it has finished until now are read"
+    told = (
+        f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
+        f"and was not touched. rig resume {path} goes on with it"
+    )
+    torn = journal.torn_bytes
+    return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")
 
 
 def in_words(numbers: NDArray[np.int64]) -> str:

@@ -37,6 +37,7 @@ from recon.wave import VirtualPulse
 from rig.errors import DataFileError, RigError, UsageError, printable
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.files.check import open_hdf5, plain
+from rig.files.journal import journal_of
 from rig.files.volume import is_volume
 from rig.image.low_pass import low_passed
 from rig.image.measures import measure
@@ -255,6 +256,8 @@ def check_comparable(file: Path) -> None:
 
 
 def _is_scan(file: Path) -> bool:
+    if journal_of(file).exists():  # a scan writes it, or was killed: its reader takes what there is
+        return True
     try:
         with open_hdf5(file) as held:
             return bool(plain(held.attrs.get("format")) == "rig-scan")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.accumulate import GrowingPicture, Picture, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.window import Window
-from rig.acquire.engine import Ended, Event, LineDone, StepDone
+from rig.acquire.events import Ended, Event, LineDone, StepDone
 from rig.errors import UsageError
 from rig.files.description import ScanDescription
 from rig.model.plan import Grid, ScanPlan
@@ -58,7 +58,7 @@ class Rule:
             raise _no_rule(text)
         if not rule.value > 0:
             raise _no_rule(text)
-        if kind != "time" and len(_rounds(plan)) < 2:
+        if kind != "time" and len(rounds_of(plan)) < 2:
             raise UsageError(
                 f"--until '{text}' judges the pictures of rounds that each see the whole wall, and this scan "
                 "has only one; add --order progressive"
@@ -82,7 +82,8 @@ def _no_rule(text: str) -> UsageError:
     )
 
 
-def _rounds(plan: ScanPlan) -> tuple[int, ...]:
+def rounds_of(plan: ScanPlan) -> tuple[int, ...]:
+    """Return how many positions are measured by the end of each round."""
     positions = plan.passes[0].positions
     return positions.rounds if isinstance(positions, Grid) else (len(positions.spots_m),)
 
@@ -157,7 +158,7 @@ class Until:
 
     def _judge(self, description: ScanDescription) -> None:
         assert description.plan is not None
-        channels, ends = len(description.channels), _rounds(description.plan)
+        channels, ends = len(description.channels), rounds_of(description.plan)
         growing = GrowingPicture(
             expected(description),
             [channels * end for end in ends],

@@ -109,7 +109,7 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
     if not volume.parameters.get("signal", True):
         for name in ("front", "depth"):
             if name in panels:
-                _say(panels[name], "no signal above noise")
+                say_across(panels[name], "no signal above noise")
     for line, inches, style in (
         (title or volume.scan, 0.32, "bold"),
         (parameters_line(volume), 0.58, "normal"),
@@ -149,7 +149,7 @@ def save(figure: Figure, path: str | Path) -> None:
         raise DataFileError(f"cannot write the picture {path}: {error}") from error
 
 
-def _say(axes: Axes, words: str) -> None:
+def say_across(axes: Axes, words: str) -> None:
     """Write across a panel what must not be overlooked."""
     axes.text(
         0.5,

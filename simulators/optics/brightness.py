@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from simulators.bench import Detections, LightState, MovingPhotons, Photons, Spot
+from simulators.track import Track
 
 #: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
 #: proportional to the light; bright light, of which the hold-off hides much, takes more.
@@ -30,6 +31,10 @@ class Brightened:
     ) -> Detections:
         """Draw the detections of ``duration_s``."""
         return self.photons.detections(laser_spot_m, self._scaled(light), duration_s, rng)
+
+    def detections_along(self, track: Track, light: LightState, rng: np.random.Generator) -> Detections:
+        """Draw the detections while the laser spot goes its way."""
+        return self.photons.detections_along(track, self._scaled(light), rng)
 
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second."""

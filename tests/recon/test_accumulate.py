@@ -119,3 +119,54 @@ def hidden_points():
     signal = histograms(places_m, laser_m, detector_m, bins=900, bin_width_s=16e-12)
     counts = np.random.default_rng(5).poisson(50 * signal / signal.max() + 0.2).astype(np.uint16)
     return Capture(ArrayHistograms(counts), 16e-12, np.zeros(1), laser_m, detector_m)
+
+
+def photons_of(counts):
+    """The photons of (n, bins) counts one by one: where those of each row begin, and their bins."""
+    rows, bins = np.nonzero(counts)
+    times = counts[rows, bins]
+    offset = np.concatenate([[0], np.cumsum(counts.sum(axis=1, dtype=np.int64))])
+    return offset, np.repeat(bins, times)
+
+
+@pytest.mark.parametrize("begins", BEGINS)
+@pytest.mark.parametrize("start_s", [None, 3.1e-9])
+def test_photons_one_by_one_give_what_their_histograms_give(begins, start_s):
+    capture, window = random_capture(BEGINS[begins]), Window(start_s=start_s)
+    counts = capture.histograms.counts
+    dense, sparse = (Accumulator(capture, PULSE, GRID, window) for _ in range(2))
+    dense.add(slice(None), counts)
+    order = np.random.default_rng(4).permutation(48)
+    for some in np.array_split(order, 7):
+        sparse.add_photons(some, *photons_of(counts[some]))
+    tolerance = 1e-6 * counts.sum(axis=1).max()  # as above: some hundred counts, in another order
+    for found, wanted in zip(sparse.spectra, dense.spectra, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=tolerance)
+    assert sparse.arrived.all()
+    image = dense.image()
+    found, wanted = (one.surface(image).contrast for one in (sparse, dense))
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)  # sums of cells in single precision
+
+
+def test_photons_of_a_position_that_comes_twice_in_one_portion_are_added_up():
+    capture = random_capture(BEGINS["each"])
+    counts = capture.histograms.counts
+    dense, sparse = (Accumulator(capture, PULSE, GRID, WINDOW) for _ in range(2))
+    dense.add(slice(None), counts)
+    halves = np.random.default_rng(6).binomial(counts, 0.5)
+    both = np.concatenate([halves, counts - halves])
+    sparse.add_photons(np.tile(np.arange(48), 2), *photons_of(both))
+    for found, wanted in zip(sparse.spectra, dense.spectra, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-6 * counts.sum(axis=1).max())
+
+
+def test_a_picture_grows_from_photons_as_from_histograms():
+    capture = hidden_points()
+    counts = capture.histograms.counts
+    dense, sparse = (GrowingPicture(capture, (40, 80, 160), Window(), 65e-12) for _ in range(2))
+    for first in range(0, 160, 20):
+        dense.add(first, counts[first : first + 20])
+        sparse.add_photons(first, *photons_of(counts[first : first + 20]))
+        wanted, found = dense.picture(), sparse.picture()
+        assert (found.positions, found.pulse) == (wanted.positions, wanted.pulse)
+        np.testing.assert_allclose(found.front, wanted.front, atol=1e-4 * float(wanted.front.max()))

@@ -1,0 +1,188 @@
+"""The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
+
+It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
+each, ``trouble WHY`` where something does not go well, and ``pictured`` when the last picture is there. Three
+threads share its work: one reads messages; one keeps the state, and makes images between two messages; one
+draws.
+"""
+
+import os
+import pickle
+import queue
+import sys
+import threading
+import time
+from contextlib import suppress
+from typing import BinaryIO
+
+import numpy as np
+
+from recon.accumulate import GrowingPicture
+from recon.errors import ReconError
+from recon.glance import Glance
+from recon.window import Window
+from rig.errors import RigError
+from rig.files.scan import ScanFile
+from rig.live.messages import Begun, Block, Message, photons_in, say
+from rig.live.state import LiveState, Subject
+
+#: Lower priority than anything that scans.
+NICENESS = 10
+#: Messages that wait here at most; all others wait where they come from.
+WAITING = 64
+#: A live image is made so often at most, and begins after this part of the time that the one before took.
+PICTURE_S, REST = 1.0, 0.25
+#: What was left out is read from the scan file so often, and so many steps at once.
+CATCH_UP_S, STEPS_AT_ONCE = 60.0, 64
+
+
+class Imaging:
+    """The live image of a scan: coarse while photons come, made of all positions at the end.
+
+    Parameters
+    ----------
+    subject
+        What is known of the scan.
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        ends = [subject.channels * end for end in subject.rounds]
+        how = subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s
+        self._channels = subject.channels
+        self.coarse, self.full = Glance(*how), GrowingPicture(*how)
+
+    def add(self, block: Block) -> None:
+        """Add the photons of a block."""
+        for one in (self.coarse, self.full):
+            one.add_photons(block.first * self._channels, block.offset, block.photon_bins)
+
+
+class Worker:
+    """Keeps the state of a scan, and makes its live images.
+
+    Parameters
+    ----------
+    begun
+        What is known before.
+    inbox
+        Messages; None after the last.
+    """
+
+    def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
+        self._begun, self._inbox = begun, inbox
+        self.state = LiveState(Subject.of(begun.scan.name, begun.description))
+        self._imaging: Imaging | None = None
+        self._fresh = False  # photons that no image shows yet
+        self._next_s = 0.0
+        self._caught_up_s = -CATCH_UP_S
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        """Work until the scan is over and its last image is made."""
+        try:
+            self._begin_imaging()
+            while self._work():
+                pass
+            self._end()
+        except Exception as error:
+            say(f"trouble it failed ({type(error).__name__}: {error})")
+        finally:
+            self.done.set()
+
+    def _begin_imaging(self) -> None:
+        try:
+            self._imaging = Imaging(self.state.subject)
+        except (ReconError, ValueError) as error:
+            say(f"trouble no live image can be made ({error}); all else is shown")
+
+    def _work(self) -> bool:
+        """Take a message if there is one, or make an image if it is time for one; False after the last."""
+        wait_s = max(0.0, min(0.5, self._next_s - time.monotonic())) if self._fresh else 0.5
+        try:
+            message = self._inbox.get(timeout=wait_s)
+        except queue.Empty:
+            self._spare()
+        else:
+            if message is None:
+                return False
+            self._take(message)
+        if self._fresh and time.monotonic() >= self._next_s:
+            self._picture()
+        return True
+
+    def _spare(self) -> None:
+        """Read from the scan file what was left out, when there is nothing else to do."""
+        if self.state.missing.any() and time.monotonic() - self._caught_up_s > CATCH_UP_S:
+            self._catch_up()
+            self._caught_up_s = time.monotonic()
+
+    def _take(self, message: Message) -> None:
+        self.state(message)
+        if isinstance(message, Block) and self._imaging is not None:
+            self._imaging.add(message)
+            self._fresh = True
+
+    def _picture(self) -> None:
+        assert self._imaging is not None
+        began_s = time.monotonic()
+        self.state.show(self._imaging.coarse.picture())
+        took_s = time.monotonic() - began_s
+        self._fresh = False
+        self._next_s = began_s + max(PICTURE_S, (1 + REST) * took_s)
+
+    def _catch_up(self) -> None:
+        """Read what was measured and not sent from the scan file, as far as it is there."""
+        with suppress(RigError, OSError), ScanFile(self._begun.scan) as scan:
+            there = np.flatnonzero(self.state.missing & scan.done)
+            for steps in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1):
+                for first in range(0, len(steps), STEPS_AT_ONCE):
+                    some = steps[first : first + STEPS_AT_ONCE]
+                    self._take(block_of(scan, range(int(some[0]), int(some[-1]) + 1)))
+
+    def _end(self) -> None:
+        """Make the last image, of all that was measured and can be trusted."""
+        self.state.lose()
+        ended = self.state.seen().ended
+        trusted = self.state.subject.steps if ended is None else ended.steps_done
+        if self._imaging and self._imaging.coarse.positions > self.state.subject.channels * trusted:
+            self._imaging = Imaging(self.state.subject)  # steps were taken back
+            self.state.forget_photons()
+        self._catch_up()
+        if self._imaging is not None and self._imaging.full.positions:
+            self.state.show(self._imaging.full.picture(), final=True)
+
+
+def block_of(scan: ScanFile, steps: range) -> Block:
+    """Read the photons of some steps from a scan file."""
+    counts = scan.counts(steps)
+    photons, of_row = photons_in(counts.reshape(-1, counts.shape[-1]))
+    offset = np.concatenate([[0], np.cumsum(of_row)])
+    live_s = scan.live_time_s[steps.start : steps.stop].astype(np.float64)
+    return Block(steps.start, offset, photons, live_s, float("nan"))
+
+
+def read(source: BinaryIO, inbox: "queue.Queue[Message | None]") -> None:
+    """Read messages until there are no more."""
+    with suppress(EOFError, OSError, pickle.UnpicklingError):
+        while True:
+            inbox.put(pickle.load(source))
+    inbox.put(None)
+
+
+def main() -> None:
+    """Show a scan until it is over, and the person has closed the window if there is one."""
+    with suppress(OSError, AttributeError):
+        os.nice(NICENESS)
+    source = sys.stdin.buffer
+    begun = pickle.load(source)
+    from rig.live.showing import Showing
+
+    inbox: queue.Queue[Message | None] = queue.Queue(WAITING)
+    worker = Worker(begun, inbox)
+    threading.Thread(target=read, args=(source, inbox), daemon=True).start()
+    threading.Thread(target=worker.run, daemon=True).start()
+    Showing(worker.state, begun, worker.done).run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""Where a scan that is under way is drawn: into pictures in a folder, and a window if somebody would look."""
+
+import os
+import sys
+import threading
+import time
+from datetime import datetime
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from rig.errors import DataFileError, UsageError
+from rig.live.figure import DPI, LiveFigure
+from rig.live.messages import Begun, say
+from rig.live.state import LiveState, Seen
+from rig.show.volume import save
+
+#: The figure is drawn so often at most, and after this many times what drawing it took.
+DRAWN_S, REST = 1.0, 2.0
+#: A window is looked after so often.
+PUMP_S = 0.05
+#: A picture with the time it belongs to is kept so often at most, and so often in all at most.
+DATED_S, DATED_MOST = 10.0, 100
+#: The picture that is replaced.
+NEWEST = "now.png"
+#: Windows that matplotlib knows, in the order in which they are tried.
+WINDOWS = ("macosx", "qtagg", "tkagg", "gtk4agg", "gtk3agg", "wxagg")
+
+
+class Showing:
+    """Draws the state of a scan until the scan is over.
+
+    Parameters
+    ----------
+    state
+        What is known.
+    begun
+        Where pictures go, and whether there is to be a window.
+    done
+        Set when the last image is there.
+    """
+
+    def __init__(self, state: LiveState, begun: Begun, done: threading.Event) -> None:
+        self._state, self._folder, self._done = state, begun.folder, done
+        planned_s = begun.description.plan.exposure_total_s if begun.description.plan else 0.0
+        self._dated_s = max(DATED_S, planned_s / DATED_MOST)
+        self._next_dated_s = time.monotonic() + self._dated_s
+        self._window = _window() if begun.window else None
+        if self._window is None:
+            figure = Figure(dpi=DPI)
+            FigureCanvasAgg(figure)
+        else:
+            figure = self._window
+        self._live = LiveFigure(figure, state.subject)
+        self._failed = False
+
+    def run(self) -> None:
+        """Draw until the last image is drawn; then until the person closes the window, if there is one."""
+        if self._window is not None:
+            self._window.show()
+        while not self._done.is_set():
+            began_s = time.monotonic()
+            self._draw(self._state.seen())
+            took_s = time.monotonic() - began_s
+            self._wait(max(DRAWN_S - took_s, REST * took_s))
+        self._draw(self._state.seen(), last=True)
+        say("pictured")
+        while self._window is not None:
+            self._wait(1.0)
+
+    def _draw(self, seen: Seen, *, last: bool = False) -> None:
+        self._live.update(seen)
+        if self._window is not None:
+            self._window.canvas.draw_idle()
+        self._write(self._folder / NEWEST)
+        if last or time.monotonic() >= self._next_dated_s:
+            self._next_dated_s = time.monotonic() + self._dated_s
+            self._write(self._folder / f"{datetime.now():%Y%m%d-%H%M%S}.png")
+
+    def _write(self, path: Path) -> None:
+        """Write the picture; one that cannot be written is missed, and told once."""
+        try:
+            self._folder.mkdir(exist_ok=True)
+            save(self._live.figure, path)
+        except (DataFileError, UsageError, OSError) as error:
+            if not self._failed:
+                say(f"trouble {error}; pictures are missed")
+            self._failed = True
+
+    def _wait(self, duration_s: float) -> None:
+        """Wait for a while, or until the scan is over, and look after the window meanwhile."""
+        until_s = time.monotonic() + duration_s
+        if self._window is None:
+            self._done.wait(duration_s)
+            return
+        while self._window is not None and time.monotonic() < until_s:
+            if not _is_open(self._window):
+                if not self._done.is_set():
+                    say(f"trouble its window was closed; pictures are still written to {self._folder}")
+                self._window = None
+                return
+            self._window.canvas.flush_events()
+            time.sleep(PUMP_S)
+
+
+def _window() -> Figure | None:
+    """Open a window's figure, or return None where there is no display, or nothing that opens one."""
+    displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not displays:
+        return None
+    import matplotlib.pyplot as plt
+
+    for name in WINDOWS:
+        try:
+            plt.switch_backend(name)
+            return plt.figure(num="rig scan", dpi=DPI)
+        except Exception:  # each kit fails in its own way where it is not installed or finds no display
+            continue
+    return None
+
+
+def _is_open(figure: Figure) -> bool:
+    import matplotlib.pyplot as plt
+
+    return bool(plt.fignum_exists(figure.number))
