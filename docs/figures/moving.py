@@ -1,8 +1,8 @@
 """Draw docs/images/moving.gif and moving.png: a hidden 4 that moves at 0.3 m/s, 5 frames a second.
 
-The rig is that of configs/video.toml at full speed: 190 x 22 laser spots, 50 us each, 28 pixels at 205,000
-counts a second on average. Its photons are drawn point by point at the bench times of a mirror that never
-stops, which takes one to two minutes of computer time a frame, and kept in a folder; then frames are imaged
+The rig is that of configs/video.toml, but for the time of turns between lines: 190 x 22 laser spots, 50 us
+each, 28 pixels at 205,000 counts a second on average. Its photons are drawn point by point at their bench
+times, which takes one to two minutes of computer time a frame, and kept in a folder; then frames are imaged
 one after the other.
 
     python docs/figures/moving.py FOLDER docs/images/moving.gif docs/images/moving.png
@@ -34,11 +34,6 @@ from simulators.bench import LightState
 from simulators.scenes import scene
 
 CONFIG = Path(__file__).parents[2] / "configs" / "video.toml"
-#: What configs/video.toml says of a mirror that never stops.
-AT_SPEED = {
-    "count_rate": "205kHz",
-    "motion": {"travel": ["60cm", "0cm", "0cm"], "duration": "2s"},
-}
 POINT_S, FRAMES = 50e-6, 10
 PULSE = VirtualPulse(0.08)
 GRID = VoxelGrid.from_spec(1.9, 1.9, 0.019, (0.7, 1.5, 0.05))
@@ -101,7 +96,7 @@ def place(amplitude: np.ndarray) -> tuple[float, float]:
 
 def main(folder: Path, gif: Path, picture: Path) -> None:
     """Draw photons, image them, say where the 4 is, and write film and picture."""
-    config = load(CONFIG, {"simulation": AT_SPEED})
+    config = load(CONFIG)
     plan = ScanPlan.grid(config)
     frame_s = len(plan) * POINT_S
     imager = FrameImager(geometry(config, plan), PULSE, GRID, fresh_to_m=1.0)
