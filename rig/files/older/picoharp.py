@@ -1,10 +1,10 @@
 """Heads of a PicoHarp 300: ``.pt2``, ``.pt3`` (records) and ``.phd`` (histograms), format 2.0.
 
-Sources: the fields and their order are those of libpicoquant (T. Bischof, ``ph_v20.h``) and of phconvert's
-reader of ``.pt3``, which agree. A ``.phd`` proves the part that all three share, and the curves. A board always
-has four routing inputs, whatever its head says (libpicoquant). UNCONFIRMED by a file: what follows in ``.pt2``
-and ``.pt3``, and that offsets count picoseconds (libpicoquant; in the file all are zero, and those of the other
-instruments count nanoseconds).
+Sources: the fields and their order are those of libpicoquant (T. Bischof, ``ph_v20.h``) and of
+phconvert's reader of ``.pt3``, which agree. A ``.phd`` proves the part that all three share, and the
+curves. A board always has four routing inputs, whatever its head says (libpicoquant). UNCONFIRMED by a
+file: what follows in ``.pt2`` and ``.pt3``, and that offsets count picoseconds (libpicoquant; in the file
+all are zero, and those of the other instruments count nanoseconds).
 """
 
 from typing import Any
