@@ -1,13 +1,14 @@
 """``rig scan``: measure the relay wall."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -67,6 +68,7 @@ def scan(
             "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
         ),
     ] = None,
+    ptu: Ptu = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
@@ -96,8 +98,9 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import run
+    from rig.commands.running import Onlookers, run
     from rig.errors import UsageError
+    from rig.files.records import beside
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -121,6 +124,10 @@ def scan(
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    if ptu and not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
@@ -131,7 +138,15 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending, live)
+    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    run(
+        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        plan,
+        target,
+        as_json,
+        needed,
+        others,
+    )
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":
