@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.daq.board import MOST_SAMPLES, SharedBoard
+from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import SAMPLES_PER_TICK
 from drivers.errors import LimitError, LinkError, RefusedError
 from drivers.leaving import leave
@@ -118,8 +118,6 @@ class AnalogueGalvo:
         How many positions a trajectory has at most.
     """
 
-    longest_trajectory = MOST_SAMPLES // SAMPLES_PER_TICK
-
     def __init__(
         self,
         board: SharedBoard,
@@ -131,6 +129,7 @@ class AnalogueGalvo:
     ) -> None:
         self.limits = replace(limits or AnalogueLimits(), device=f"analogue galvo on {board.name}")
         self.identity = ""
+        self.longest_trajectory = board.most_samples // SAMPLES_PER_TICK
         self._board = board
         self._channels = channels
         self._clock = clock

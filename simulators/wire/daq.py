@@ -26,6 +26,9 @@ NO_MEMORY = -50352
 #: An output's range [V].
 LARGEST_V = 10.0
 
+#: Samples that it plays at one go.
+MOST_SAMPLES = 10_000_000
+
 #: Fewest samples a second: far fewer than a clock that is divided down by 32 bits gives.
 SLOWEST_HZ = 0.01
 
@@ -129,6 +132,11 @@ class SimulatedBoard:
     def plug_in(self) -> None:
         """Plug it in again."""
         self._plugged_in = True
+
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
+        return MOST_SAMPLES
 
     def identity(self) -> str:
         """Tell who it is."""

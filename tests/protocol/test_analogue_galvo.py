@@ -295,9 +295,11 @@ def test_a_rig_with_an_analogue_galvo_opens_and_tells_it():
             "unknown key 'galvo.volts_pre_degree'; did you mean 'volts_per_degree'",
         ),
         ({"adress": "/dev/ttyACM0"}, "unknown key 'galvo.adress'"),
+        ({"channels": ["ao1", "ao1"]}, r"galvo: channels: x and y are both ao1"),
+        ({"device": "Dev2"}, r"point_clock\.device is Dev1, galvo\.device is Dev2: .* on the same board"),
     ],
 )
-def test_a_wrong_scale_is_refused(galvo, why):
+def test_a_wrong_section_is_refused(galvo, why):
     with pytest.raises(ConfigError, match=why):
         built_in_with({"galvo": {"kind": "analogue", **galvo}})
 
