@@ -23,8 +23,9 @@ WRONG_NUMBER_OF_CHANNELS = -200524
 LINES_NOT_BUFFERED = -201062
 NO_MEMORY = -50352
 
-#: An output's range [V].
+#: An output's range, and its smallest step: 16 bits [V].
 LARGEST_V = 10.0
+STEP_V = 2 * LARGEST_V / 2**16
 
 #: Samples that it plays at one go.
 MOST_SAMPLES = 10_000_000
@@ -246,14 +247,14 @@ class SimulatedBoard:
             self._volts[CHANNELS.index(channel)] = volts[-1, column]
         if self._wiring.channels is not None and set(self._wiring.channels) <= set(channels):
             columns = [channels.index(one) for one in self._wiring.channels]
-            changes = np.append(
-                True, (np.diff(volts, axis=0) != 0).any(axis=1)
-            )  # a held voltage is one command
+            # a held voltage is one command
+            changes = np.append(True, (np.diff(volts, axis=0) != 0).any(axis=1))
             self._bench.follow(times_s[changes], self._angles_rad(volts[changes][:, columns]))
 
     def _angles_rad(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return optical angles (..., 2) for the galvo's voltages: twice those by which its mirrors turn."""
-        mirrors_deg = np.clip(volts / np.array(self._wiring.volts_per_degree), -STOP_DEG, STOP_DEG)
+        given_v = STEP_V * np.round(volts / STEP_V)
+        mirrors_deg = np.clip(given_v / np.array(self._wiring.volts_per_degree), -STOP_DEG, STOP_DEG)
         # contiguous: what is compiled for one order of memory would be compiled again for another
         return np.ascontiguousarray(2 * np.radians(mirrors_deg))
 

@@ -18,12 +18,12 @@ from rig.model import devices
 from rig.model.config import built_in_with
 from simulators.bench import Bench
 from simulators.motion.mirror import SteeringMirror
-from simulators.wire.daq import DaqWiring, SimulatedBoard
+from simulators.wire.daq import STEP_V, DaqWiring, SimulatedBoard
 
 LINES = PulseLines(("port0/line0", "port0/line1", "port0/line2"))
 
-#: What numbers of 16 digits make of an angle on its way to volts and back [rad].
-ROUNDING = 1e-15
+#: Half a step of the board's outputs (16 bits of 20 V) as an angle of the beam, at 0.5 V a degree [rad].
+ROUNDING = 2 * radians(STEP_V / 2 / 0.5) * 1.001
 
 
 class Desk:

@@ -16,12 +16,15 @@ from drivers.daq.point_clock import DaqPointClock, PulseLines
 from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedError
 from rig.bench.reached import board_at
 from simulators.bench import Bench
-from simulators.wire.daq import DaqWiring, SimulatedBoard
+from simulators.wire.daq import STEP_V, DaqWiring, SimulatedBoard
 from simulators.wire.hydraharp import Timing
 from simulators.wire.served import NO_REQUEST
 from simulators.wire.served.board import BoardAnswers, ServedBoard
 from simulators.wire.served.server import BenchServer
 from simulators.wire.served.timing import TimingFaults
+
+#: Half a step of the board's outputs (16 bits of 20 V) as an angle of the beam, at 0.5 V a degree [rad].
+ROUNDING = 2 * np.radians(STEP_V / 2 / 0.5) * 1.001
 
 LINES = PulseLines(("port0/line0", "port0/line1", "port0/line2"), "port0/line4")
 WIRING = DaqWiring(LINES.markers, LINES.step, ("ao0", "ao1"), (0.5, -0.8))
@@ -56,7 +59,7 @@ def test_marks_and_positions_arrive_as_they_were_sent():
     ):
         assert clock.identity.startswith("NI PCIe-6343 simulated")
         galvo.trajectory(angles, 1e-3)
-        assert bench.target_rad == pytest.approx(angles[0], abs=1e-15)
+        assert bench.target_rad == pytest.approx(angles[0], abs=ROUNDING)
         clock.load(np.array([7, 0, 1], np.uint8), 1e-3)
         clock.start()
         assert clock.running()
@@ -65,7 +68,7 @@ def test_marks_and_positions_arrive_as_they_were_sent():
         assert marks[1].at_s - marks[0].at_s == pytest.approx(2e-3, abs=1e-12)
         bench.clock.sleep(1.0)
         assert not clock.running()
-        assert bench.target_rad == pytest.approx(angles[2], abs=1e-15)
+        assert bench.target_rad == pytest.approx(angles[2], abs=ROUNDING)
 
 
 def test_as_much_as_it_says_is_played_and_no_more():
