@@ -107,6 +107,8 @@ class SimulatedBoard:
         How long after the first that second pulse comes; a ringing cable takes microseconds.
     start_after_s
         Time from the call that starts to the first sample.
+    calls_until_unplugged
+        After so many more calls its plug is pulled; None: it stays in.
     buffered_lines
         Whether it can play lines; many small boards cannot.
     """
@@ -118,6 +120,7 @@ class SimulatedBoard:
         self.double_marks: set[int] = set()
         self.double_after_s = 2e-6
         self.start_after_s = START_S if bench.clock.real_time else START_JUMPING_S
+        self.calls_until_unplugged: int | None = None
         self.buffered_lines = True
         self._bench = bench
         self._wiring = wiring or DaqWiring()
@@ -141,8 +144,7 @@ class SimulatedBoard:
 
     def identity(self) -> str:
         """Tell who it is."""
-        if not self._plugged_in:
-            raise DaqFailure(NO_SUCH_DEVICE, "Device identifier is invalid.")
+        self._require_plugged_in(DaqFailure(NO_SUCH_DEVICE, "Device identifier is invalid."))
         return "NI PCIe-6343 simulated, serial number 51A01ED5"
 
     def fastest_hz(self, *, analogue: bool) -> float:
@@ -258,9 +260,14 @@ class SimulatedBoard:
         # contiguous: what is compiled for one order of memory would be compiled again for another
         return np.ascontiguousarray(2 * np.radians(mirrors_deg))
 
-    def _require_plugged_in(self) -> None:
+    def _require_plugged_in(self, otherwise: DaqFailure | None = None) -> None:
+        if self.calls_until_unplugged is not None:
+            if self.calls_until_unplugged == 0:
+                self.unplug()
+            else:
+                self.calls_until_unplugged -= 1
         if not self._plugged_in:
-            raise DaqFailure(NOT_ACCESSIBLE, "Device cannot be accessed.")
+            raise otherwise or DaqFailure(NOT_ACCESSIBLE, "Device cannot be accessed.")
 
     def _require(self, names: Sequence[str], known: Sequence[str], columns: int) -> None:
         self._require_plugged_in()
