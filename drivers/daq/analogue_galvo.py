@@ -44,10 +44,6 @@ class AnalogueLimits:
     volts_per_degree: tuple[float, float] = (0.5, 0.5)
     device: str = "analogue galvo"
 
-    def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
-        """Raise `LimitError` unless the beam may be steered to these optical angles."""
-        self.volts(np.array([angle_x_rad, angle_y_rad]))
-
     def volts(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages (..., 2) of optical angles (..., 2).
 

@@ -111,9 +111,9 @@ def test_an_angle_outside_is_refused_unsent(desk, angles):
 
 def test_more_than_ten_volts_are_refused_unsent():
     limits = AnalogueLimits((radians(45), radians(45)), (0.5, 0.5))
-    limits.check(radians(40), 0.0)
+    assert limits.volts(np.radians([40.0, -40.0])) == pytest.approx([10.0, -10.0])
     with pytest.raises(LimitError, match=r"point by 10\.03 V.*10 V to either side"):
-        limits.check(radians(40.1), 0.0)
+        limits.volts(np.radians([40.1, 0.0]))
 
 
 @pytest.mark.parametrize(
