@@ -127,9 +127,9 @@ def test_a_board_that_is_unplugged_ends_the_scan_in_the_dark(tmp_path):
         assert not scan.done.all()
 
 
-@pytest.mark.parametrize("calls", range(24))
+@pytest.mark.parametrize("calls", range(21))
 def test_a_plug_that_is_pulled_at_any_call_ends_in_the_dark(tmp_path, calls):
-    """Or after the last call, when all is measured."""
+    """Of 20 calls; the last four are made when all is measured."""
     benches, told = [], "nothing failed"
     try:
         with rig(calls, benches) as (devices, _, _):
