@@ -45,10 +45,10 @@ def follow(
         devices.tagger.start()
         devices.point_clock.start()
         overdue_s = devices.clock.now_s() + sweep.duration_s + LATE_S
-        begins = True
+        first: int | None = sweep.lines[0].steps.start
         for records in devices.tagger.records():
-            yield Recorded(records.words, begins)
-            begins = False
+            yield Recorded(records.words, first)
+            first = None
             yield from assembler.add(records)
             if assembler.done:
                 return

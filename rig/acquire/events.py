@@ -143,12 +143,12 @@ class Recorded:
     ----------
     words
         (n,) uint32.
-    begins
-        Whether they are the first of a measurement, whose sync pulses are counted from zero.
+    step
+        The step that is measured next, where the instrument counts its sync pulses from zero again; or None.
     """
 
     words: NDArray[np.uint32]
-    begins: bool
+    step: int | None
 
 
 @dataclass(frozen=True)

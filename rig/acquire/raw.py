@@ -4,7 +4,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from rig.acquire.events import Ended, Event, Recorded, StepDone
+from rig.acquire.events import Ended, Event, Recorded
 from rig.files.description import ScanDescription
 from rig.files.records import PtuRecorder
 
@@ -31,7 +31,6 @@ class RawRecords:
 
     def __init__(self, path: Path | None, description: ScanDescription, first: int = 0) -> None:
         self._recorder = None if path is None else PtuRecorder(path, description, first)
-        self._step = first
         self._told = False
 
     def __call__(self, event: Event) -> None:
@@ -39,10 +38,8 @@ class RawRecords:
         if self._recorder is None:
             return
         match event:
-            case StepDone():
-                self._step += 1
-            case Recorded(words=words, begins=begins):
-                self._recorder.add(words, self._step if begins else None)
+            case Recorded(words=words, step=step):
+                self._recorder.add(words, step)
             case Ended(steps_done=steps):
                 self._recorder.close(steps)
 

@@ -56,6 +56,13 @@ Live = Annotated[
         "display, and as pictures in SCAN-live/.",
     ),
 ]
+Ptu = Annotated[
+    bool,
+    typer.Option(
+        "--ptu",
+        help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -68,14 +68,7 @@ def scan(
             "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
         ),
     ] = None,
-    ptu: Annotated[
-        bool,
-        typer.Option(
-            "--ptu",
-            help="Keep the timing instrument's records, too, beside the scan file, as .ptu; for --mode "
-            "continuous.",
-        ),
-    ] = False,
+    ptu: Ptu = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
@@ -105,7 +98,7 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import run
+    from rig.commands.running import Onlookers, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model.plan import ScanPlan
@@ -145,15 +138,14 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    records = beside(target) if ptu else None
+    others, records = Onlookers(ending, live), beside(target) if ptu else None
     run(
         lambda watch: acquire(plan, state, target, replace(watch, records=records)),
         plan,
         target,
         as_json,
         needed,
-        ending,
-        live,
+        others,
     )
 
 
