@@ -173,7 +173,7 @@ class PhotonForm(Form):
             raise ValueError(f"of_channel must be the photons of {channels} channels, not {of_channel}")
         if photon_bins.ndim != 1 or len(photon_bins) != of_channel.sum():
             raise ValueError(
-                f"photon_bins must be the {of_channel.sum()} of_channel says, not {photon_bins.shape}"
+                f"photon_bins must be ({of_channel.sum()},), as of_channel says, not {photon_bins.shape}"
             )
         if not len(photon_bins):
             return
