@@ -57,7 +57,7 @@ def test_a_scan_that_runs_is_read_up_to_its_last_line(running, tmp_path):
             assert file.status == "running"
             positions.append(int(file.done.sum()))
     assert positions == sorted(positions)
-    assert 0 < positions[0]
+    assert positions[0] > 0
     scan.kill()
     scan.wait()
     with ScanFile(tmp_path / "a.h5") as file:
