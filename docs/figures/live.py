@@ -25,6 +25,7 @@ OVERHEAD = 1.3  # time of a step in exposures
 
 
 def described(scan):
+    """Return what was known of a scan before its first photon."""
     gate = scan.state.gate
     return ScanDescription(
         laser_m=scan.laser_m,
