@@ -113,6 +113,14 @@ def depth_blocks(
     ]
 
 
+def depth_block(
+    capture: Capture, light: Light, grid: VoxelGrid, planes: slice, camera: Camera = CONFOCAL
+) -> DepthBlock:
+    """Return some planes as one depth block."""
+    bins, period_s = _seen(capture, light, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera)
+    return DepthBlock(planes, bins, light.band(period_s))
+
+
 def _seen(capture: Capture, light: Light, planes: VoxelGrid, camera: Camera) -> tuple[slice, float]:
     """Return the bins in which planes are seen, and the time after which a pulse may repeat there."""
     shortest_m, longest_m = path_limits_m(capture, planes, camera)

@@ -4,13 +4,14 @@ The simulated devices change this state or are driven by it; photons follow from
 """
 
 import struct
-from bisect import insort
+from bisect import bisect_left, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import dist, radians, tan
+from math import ceil, inf, radians, tan
 from operator import attrgetter
-from typing import Protocol
+from threading import RLock
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from simulators.clock import BenchClock
 from simulators.motion.mirror import SteeringMirror
 from simulators.motion.mount import MirrorMount
+from simulators.ticks import Ticks
+from simulators.track import STEP_S, Track
 
-#: Beam movement inside one exposure that is followed in steps rather than taken at its middle [rad], about
-#: 1.5 mm on a wall 2.5 m away: light is misplaced by less than 5 ps, far inside the system's response.
-MOVEMENT_STEP_RAD = 6e-4
+#: A moving mirror is followed in pieces of at most so much bench time [s], so that memory is bounded.
+MOVEMENT_S = 10e-3
 
 #: Tangent in which mirror positions are counted, in single precision, where photons are drawn for them. Any
 #: will do; this one has been used from the beginning, and another one would draw other photons.
@@ -101,6 +103,22 @@ class BenchGeometry:
             raise ValueError(f"the mirror at {mirror_rad} rad sends the beam away from the wall")
         x, y, _ = start_m - direction * (start_m[2] / direction[2])
         return float(x), float(y), 0.0
+
+    def laser_spots_m(self, mirror_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return `laser_spot_m` (n, 3) of (n, 2) angles.
+
+        Raises
+        ------
+        ValueError
+            If the beam goes away from the wall.
+        """
+        starts_m, directions = self.mount.rays(mirror_rad)
+        starts_m = starts_m + self.galvo_m
+        if not (directions[:, 2] < 0).all():
+            raise ValueError("the moving mirror sends the beam away from the wall")
+        spots_m = starts_m - directions * (starts_m[:, 2:] / directions[:, 2:])
+        spots_m[:, 2] = 0.0
+        return np.asarray(spots_m)
 
 
 @dataclass(frozen=True)
@@ -229,19 +247,42 @@ class Photons(Protocol):
         """Draw the detections of ``duration_s``, times after sync folded into one period."""
         ...
 
+    def detections_along(self, track: Track, light: LightState, rng: np.random.Generator) -> Detections:
+        """Draw the detections while the laser spot goes its way, times after sync folded into one period."""
+        ...
+
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second."""
         ...
 
 
+@runtime_checkable
+class MovingPhotons(Photons, Protocol):
+    """The same of a scene that moves meanwhile."""
+
+    def at(self, bench_s: float) -> Photons:
+        """Return what is detected from a bench time on, the scene where it is then."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Stretch:
-    """A time in which nothing changes: where the laser points, how long, and the first sync pulse."""
+    """A time in which only mirror and scene move: where the laser points, since when, how long.
 
-    spot_m: Spot
+    `first_pulse` counts sync pulses.
+    """
+
+    spot_m: Spot | Track
     light: LightState
+    begin_s: float
     duration_s: float
     first_pulse: int
+
+    def drawn(self, photons: Photons, rng: np.random.Generator) -> Detections:
+        """Draw what a channel detects."""
+        if isinstance(self.spot_m, Track):
+            return photons.detections_along(self.spot_m, self.light, rng)
+        return photons.detections(self.spot_m, self.light, self.duration_s, rng)
 
 
 def _drawn(
@@ -250,11 +291,17 @@ def _drawn(
     """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
     pieces = [no_detections()]
     for one in stretches:
-        piece = photons.detections(one.spot_m, one.light, one.duration_s, rng)
+        seen = photons.at(one.begin_s) if isinstance(photons, MovingPhotons) else photons
+        piece = one.drawn(seen, rng)
         pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
     return Detections(
         np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
     )
+
+
+def _parts(duration_s: float, longest_s: float) -> int:
+    """Return into how many parts a time is cut; rounding makes none more."""
+    return max(ceil(duration_s / longest_s - 1e-6), 1)
 
 
 class Bench:
@@ -262,7 +309,9 @@ class Bench:
 
     Photon statistics are drawn from the seed, the commanded mirror position, how often that position has been
     measured, and the channel, so that a resumed scan equals an uninterrupted one and no two channels share a
-    draw.
+    draw. A bench whose clock does not begin at zero, in place of one that has drawn already, draws others.
+
+    Several threads may use it: one may draw photons while another commands mirror and switches.
 
     Parameters
     ----------
@@ -274,11 +323,17 @@ class Bench:
         Seed of all photon statistics.
     clock
         The one clock; by default it runs as fast as the computer can.
+    mirror
+        By default one that is as quick as the rig's.
 
     Attributes
     ----------
     watchers
         Called with the bench time [s] after each change of light or mirror.
+    tick_listeners
+        Called with the (n,) bench times [s] of all ticks of a point clock when these begin.
+    stop_listeners
+        Called with the bench time [s] from which on no more ticks come, when they are ended early.
 
     Raises
     ------
@@ -293,6 +348,7 @@ class Bench:
         *,
         seed: int = 0,
         clock: BenchClock | None = None,
+        mirror: SteeringMirror | None = None,
     ) -> None:
         self.geometry = geometry or BenchGeometry()
         if photons and len(photons) != len(self.geometry.channels):
@@ -300,13 +356,18 @@ class Bench:
                 f"photons of {len(photons)} channels for a detector of {len(self.geometry.channels)}"
             )
         self.photons = tuple(photons)
+        self._began_s = clock.now_s() if clock else 0.0
         self.seed = seed
         self.clock = clock or BenchClock()
-        self.mirror = SteeringMirror()
+        self.mirror = mirror or SteeringMirror()
         self.watchers: list[Callable[[float], None]] = []
+        self.tick_listeners: list[Callable[[NDArray[np.float64]], None]] = []
+        self.stop_listeners: list[Callable[[float], None]] = []
         self._light = [(0.0, LightState())]
         self._visits: dict[tuple[float, float], int] = {}
         self._marks: list[Mark] = []
+        self._ticks: Ticks | None = None
+        self._lock = RLock()  # of all that is above; not held while photons are drawn or others are told
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -316,24 +377,101 @@ class Bench:
     @property
     def light(self) -> LightState:
         """The state in force now."""
-        return self._light[-1][1]
+        with self._lock:
+            return self._light[-1][1]
+
+    @property
+    def target_rad(self) -> tuple[float, float]:
+        """Optical angles that the mirror is commanded to now [rad]."""
+        with self._lock:
+            return self.mirror.target(self.clock.now_s())
+
+    @property
+    def position_rad(self) -> tuple[float, float]:
+        """Optical angles of the mirror now [rad]."""
+        with self._lock:
+            return self.mirror.position(self.clock.now_s())
+
+    @property
+    def settled(self) -> bool:
+        """Whether the mirror stands where it is commanded to now."""
+        with self._lock:
+            return self.mirror.settled(self.clock.now_s())
 
     @property
     def known_from_s(self) -> float:
         """The earliest time whose light and mirror are known."""
-        return max(self._light[0][0], self.mirror.known_from_s)
+        with self._lock:
+            return max(self._light[0][0], self.mirror.known_from_s)
+
+    @property
+    def ticks_end_s(self) -> float:
+        """Bench time of the last tick that was started [s]; 0 before any."""
+        with self._lock:
+            return self._ticks.end_s if self._ticks else 0.0
 
     def change_light(self, **changes: bool | float) -> None:
         """Change fields of `LightState` from now on."""
-        now_s = self.clock.now_s()
-        self._light.append((now_s, replace(self.light, **changes)))  # type: ignore[arg-type]
+        with self._lock:
+            now_s = self.clock.now_s()
+            self._light.append((now_s, replace(self.light, **changes)))  # type: ignore[arg-type]
         self._tell(now_s)
 
     def steer(self, x_rad: float, y_rad: float) -> None:
-        """Command the mirror to optical angles, from now on."""
-        now_s = self.clock.now_s()
-        self.mirror.command(x_rad, y_rad, now_s)
+        """Command the mirror to optical angles, from now on; what was commanded for later is dropped."""
+        with self._lock:
+            now_s = self.clock.now_s()
+            self.mirror.command(x_rad, y_rad, now_s)
         self._tell(now_s)
+
+    def follow(self, times_s: NDArray[np.float64], angles_rad: NDArray[np.float64]) -> None:
+        """Command the mirror to each pair (n, 2) of optical angles at each of (n,) ascending bench times.
+
+        A later `steer` drops what is still to come.
+        """
+        with self._lock:
+            self.mirror.follow(times_s, angles_rad)
+
+    def stop_following(self, now_s: float) -> None:
+        """Drop what the mirror is commanded to after a time."""
+        with self._lock:
+            self.mirror.drop_after(now_s)
+
+    def start_ticks(self, marks: NDArray[np.uint8], tick_s: float, *, start_s: float | None = None) -> None:
+        """Let a point clock tick; ticks of before that are still to come do not come.
+
+        Parameters
+        ----------
+        marks
+            (n,) marker inputs that a pulse comes to with each tick, a bit each; 0 is none.
+        tick_s
+            Time between two ticks [s].
+        start_s
+            Bench time of the first; None is now.
+
+        Raises
+        ------
+        ValueError
+            If there is no tick, no time between two, or a mark of another input than the four.
+        """
+        if self.ticks_end_s > self.clock.now_s():
+            self.stop_ticks()
+        with self._lock:
+            begin_s = self.clock.now_s() if start_s is None else start_s
+            ticks = Ticks(np.asarray(marks, np.uint8), tick_s, begin_s)
+            self._take_ticked(inf)  # nobody has taken these yet, but somebody may
+            self._ticks = ticks
+        for listener in self.tick_listeners:
+            listener(ticks.times_s)
+
+    def stop_ticks(self) -> None:
+        """Let no more ticks come."""
+        with self._lock:
+            now_s = self.clock.now_s()
+            if self._ticks:
+                self._ticks.stop(now_s)
+        for listener in self.stop_listeners:
+            listener(now_s)
 
     def sync_rate_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
@@ -341,34 +479,45 @@ class Bench:
 
     def count_rate_hz(self, channel: int) -> float:
         """Return the expected detections a second of a channel, by its number, in the present state."""
-        spot = self.geometry.laser_spot_m(self.mirror.position(self.clock.now_s()))
-        return self.photons[channel].rate_hz(spot, self.light)
+        with self._lock:
+            position, light = self.position_rad, self.light
+        return self.photons[channel].rate_hz(self.geometry.laser_spot_m(position), light)
 
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times, the mirror and all switches followed.
 
-        At each change, and at each step of a moving mirror, the detector begins anew, ready.
+        At each change, and each `MOVEMENT_S` of a moving mirror, the detector begins anew, ready.
         """
         return self.drawing(start_s, stop_s)()
 
     def drawing(self, start_s: float, stop_s: float) -> Callable[[], tuple[Detections, ...]]:
         """Take down all that `detections` follows; return what then draws, at any time and in any thread."""
-        stretches, generators = self._stretches(start_s, stop_s), self._generators()
-        self.forget_before(start_s)
+        with self._lock:
+            stretches, generators = self._stretches(start_s, stop_s), self._generators(start_s)
+            self.forget_before(start_s)
         channels = tuple(zip(self.photons, self.channels, generators, strict=True))
         return lambda: tuple(
             _drawn(photons, channel.delay_s, stretches, rng) for photons, channel, rng in channels
         )
 
+    def warm_up(self) -> None:
+        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits."""
+        way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
+        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
+        for photons in self.photons:
+            photons.detections((0.3, 0.0, 0.0), wide_open, 1e-3, np.random.default_rng(0))
+            photons.detections_along(way, wide_open, np.random.default_rng(0))
+
     def syncs_between(self, start_s: float, stop_s: float) -> list[Syncs]:
         """Return how sync pulses came between two bench times, cut where their rate changed."""
         found: list[Syncs] = []
-        switches = [at for at, _ in self._light if start_s < at < stop_s]
-        for begin_s, end_s in pairwise([start_s, *switches, stop_s]):
-            hz = self._light_at(begin_s).sync_hz
-            if found and found[-1].hz == hz:
-                begin_s = found.pop().begin_s
-            found.append(Syncs(begin_s, end_s, hz))
+        with self._lock:
+            switches = [at for at, _ in self._light if start_s < at < stop_s]
+            for begin_s, end_s in pairwise([start_s, *switches, stop_s]):
+                hz = self._light_at(begin_s).sync_hz
+                if found and found[-1].hz == hz:
+                    begin_s = found.pop().begin_s
+                found.append(Syncs(begin_s, end_s, hz))
         return found
 
     def mark(self, mask: int, at_s: float | None = None, *, width_s: float = MARK_S) -> None:
@@ -390,66 +539,70 @@ class Bench:
         """
         if not 0 < mask < 16:
             raise ValueError(f"there are four marker inputs, with a mask of 1 to 15, not {mask}")
-        insort(
-            self._marks,
-            Mark(self.clock.now_s() if at_s is None else at_s, mask, width_s),
-            key=attrgetter("at_s"),
-        )
+        with self._lock:
+            at_s = self.clock.now_s() if at_s is None else at_s
+            insort(self._marks, Mark(at_s, mask, width_s), key=attrgetter("at_s"))
 
     def take_marks(self, before_s: float) -> list[Mark]:
         """Take away the pulses at the marker inputs that begin before a time, in order."""
-        taken = []
-        while self._marks and self._marks[0].at_s < before_s:  # another thread may send one meanwhile
-            taken.append(self._marks.pop(0))
+        with self._lock:
+            self._take_ticked(before_s)
+            number = bisect_left(self._marks, before_s, key=attrgetter("at_s"))
+            taken, self._marks = self._marks[:number], self._marks[number:]
         return taken
 
     def forget_before(self, at_s: float) -> None:
         """Drop what was changed before a time that nobody will ask about again."""
-        self.take_marks(at_s)
-        self.mirror.forget_before(at_s)
-        while len(self._light) > 1 and self._light[1][0] <= at_s:
-            del self._light[0]
+        with self._lock:
+            self.take_marks(at_s)
+            self.mirror.forget_before(at_s)
+            while len(self._light) > 1 and self._light[1][0] <= at_s:
+                del self._light[0]
+
+    def _take_ticked(self, before_s: float) -> None:
+        """Put the ticks' pulses before a time among the others."""
+        if not self._ticks:
+            return
+        width_s = min(MARK_S, self._ticks.tick_s / 2)
+        for at_s, mask in self._ticks.take(before_s):
+            insort(self._marks, Mark(at_s, mask, width_s), key=attrgetter("at_s"))
 
     def _tell(self, now_s: float) -> None:
         for watcher in self.watchers:
             watcher(now_s)
 
-    def _generators(self) -> list[np.random.Generator]:
-        """Return the random numbers of each channel for the present visit to the mirror's target."""
-        target = self.mirror.target
+    def _generators(self, start_s: float) -> list[np.random.Generator]:
+        """Return the random numbers of each channel for a visit to what the mirror is commanded to then."""
+        target = self.mirror.target(start_s)
         visit = self._visits.get(target, 0)
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
         entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        if self._began_s:  # visits of before were those of another bench
+            entropy += (round(self._began_s * 1e6),)
         first = np.random.SeedSequence(entropy)  # the channels after the first are its children
         return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
 
     def _stretches(self, start_s: float, stop_s: float) -> list[_Stretch]:
-        """Cut a time into stretches in which nothing changes and the mirror hardly moves."""
+        """Cut a time into stretches in which no switch changes, and the mirror stands or goes a short way."""
         stretches = []
-        for begin_s, end_s in pairwise([start_s, *self._changes_between(start_s, stop_s), stop_s]):
-            light = self._light_at(begin_s)
-            for middle_s, duration_s in self._steps(begin_s, end_s):
-                spot = self.geometry.laser_spot_m(self.mirror.position(middle_s))
-                first = round((middle_s - duration_s / 2 - start_s) * light.repetition_hz)
-                stretches.append(_Stretch(spot, light, duration_s, first))
+        switches = [at for at, _ in self._light if start_s < at < stop_s]
+        for since_s, until_s in pairwise([start_s, *switches, stop_s]):
+            light = self._light_at(since_s)
+            for begin_s, end_s, moving in self.mirror.moving_between(since_s, until_s):
+                pieces = _parts(end_s - begin_s, MOVEMENT_S) if moving else 1
+                for piece_s, next_s in pairwise(np.linspace(begin_s, end_s, pieces + 1).tolist()):
+                    spot = self._track(piece_s, next_s) if moving else self._spot_m(piece_s)
+                    first = round((piece_s - start_s) * light.repetition_hz)
+                    stretches.append(_Stretch(spot, light, piece_s, next_s - piece_s, first))
         return stretches
 
-    def _changes_between(self, start_s: float, stop_s: float) -> list[float]:
-        switches = [at for at, _ in self._light if start_s < at < stop_s]
-        return sorted({*switches, *self.mirror.commands_between(start_s, stop_s)})
+    def _spot_m(self, at_s: float) -> Spot:
+        return self.geometry.laser_spot_m(self.mirror.position(at_s))
+
+    def _track(self, begin_s: float, end_s: float) -> Track:
+        times_s = np.linspace(begin_s, end_s, _parts(end_s - begin_s, STEP_S) + 1)
+        return Track(self.geometry.laser_spots_m(self.mirror.positions(times_s)), end_s - begin_s)
 
     def _light_at(self, at_s: float) -> LightState:
         return next(light for since, light in reversed(self._light) if since <= at_s)
-
-    def _steps(self, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-        """Cut an interval so finely that the beam moves less than `MOVEMENT_STEP_RAD` in each piece."""
-        middle_s, duration_s = (begin_s + end_s) / 2, end_s - begin_s
-        if duration_s <= 0:
-            return []
-        moved = max(
-            dist(self.mirror.position(begin_s), self.mirror.position(at_s)) for at_s in (middle_s, end_s)
-        )
-        if moved <= MOVEMENT_STEP_RAD or duration_s < 10e-6:
-            return [(middle_s, duration_s)]
-        return self._steps(begin_s, middle_s) + self._steps(middle_s, end_s)

@@ -1,5 +1,6 @@
 """What one channel of the detector sees: light of a hidden scene, stray light and background."""
 
+from collections.abc import Iterable, Sequence
 from math import dist
 
 import numpy as np
@@ -8,9 +9,10 @@ from numpy.typing import NDArray
 from simulators.bench import BenchGeometry, Detections, LightState, Spot
 from simulators.constants import C_M_PER_S
 from simulators.detector import FWHM_PER_SIGMA, Detector
-from simulators.detector.first_bounce import FirstBounce, direct_s
+from simulators.detector.first_bounce import FirstBounce, direct_along_s, direct_s
 from simulators.optics.light import Optics
-from simulators.transport.light_paths import Renderer
+from simulators.track import Knot, Track, distance_m
+from simulators.transport.light_paths import LightPaths, Renderer
 
 #: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
 PULSE_SPAN = np.linspace(-3, 3, 13)
@@ -78,6 +80,23 @@ class HiddenScenePhotons:
                 seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
         return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)
 
+    def detections_along(self, track: Track, light: LightState, rng: np.random.Generator) -> Detections:
+        """Draw the detections while the laser spot goes its way, times after sync folded into one period [s].
+
+        Each photon's path begins where the spot is when its pulse leaves; how much light goes which way is
+        that of the knots, see `simulators.track`.
+        """
+        background_s = self.detector.background_times(light, track.duration_s, rng)
+        seen = [(background_s, rng.random(len(background_s)))]
+        if light.biased and light.received > 0:
+            arrivals_s, moments = self._arrivals_along(track, light, rng)
+            passing = self.detector.passes(arrivals_s, light, rng)
+            seen.append((arrivals_s[passing], moments[passing]))
+            if light.gated:
+                seen.append(self._past_the_gate_along(track, light, rng))
+        seen_s, moments = _together(seen)
+        return self.detector.detect(seen_s, light, track.duration_s, rng, moments)
+
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second; the gate's edges are met at the patches' centres."""
         seen_hz = self.detector.background_hz(light)
@@ -85,9 +104,14 @@ class HiddenScenePhotons:
             seen_hz += self._light_hz(laser_spot_m, light)
         return self.detector.detected_hz(seen_hz, light)
 
+    def _lit(self, duration_s: float) -> Iterable[tuple[tuple[LightPaths, ...], float]]:
+        """Return the light of the scene, and how long [s] it is as it is, until a time is over."""
+        return ((self._light_paths, duration_s),)
+
     def _light_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         seen_per_m2 = 0.0
-        for paths in self._light_paths:
+        light_paths, _ = next(iter(self._lit(0.0)))
+        for paths in light_paths:
             weight_per_m2, path_m = paths.arrivals(laser_spot_m)
             arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
@@ -125,9 +149,10 @@ class HiddenScenePhotons:
     ) -> NDArray[np.float64]:
         """Light of the hidden scene, bounce by bounce."""
         drawn_m = []
-        for paths in self._light_paths:
-            expected = self._detections_m2_hz * light.received * duration_s * paths.flux(spot_m)
-            drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
+        for light_paths, lit_s in self._lit(duration_s):
+            for paths in light_paths:
+                expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
+                drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
         path_m = np.concatenate(drawn_m)
         return self._outside_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
 
@@ -136,8 +161,7 @@ class HiddenScenePhotons:
     ) -> NDArray[np.float64]:
         """First-bounce light: the laser spot itself, as the detector's lens sees it."""
         arrival_s = self._stray_arrival_s(spot_m)
-        span_s = arrival_s + PULSE_SPAN * self.optics.pulse_fwhm_s
-        if not self.detector.sensitivity(span_s, light).any():
+        if not self._stray_may_pass(arrival_s, light):
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
@@ -152,6 +176,62 @@ class HiddenScenePhotons:
         back_m = dist(self.detector_spot_m, self.geometry.detector_head_m)
         return self.geometry.electronics_delay_s + (there_m + back_m) / C_M_PER_S
 
+    def _arrivals_along(
+        self, track: Track, light: LightState, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw all light that the gate has yet to pass, and the moments when its pulses leave."""
+        peak = self.detector.ringing.peak if light.gated else 1.0
+        lit_s = track.duration_s * peak * light.received
+        drawn, begin_s = [], 0.0
+        for light_paths, part_s in self._lit(track.duration_s):
+            part = track.part(begin_s, begin_s + part_s)
+            for paths in light_paths:
+                for knot in part.knots:
+                    power_s = lit_s * (part_s / track.duration_s) * knot.share
+                    arrivals_s, moments = self._near(knot, paths, part, power_s, rng)
+                    drawn.append((arrivals_s, (begin_s + moments * part_s) / track.duration_s))
+            begin_s += part_s
+        pulses = lit_s * light.repetition_hz
+        if self._stray_may_pass(direct_along_s(track.spots_m, self.geometry), light):
+            moments = rng.random(rng.poisson(self.optics.stray_per_pulse * pulses))
+            drawn.append((direct_along_s(track.at(moments), self.geometry), moments))
+        if light.gated:
+            drawn.append(self.first_bounce.arrivals_along(track, self.geometry, pulses, rng))
+        arrivals_s, moments = _together(drawn)
+        return arrivals_s + self._pulse_s(len(arrivals_s), rng), moments
+
+    def _near(
+        self, knot: Knot, paths: LightPaths, track: Track, lit_s: float, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw light of the hidden scene that goes as from one knot, in ``lit_s`` of light at full power."""
+        number = rng.poisson(self._detections_m2_hz * lit_s * paths.flux(knot.spot_m))
+        moments = knot.moments(number, rng)
+        spots_m = track.at(moments)
+        path_m = distance_m(spots_m, self.geometry.galvo_m) + paths.sample(knot.spot_m, number, rng, spots_m)
+        path_m += dist(self.detector_spot_m, self.geometry.detector_head_m)
+        return self.geometry.electronics_delay_s + path_m / C_M_PER_S, moments
+
+    def _past_the_gate_along(
+        self, track: Track, light: LightState, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw the first bounce where the gate fails, and the moments when its pulses leave."""
+        pulses = track.duration_s * light.repetition_hz * light.received
+        early_s, moments = self.first_bounce.passing_the_gate_along(
+            track, self.detector_spot_m, self.geometry, pulses, rng
+        )
+        return early_s + self._pulse_s(len(early_s), rng), moments
+
+    def _stray_may_pass(self, arrivals_s: NDArray[np.float64], light: LightState) -> bool:
+        """Return whether the gate lets any light of pulses through that arrive at about these times."""
+        span_s = np.add.outer(arrivals_s, PULSE_SPAN * self.optics.pulse_fwhm_s)
+        return bool(self.detector.sensitivity(span_s, light).any())
+
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
         """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""
         return np.array(direct_s(spot_m, self.geometry))
+
+
+def _together(
+    pairs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.concatenate([times_s for times_s, _ in pairs]), np.concatenate([when for _, when in pairs])

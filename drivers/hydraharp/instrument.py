@@ -179,7 +179,7 @@ class Instrument(ABC):
         for channel in range(self.limits.inputs or 0):
             library.get_count_rate(index, channel)
         raised = library.get_warnings(index)
-        if self._settings.bins > self._span_bins - self.first_bin_s / self.bin_width_s:
+        if self._settings.bins > self._held_bins - self.first_bin_s / self.bin_width_s:
             # the instrument judges by its longest histogram; in the one that is used, the offset is needed
             raised &= ~hh.Warn.OFFSET_UNNECESSARY
         sentences = [text for bit, text in hh.WARNING_SENTENCES.items() if raised & bit]
@@ -187,6 +187,11 @@ class Instrument(ABC):
         if unknown:
             sentences.append(" ".join(library.get_warnings_text(index, unknown).split()))
         return tuple(sentences)
+
+    @property
+    def _held_bins(self) -> int:
+        """How many bins of each photon's time are kept."""
+        return self._span_bins
 
     @property
     def _index(self) -> int:

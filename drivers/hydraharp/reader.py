@@ -5,10 +5,13 @@ of the acquisition time; after that, reads until several in a row brought nothin
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as NotYet
 from dataclasses import dataclass
 from queue import Empty, Queue
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +39,9 @@ REST_S = 1.0
 #: Pieces that may wait for the caller: at 40 million records a second those of 0.8 s, in 128 MiB; at low
 #: rates, with a piece each `POLL_S`, those of 2.5 s.
 QUEUE_PIECES = 256
+
+#: A caller that wants to be asked when nothing comes is asked so often [s].
+IDLE_S = 0.05
 
 #: How long to wait for room in that queue [s]; meanwhile records wait in the instrument.
 PATIENCE_S = 1.0
@@ -111,6 +117,7 @@ class Reader:
         self._duration_s = duration_s
         self._queue_pieces = queue_pieces
         self._pieces: Queue[Piece | None] = Queue()  # this thread alone fills it, and looks how full it is
+        self._asked: Queue[tuple[Callable[[], Any], Future[Any]]] = Queue()
         self._buffer = fifo_buffer()
         self._records = np.ctypeslib.as_array(self._buffer)
         self._read = 0
@@ -143,22 +150,53 @@ class Reader:
         self._thread.join(SILENT_S)
         return not self._thread.is_alive()
 
-    def pieces(self) -> Iterator[Piece]:
-        """Yield the pieces as they come, then raise what went wrong; see `HydraHarpStream.pieces`."""
-        while (piece := self._next()) is not None:
+    def ask(self, call: Callable[[], Any]) -> Any:
+        """Return what a call of the library returns; while the measurement runs, the thread makes it.
+
+        Raises
+        ------
+        LinkError
+            If the library does not answer.
+        """
+        answer: Future[Any] = Future()
+        self._asked.put((call, answer))
+        while self._thread.is_alive():
+            try:
+                return answer.result(timeout=IDLE_S)
+            except NotYet:
+                self._require_sign()
+        if not answer.done():  # the thread ended before it came to that
+            return call()
+        return answer.result()
+
+    def pieces(self, *, idle: bool = False) -> Iterator[Piece]:
+        """Yield the pieces as they come, then raise what went wrong; see `HydraHarpStream.pieces`.
+
+        Parameters
+        ----------
+        idle
+            Yield an empty piece when none has come for `IDLE_S`.
+        """
+        nothing = Piece(np.empty(0, np.uint32), self._read, hh.Flag(0), ())
+        while True:
+            try:
+                piece = self._pieces.get(timeout=IDLE_S)
+            except Empty:
+                if not self._thread.is_alive() and self._pieces.empty():
+                    break
+                self._require_sign()
+                if idle:
+                    yield nothing
+                continue
+            if piece is None:
+                break
             yield piece
         if self._problem is not None:
             raise self._problem
 
-    def _next(self) -> Piece | None:
-        while True:
-            try:
-                return self._pieces.get(timeout=0.2)
-            except Empty:
-                if not self._thread.is_alive() and self._pieces.empty():
-                    return None
-                if time.monotonic() - self._sign_s > SILENT_S:
-                    raise self._silence() from None
+    def _require_sign(self) -> None:
+        if time.monotonic() - self._sign_s > SILENT_S:
+            raise self._silence()
 
     def _silence(self) -> LinkError:
         return LinkError(
@@ -211,6 +249,7 @@ class Reader:
     def _read_once(self) -> int:
         """Read, look at the flags, and hand over; return the number of records."""
         self._sign_s = time.monotonic()
+        self._answer()
         number = self._library.read_fifo(self._index, self._buffer)
         first, self._read = self._read, self._read + number
         before, now = self._flags, self._library.get_flags(self._index)
@@ -222,10 +261,22 @@ class Reader:
             self._pieces.put(Piece(self._records[:number].copy(), first, self._flags, faults))
         return number
 
+    def _answer(self) -> None:
+        """Make the calls that others asked for."""
+        while not self._asked.empty():
+            call, answer = self._asked.get()
+            try:
+                answer.set_result(call())
+            except BaseException as problem:  # for who asked
+                answer.set_exception(problem)
+
     def _wait_for_room(self) -> None:
-        until_s = time.monotonic() + PATIENCE_S
+        # by the clock of the devices: where it stands still meanwhile, nothing is lost by waiting
+        until_s = self._clock.now_s() + PATIENCE_S
         while self._pieces.qsize() >= self._queue_pieces and not self._ending.wait(1e-3):
-            if time.monotonic() > until_s:
+            self._sign_s = time.monotonic()
+            self._answer()
+            if self._clock.now_s() > until_s:
                 raise DeviceError(
                     self._name,
                     "hand its records over",

@@ -1,10 +1,9 @@
 """The HydraHarp 400 in time-tagged mode (T3): each photon and each marker as a record, while they come.
 
-    decoder = Decoder(T3)
     with HydraHarpStream(load_library(), clock=SystemClock(), settings=settings, markers=Markers()) as tcspc:
         tcspc.start(10.0)
-        for piece in tcspc.pieces():
-            batch = decoder.decode(piece.records)
+        for some in tcspc.records():
+            some.batch.tag, some.batch.dtime, some.batch.channel
             ...
 
 A thread of its own (`reader`) empties the instrument's memory, which holds no more than 2 million records: 8
@@ -13,19 +12,45 @@ in between: if the queue stays full, the measurement ends with an error.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from types import TracebackType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.clock import Clock
-from drivers.errors import DeviceError, LimitError
+from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.hydraharp import constants as hh
-from drivers.hydraharp.instrument import Instrument
+from drivers.hydraharp.instrument import Instrument, Rates
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.reader import QUEUE_PIECES, Fault, Piece, Reader
-from drivers.hydraharp.records import MAX_CHANNEL, MAX_DTIME
+from drivers.hydraharp.records import MAX_CHANNEL, MAX_DTIME, T3, Batch, DamagedRecordsError, Decoder
 from drivers.hydraharp.settings import HydraHarpSettings, Integers, Markers
 from drivers.leaving import leave
 
-__all__ = ["Fault", "HydraHarpStream", "Markers", "Piece"]
+__all__ = ["Fault", "HydraHarpStream", "Markers", "Piece", "TaggedRecords"]
+
+
+@dataclass(frozen=True)
+class TaggedRecords:
+    """Some records with what they mean; valid until the next are taken.
+
+    Attributes
+    ----------
+    words
+        (n,) uint32, as the instrument gave them.
+    batch
+        The same, decoded; tags count sync pulses since the start.
+    complete_to
+        What comes later has this tag or a higher one.
+    faults
+        What went wrong near these records, as plain sentences.
+    """
+
+    words: NDArray[np.uint32]
+    batch: Batch
+    complete_to: int
+    faults: tuple[str, ...]
 
 
 class HydraHarpStream(Instrument):
@@ -65,6 +90,9 @@ class HydraHarpStream(Instrument):
         self._queue_pieces = queue_pieces
         self._span_bins = MAX_DTIME + 1
         self._reader: Reader | None = None
+        Decoder(T3).decode(
+            np.empty(0, np.uint32)
+        )  # compiled the first time, which must not keep records waiting
         bins, last = self._settings.bins, max(self._settings.inputs)
         if bins > self._span_bins or last > MAX_CHANNEL:
             raise LimitError(
@@ -86,6 +114,11 @@ class HydraHarpStream(Instrument):
             self._open_index = None  # a call that does not return holds the library: it takes no other
 
         leave([close] if reader is None else [reader.end, close], problem)
+
+    @property
+    def bins(self) -> int:
+        """Number of bins asked for; photons beyond are recorded too."""
+        return self._settings.bins
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return the settings as last accepted; only the bin width can be read back."""
@@ -156,6 +189,43 @@ class HydraHarpStream(Instrument):
             If it says that it wrote more records than there is room for.
         """
         return iter(()) if self._reader is None else self._reader.pieces()
+
+    def records(self) -> Iterator[TaggedRecords]:
+        """Yield what `pieces` yields, decoded; and nothing, many times a second, while nothing comes.
+
+        Raises as `pieces`, and ProtocolError if the records make no sense.
+        """
+        if self._reader is None:
+            return
+        decoder = Decoder(T3)
+        for piece in self._reader.pieces(idle=True):
+            try:
+                batch = decoder.decode(piece.records)
+            except DamagedRecordsError as error:
+                raise ProtocolError(
+                    self._name, "record each photon", str(error), "Switch the HydraHarp off and on."
+                ) from None
+            yield TaggedRecords(
+                piece.records, batch, decoder.base, tuple(fault.sentence for fault in piece.faults)
+            )
+
+    def rates(self) -> Rates:
+        """Return the rates, as `Instrument.rates`; also while it measures."""
+        if self._reader is not None and self._reader.runs:
+            rates: Rates = self._reader.ask(super().rates)
+            return rates
+        return super().rates()
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return what it warns about, as `Instrument.warnings`; also while it measures."""
+        if self._reader is not None and self._reader.runs:
+            sentences: tuple[str, ...] = self._reader.ask(super().warnings)
+            return sentences
+        return super().warnings()
+
+    @property
+    def _held_bins(self) -> int:
+        return self._settings.bins
 
     def _set_up_mode(self, index: int, wire: Integers) -> None:
         library, markers = self._library, self._markers

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import (
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import (
     Consumer,
-    Devices,
     Ended,
     Event,
     LightChanged,
@@ -18,17 +18,19 @@ from rig.acquire.engine import (
     Noticed,
     Outcome,
     Ready,
-    ScanEngine,
     StepCut,
     StepDone,
 )
 from rig.acquire.log import ScanLog, log_of
+from rig.acquire.raw import RawRecords
 from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import ScanDescription
+from rig.files.records import beside
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter, finish
 from rig.model.config import RigConfig
-from rig.model.devices import Operator
+from rig.model.devices import Exposure, Operator
+from rig.model.photons import TaggedExposure
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
@@ -60,15 +62,18 @@ class Watch:
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
         Told what a scan is, new or taken up again, before its first event.
+    records
+        Where the timing instrument's records of a new scan are kept, beside its file; None for nowhere.
     """
 
     consumers: Sequence[Consumer] = ()
     should_stop: Callable[[], bool | str] = lambda: False
     begun: Callable[[ScanDescription], None] = lambda description: None
+    records: Path | None = None
 
 
 class Recorder:
-    """A consumer of scan events that streams histograms to a file and adds them up.
+    """A consumer of scan events that streams photons to a file and adds them up.
 
     Each line of the grid is on disk before the next begins; the closing record tells how the scan ended.
 
@@ -92,13 +97,13 @@ class Recorder:
                 self._writer.record_devices(settings, pass_index)
             case StepDone(exposure=exposure):
                 self._note(exposure.warnings)
-                self._writer.append(exposure.counts, exposure.live_time_s)
+                self._append(exposure)
                 self.photons += exposure.photons
                 self.live_time_s += exposure.live_time_s
             case StepCut(step=step, exposure=exposure):
                 self._writer.keep_cut(step.index, exposure.counts, exposure.live_time_s)
-            case Noticed(sentence=sentence, first=first, last=last):
-                self._writer.note(sentence, first, last)
+            case Noticed(sentence=sentence, first=first, last=last, kind=kind):
+                self._writer.note(sentence, first, last, kind)
             case LightChanged():
                 self.light = event
                 step_now = min(self._writer.appended, self._writer.steps - 1)
@@ -108,6 +113,13 @@ class Recorder:
             case Ended(outcome=outcome, steps_done=trusted, reason=reason):
                 self._writer.withdraw(trusted)
                 self._writer.close(outcome.value, reason)
+
+    def _append(self, exposure: Exposure) -> None:
+        """Give a step's photons to the file."""
+        if self._writer.tagged and isinstance(exposure, TaggedExposure):
+            self._writer.append_photons(exposure.photon_bins, exposure.of_channel, exposure.live_time_s)
+        else:
+            self._writer.append(exposure.counts, exposure.live_time_s)
 
     def _note(self, warnings: tuple[str, ...]) -> None:
         """Note what is said of the step at hand."""
@@ -144,6 +156,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         gate_stop_s=gate_stop_s,
         instrument_response_s=state.response_s,
         mirror_rad=state.pointing.angles_rad(plan.spots_m),
+        tagged=plan.continuous,
     )
 
 
@@ -159,7 +172,7 @@ def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None =
     rig.errors.RefusedError
         If the plan goes beyond what was calibrated.
     """
-    with open_devices(state.config) as devices:
+    with open_devices(state.config, tagged=plan.continuous) as devices:
         return record(plan, state.of_devices(devices.identities()), devices, target, watch)
 
 
@@ -173,9 +186,12 @@ def record(
 ) -> ScanResult:
     """Run a plan on open devices, into a new scan file; ``operator`` is asked for what passes need."""
     watch, description = watch or Watch(), describe(plan, state, devices)
-    with ScanWriter.create(target, description) as writer:
+    with (
+        RawRecords(watch.records, description) as raw,
+        ScanWriter.create(target, description) as writer,
+    ):
         watch.begun(description)
-        return _run(plan, state, devices, writer, watch, operator)
+        return _run(plan, state, devices, writer, watch, raw, operator)
 
 
 def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:
@@ -228,6 +244,8 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
 def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
+    Where the instrument's records were kept beside it, those of what follows are kept in a file of their own.
+
     Raises
     ------
     drivers.errors.DeviceError
@@ -239,13 +257,29 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
         if scan.done.all():
             return _end(target)
         measured = int(scan.done.argmin())
-    with open_devices(state.config, first=measured) as devices:
+    begin_s = _begin_s(plan, state, measured)
+    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
-        watch = watch or Watch()
-        with ScanWriter.resume(target) as writer:
-            watch.begun(describe(plan, state, devices))
-            return _run(plan, state, devices, writer, watch, None)
+        watch, description = watch or Watch(), describe(plan, state, devices)
+        records = beside(target, again=True) if plan.continuous and beside(target).exists() else None
+        with (
+            ScanWriter.resume(target) as writer,
+            RawRecords(records, description, writer.appended) as raw,
+        ):
+            watch.begun(description)
+            return _run(plan, state, devices, writer, watch, raw)
+
+
+def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
+    """Return the time at which a simulated bench goes on that has seen some spots already, else zero.
+
+    A new bench would not know of these visits, and give the same photons again, of a scene that moves back to
+    where it began.
+    """
+    if len(np.unique(plan.spots_m, axis=0)) == len(plan):
+        return 0.0
+    return plan.duration_s(state.config) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:
@@ -263,7 +297,8 @@ def _run(
     devices: Devices,
     writer: ScanWriter,
     watch: Watch,
-    operator: Operator | None,
+    raw: RawRecords,
+    operator: Operator | None = None,
 ) -> ScanResult:
     recorder = Recorder(writer)
     log = ScanLog(log_of(writer.path), plan, writer.appended)
@@ -274,6 +309,10 @@ def _run(
         if isinstance(event, Ready):
             event = replace(event, warnings=(*event.warnings, *doubts))
             doubts.clear()  # said once
+        raw(event)
+        if problem := raw.problem():
+            step = min(writer.appended, writer.steps - 1)
+            consume(Noticed(problem, step, step))
         for consumer in everyone:
             consumer(event)
 

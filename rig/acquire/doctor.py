@@ -30,7 +30,7 @@ def examine(config: RigConfig, folder: Path) -> list[Finding]:
     """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
     findings = [*_software(), _disk(folder)]
     if not config.simulated:
-        findings += [*_ports(config), _detector(config), _timing_library(config)]
+        findings += [*_ports(config), *_boards(config), _detector(config), _timing_library(config)]
     return findings
 
 
@@ -56,7 +56,7 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
     from serial.tools import list_ports
 
     present = {str(Path(port.device).resolve()): port for port in list_ports.comports()}
-    for name, address in (("galvo", config.galvo.address), ("laser", config.laser.address)):
+    for name, address in config.serial_addresses.items():
         what = f"{name} at {address}"
         if address is None or "://" in address:
             yield Finding(what, "ok", "a URL; it is tried when a scan opens it")
@@ -72,6 +72,22 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
                 f"no such port; present: {seen}",
                 "Plug it in, switch it on, or correct the address",
             )
+
+
+def _boards(config: RigConfig) -> Iterator[Finding]:
+    from drivers.daq.board import SharedBoard
+    from drivers.daq.nidaqmx_board import NidaqmxBoard
+    from drivers.errors import DeviceError
+
+    for device, address in config.boards.items():
+        what = f"DAQ board {device}"
+        if address:
+            yield _served(f"served {what} at {address}", address)
+            continue
+        try:
+            yield Finding(what, "ok", SharedBoard(NidaqmxBoard(device)).identity())
+        except DeviceError as error:
+            yield Finding(what, "missing", error.answered, error.remedy)
 
 
 def _served(what: str, address: str) -> Finding:

@@ -1,32 +1,51 @@
 """The scan engine: a loop over a plan that speaks to devices and tells what happens as events."""
 
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
-from enum import Enum
 from functools import partial
+from typing import cast
 
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
+from rig.acquire.assembly import LineFailed, LineRead, Timing, warm_up
+from rig.acquire.continuous import SweepDevices, follow
+from rig.acquire.events import (
+    Consumer,
+    Ended,
+    Event,
+    LightChanged,
+    LineDone,
+    Noticed,
+    Outcome,
+    Phase,
+    PhaseChanged,
+    Ready,
+    Recorded,
+    StepCut,
+    StepDone,
+)
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,
     Device,
-    Exposure,
     Galvo,
     GatedSpad,
     GuardedLaser,
     Operator,
+    PointClock,
     Preparation,
-    Rates,
     Settings,
+    SweepingGalvo,
     Tcspc,
+    TimeTagger,
 )
 from rig.model.plan import Pass, ScanPlan, Step
 from rig.model.state import RigState
+from rig.model.sweep import Sweep, Trajectories
 
 #: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
@@ -36,161 +55,29 @@ RATE_SETTLING_S = 0.4
 WORTH_CUTTING_S = 0.3
 
 
+#: While the mirror does not stop, everything is read back so often at the ends of lines.
+VOUCH_S = 0.5
+
+#: A line whose markers or photons cannot be trusted is measured so many times before the scan ends.
+TRIES = 3
+
 #: What is said of a detector whose bias could not be taken away, or that could not be asked.
 BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
 
 
-class Phase(Enum):
-    """What the engine is doing.
-
-    ::
-
-        PREPARING -> AIMING -> BIASING -> LIGHTING -> CHECKING -> EXPOSING -> CLOSING
-            ^---------- a pass with other settings ------------------'
-    """
-
-    PREPARING = "preparing"
-    AIMING = "aiming"
-    BIASING = "biasing the detector"
-    LIGHTING = "lighting"
-    CHECKING = "checking rates"
-    EXPOSING = "exposing"
-    CLOSING = "closing"
-
-
-class Outcome(Enum):
-    """How a scan ended."""
-
-    COMPLETE = "complete"
-    INTERRUPTED = "interrupted"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class PhaseChanged:
-    """The engine began another phase."""
-
-    phase: Phase
-
-
-@dataclass(frozen=True)
-class Ready:
-    """All is set for the first exposure of a pass.
-
-    Attributes
-    ----------
-    pass_index
-        Which pass of the plan.
-    rates
-        Sync and count rates.
-    warnings
-        The timing instrument's own warnings.
-    settings
-        What each device says of itself and its settings now, by device name.
-    """
-
-    pass_index: int
-    rates: Rates
-    warnings: tuple[str, ...]
-    settings: dict[str, Settings]
-
-
-@dataclass(frozen=True)
-class StepDone:
-    """One step was measured. ``exposure.counts`` is valid only while the event is handled."""
-
-    step: Step
-    exposure: Exposure
-
-
-@dataclass(frozen=True)
-class StepCut:
-    """A step was ended before its time, because a stop was asked for; it counts as not measured.
-
-    ``exposure`` holds what was counted until then, for as long as the event is handled.
-    """
-
-    step: Step
-    exposure: Exposure
-
-
-@dataclass(frozen=True)
-class LightChanged:
-    """What is known of the laser's light.
-
-    Attributes
-    ----------
-    on
-        Whether the laser says that it emits; None where it could not be asked or does not obey.
-    when
-        Local time at which it was read back, ISO 8601.
-    """
-
-    on: bool | None
-    when: str
-
-    @property
-    def words(self) -> str:
-        """What is known, as a sentence."""
-        if self.on is None:
-            return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
-        return f"laser on since {self.when}" if self.on else f"laser dark, read back twice at {self.when}"
-
-
-@dataclass(frozen=True)
-class Noticed:
-    """Something less than good was noticed that does not end the scan.
-
-    Attributes
-    ----------
-    sentence
-        What.
-    first, last
-        The steps that it concerns.
-    """
-
-    sentence: str
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
-class LineDone:
-    """All steps of a line were measured: a good moment to put data on disk."""
-
-    steps_done: int
-
-
-@dataclass(frozen=True)
-class Ended:
-    """The scan is over and the laser is dark.
-
-    Attributes
-    ----------
-    outcome, reason
-        How and why.
-    steps_done
-        Steps that can be trusted; fewer than were measured where the laser went dark unnoticed.
-    """
-
-    outcome: Outcome
-    steps_done: int
-    reason: str
-
-
-Event = PhaseChanged | Ready | StepDone | StepCut | LineDone | LightChanged | Noticed | Ended
-Consumer = Callable[[Event], None]
-
-
 @dataclass(frozen=True)
 class Devices:
-    """The devices of a scan and the clock that they share, opened and identified."""
+    """The devices of a scan and the clock that they share, opened and identified.
+
+    The timing instrument makes histograms, or records each photon, whichever the plan needs.
+    """
 
     galvo: Galvo
     laser: GuardedLaser
     spad: GatedSpad
-    tcspc: Tcspc
+    tcspc: Tcspc | TimeTagger
     clock: Clock
+    point_clock: PointClock | None = None
 
     def identities(self) -> dict[str, str]:
         """Return the identity of each device."""
@@ -204,7 +91,10 @@ class Devices:
 
     @property
     def _named(self) -> dict[str, Device]:
-        return {"galvo": self.galvo, "laser": self.laser, "spad": self.spad, "tcspc": self.tcspc}
+        named: dict[str, Device] = {
+            "galvo": self.galvo, "laser": self.laser, "spad": self.spad, "tcspc": self.tcspc
+        }  # fmt: skip
+        return named if self.point_clock is None else {**named, "point_clock": self.point_clock}
 
 
 class ScanEngine:
@@ -237,7 +127,9 @@ class ScanEngine:
         self._plan = plan
         self._state = state
         self._angles_rad = state.pointing.angles_rad(plan.spots_m)
-        self._done = first
+        self._done = self._vouched = first
+        self._vouched_s = 0.0
+        self._beside = 0
         self._operator = operator
         detector = state.config.detector
         self._gate_s = (detector.gate_delay_s, detector.gate_width_s)
@@ -249,6 +141,8 @@ class ScanEngine:
         self._consume: Consumer = lambda event: None
         self._asked: Callable[[], bool | str] = lambda: False
         self._stopped_by = "stopped by the operator"
+        if plan.continuous:
+            warm_up()
 
     def _should_stop(self) -> bool:
         """Return whether a stop is asked for, and keep the reason where there is one."""
@@ -362,28 +256,100 @@ class ScanEngine:
         self._tell(PhaseChanged(Phase.EXPOSING))
 
     def _expose(self, steps: range) -> None:
-        vouched_s, vouched = self._devices.clock.now_s(), self._done
+        self._vouched_s, self._vouched = self._devices.clock.now_s(), self._done
+        one = self._plan.passes[int(self._plan.pass_of_step[steps.start])]
         try:
-            for step in self._plan.steps(self._done):
-                if step.index == steps.stop or self._should_stop():
-                    break
-                self._aim(step.index)
-                if not self._measure(step):
-                    break
-                if step.ends_line or self._devices.clock.now_s() - vouched_s > READ_BACK_S:
-                    self._vouch(vouched)  # no line is finished whose light was not seen to its end
-                    vouched_s, vouched = self._devices.clock.now_s(), self._done
-                if step.ends_line:
-                    self._tell(LineDone(self._done))
-            self._vouch(vouched)
+            if one.motion == "continuous":
+                self._sweep(steps)
+            else:
+                self._step(steps)
+            self._vouch()
         except DoubtError as error:
-            if taken_back := self._take_back(vouched):
+            if taken_back := self._take_back(self._vouched):
                 error.args = (f"{error} {taken_back}",)
             raise
         except Exception as error:  # whatever failed, the light may have failed with it
-            if not self._seen_lit() and (taken_back := self._take_back(vouched)):
+            if not self._seen_lit() and (taken_back := self._take_back(self._vouched)):
                 error.add_note(f"The laser does not say that it emits. {taken_back}")
             raise
+
+    def _step(self, steps: range) -> None:
+        """Measure steps with a mirror that comes to rest at each."""
+        for step in self._plan.steps(self._done):
+            if step.index == steps.stop or self._should_stop():
+                break
+            self._aim(step.index)
+            if not self._measure(step):
+                break
+            if step.ends_line or self._since_vouched_s() > READ_BACK_S:
+                self._vouch()  # no line is finished whose light was not seen to its end
+            if step.ends_line:
+                self._tell(LineDone(self._done))
+
+    def _sweep(self, steps: range) -> None:
+        """Measure steps with a mirror that never stops along a line."""
+        clock = self._devices.point_clock
+        if clock is None:
+            raise RefusedError("a mirror that never stops needs a point clock: this rig has none")
+        galvo = cast(SweepingGalvo, self._devices.galvo)
+        tagger = cast(TimeTagger, self._devices.tcspc)
+        config = self._state.config
+        paths = Trajectories(self._plan, self._angles_rad, config.galvo.turn_time_s)
+        timing = Timing(
+            tuple(channel.input for channel in self._state.channels),
+            tagger.bins,
+            tagger.rates().sync_hz,
+            self._state.mirror_lag_s,
+        )
+        devices = SweepDevices(galvo, clock, tagger, self._devices.clock)
+        began, self._beside, failed = self._done, 0, 0
+        while self._done < steps.stop and not self._should_stop():
+            here = self._done
+            self._devices.laser.beat(ASKING_LEASE_S)
+            sweep = next(paths.sweeps(range(here, steps.stop), galvo.longest_trajectory))
+            reason = self._follow(sweep, devices, timing)
+            failed = failed + 1 if reason and self._done == here else 0
+            if failed == TRIES:
+                raise DoubtError(f"a line failed {TRIES} times. {reason}")
+        self._tell_beside(began)
+
+    def _follow(self, sweep: Sweep, devices: SweepDevices, timing: Timing) -> str:
+        """Measure the lines of a sweep, until it ends or a stop is asked for; return why a line failed."""
+        settle_s = self._state.config.galvo.settle_timeout_s
+        with closing(follow(sweep, devices, timing, settle_s)) as found:
+            for one in found:
+                self._devices.laser.beat(LIBRARY_LEASE_S)
+                match one:
+                    case Recorded():
+                        self._tell(one)
+                        if self._should_stop():
+                            return ""
+                    case LineRead():
+                        self._read_line(one)
+                    case LineFailed(line=line, reason=reason):
+                        told = f"{reason} The line is measured again"
+                        self._tell(Noticed(told, line.steps.start, line.steps.stop - 1))
+                        return reason
+        return ""
+
+    def _read_line(self, found: LineRead) -> None:
+        self._devices.laser.beat(FILE_LEASE_S)
+        self._beside += found.beside
+        for step, exposure in zip(self._plan.steps(self._done), found.exposures, strict=False):
+            self._consume(StepDone(step, exposure))
+            self._done += 1
+            self._vigil.measured(exposure)
+        if self._done == len(self._plan) or self._since_vouched_s() > VOUCH_S:
+            self._vouch()
+            self._tell(LineDone(self._done))
+
+    def _tell_beside(self, first: int) -> None:
+        if self._done > first:
+            told = f"{self._beside:,} photons came while the mirror turned between lines: they are not stored"
+            self._tell(Noticed(told, first, self._done - 1, kind="turns"))
+
+    def _since_vouched_s(self) -> float:
+        return self._devices.clock.now_s() - self._vouched_s
 
     def _take_back(self, first: int) -> str:
         """Take back the steps from ``first`` on, and return in words which; nothing if there is none."""
@@ -411,7 +377,7 @@ class ScanEngine:
             return until_s - devices.clock.now_s() > WORTH_CUTTING_S and self._should_stop()
 
         devices.laser.beat(LIBRARY_LEASE_S)
-        exposure = devices.tcspc.measure(step.exposure_s, meanwhile)
+        exposure = cast(Tcspc, devices.tcspc).measure(step.exposure_s, meanwhile)
         if not exposure.whole:
             self._tell(StepCut(step, exposure))
             return False
@@ -420,13 +386,15 @@ class ScanEngine:
         self._vigil.measured(exposure)
         return True
 
-    def _vouch(self, since: int) -> None:
-        """Raise unless laser, detector and instrument are as they were when the steps since then began."""
+    def _vouch(self) -> None:
+        """Raise unless laser, detector and instrument are as they were when the last vouched step ended."""
+        since = self._vouched
         if since == self._done:
             return
         self._devices.laser.beat(ASKING_LEASE_S)
         for sentence in self._vigil.vouch():
             self._tell(Noticed(sentence, since, self._done - 1))
+        self._vouched_s, self._vouched = self._devices.clock.now_s(), self._done
 
     def _aim(self, index: int) -> None:
         galvo, angles = self._devices.galvo, self._angles_rad[index]

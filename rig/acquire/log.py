@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-from rig.acquire.engine import (
+from rig.acquire.events import (
     Ended,
     Event,
     LightChanged,

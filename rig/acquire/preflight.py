@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.devices.kinds import time_axis, timing_limits
+from rig.devices.kinds import TIMING, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
+from rig.model.sweep import Trajectories
 
 #: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
 BYTES_PER_PHOTON = 0.85
@@ -33,6 +34,8 @@ class Estimate:
         Of the compressed scan file, at the paper's count rate.
     mirror_rad
         Largest optical angles that it needs, right and up.
+    duration_s
+        How long it takes on hardware, with settling and readout, or with turns.
     """
 
     bins: int
@@ -40,6 +43,7 @@ class Estimate:
     bytes_in_memory: int
     bytes_on_disk: int
     mirror_rad: tuple[float, float]
+    duration_s: float
 
 
 def estimate(plan: ScanPlan, state: RigState) -> Estimate:
@@ -48,14 +52,19 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
     Raises
     ------
     RefusedError
-        If the plan goes beyond what was calibrated.
+        If the plan goes beyond what was calibrated, or its order is none for a mirror that never stops.
     """
     bins, bin_width_s = time_axis(state.config)
     in_memory = len(plan) * len(state.channels) * bins * 4
     photons = plan.exposure_total_s * ASSUMED_RATE_HZ * len(state.channels)
     on_disk = int(min(in_memory, photons * BYTES_PER_PHOTON + len(plan) * 500))
-    x_rad, y_rad = np.abs(state.pointing.angles_rad(plan.spots_m)).max(axis=0).tolist()
-    return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad))
+    angles_rad = state.pointing.angles_rad(plan.spots_m)
+    if plan.continuous:
+        paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
+        duration_s = sum(paths.duration_s(number) for number in range(len(plan.passes)))
+        return Estimate(bins, bin_width_s, in_memory, on_disk, paths.farthest_rad(), duration_s)
+    x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
+    return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad), plan.duration_s(state.config))
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
@@ -83,6 +92,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         )
     found = estimate(plan, state)
     _check_angles(plan, state, found)
+    if plan.continuous:
+        _check_continuous(state)
     limits = timing_limits(state.config)
     limits.check_histogram(found.bins, found.bin_width_s)
     for one in plan.passes:
@@ -94,6 +105,19 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
             "free. Free some space, or choose another place with --out"
         )
     return found
+
+
+def _check_continuous(state: RigState) -> None:
+    if TIMING[state.config.tcspc.kind].open_tagger is None:
+        raise RefusedError(
+            f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
+            "stops needs: use --mode step"
+        )
+    if state.config.point_clock is None:
+        raise RefusedError(
+            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
+            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
+        )
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
@@ -112,4 +136,5 @@ def _in_words(plan: ScanPlan) -> str:
     grid = plan.passes[0].positions
     if not isinstance(grid, Grid):
         return f"the list of {len(plan)} positions"
-    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}"
+    lines = f" x {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
+    return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}{lines}"

@@ -14,7 +14,7 @@ from drivers.errors import DeviceError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
 from rig.model.config import RigConfig
-from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, Tcspc
+from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, TimingInstrument
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -65,7 +65,7 @@ class Rig(Protocol):
         ...
 
     @property
-    def tcspc(self) -> Tcspc:
+    def tcspc(self) -> TimingInstrument:
         """The timing instrument."""
         ...
 

@@ -96,7 +96,7 @@ class SimulatedOperator:
     def _spot_m(self, galvo: Galvo, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         galvo.point(float(angles_rad[0]), float(angles_rad[1]))
         galvo.wait_settled(1.0)
-        mirror = self.bench.mirror.position(self.bench.clock.now_s())
+        mirror = self.bench.position_rad
         return np.array(self.bench.geometry.laser_spot_m(mirror)[:2])
 
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -31,14 +31,21 @@ class Routine(ABC, Generic[K]):
     ----------
     makes
         The kind of calibration.
+    tagged
+        Whether the timing instrument is to record each photon.
     """
 
     makes: type[K]
+    tagged: ClassVar[bool] = False
 
     @property
     def kind(self) -> str:
         """Of the calibration that it makes, see `rig.model.calibrations.kinds`."""
         return self.makes.kind
+
+    def impossible(self, config: RigConfig) -> str:
+        """Say in a sentence why a rig of this kind has no such calibration; empty where it has."""
+        return ""
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the configuration with which the devices are opened for it: as it is, if not overridden."""

@@ -8,7 +8,7 @@ from typing import Any, Generic
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import open_station
 from rig.calibrate.routine import K, Routine
-from rig.errors import UsageError
+from rig.errors import RefusedError, UsageError
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
 from rig.model.devices import Operator, Preparation
@@ -37,8 +37,10 @@ def measured(
             f"a calibration is measured with one channel, {len(config.channels)} are configured: give a "
             "configuration with the one that is to be calibrated"
         )
+    if reason := routine.impossible(config):
+        raise RefusedError(reason)
     setup = routine.setup(config)
-    with open_station(setup, operator) as station:
+    with open_station(setup, operator, tagged=routine.tagged) as station:
         state = RigState(setup).of_devices(station.devices.identities())
         files = routine.measure(station, state, folder, watch)
         station.operator.prepare(Preparation.MEASURE)  # the laser is dark by now

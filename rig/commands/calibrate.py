@@ -163,6 +163,20 @@ def time_zero(
     return TimeZeroRoutine()
 
 
+@_routine("lag")
+def lag(
+    rows: Annotated[int, typer.Option(min=2, help="Rows, passed to the right and to the left in turn.")] = 6,
+    point: Annotated[
+        str, typer.Option(metavar="TIME", help="Time of a point: how fast the mirror moves.")
+    ] = "1ms",
+) -> "Routine[Any]":
+    """Measure by how much the mirror trails its command while it moves, from first bounces there and back."""
+    from rig.calibrate.timing.lag import LagRoutine
+    from rig.model.quantities import parse
+
+    return LagRoutine(rows=rows, point_s=parse(point, "time"))
+
+
 @_routine("irf")
 def irf() -> "Routine[Any]":
     """Measure the response of laser, detector and electronics to a pulse, from first bounces."""

@@ -40,8 +40,12 @@ def all_(
     kinds, found = list(KINDS), {}
     for number, kind in enumerate(kinds, 1):
         console.say(f"{number}/{len(kinds)} {kind}")
+        routine = ROUTINES[kind](**options.get(kind, {}))
+        if reason := routine.impossible(rig_config):
+            console.say(f"    left out: {reason}")
+            continue
         try:
-            result = calibrated(ROUTINES[kind](**options.get(kind, {})), rig_config, None, keep)
+            result = calibrated(routine, rig_config, None, keep)
         except RigError as error:
             left = f"\nNot measured because of it: {', '.join(kinds[number:])}" if kinds[number:] else ""
             raise type(error)(f"{kind}: {error}{left}") from None

@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
-from rig.acquire.engine import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
@@ -145,7 +145,7 @@ class ScanProgress:
                     warn(sentence)
             case LightChanged():
                 self._light = tell_light(event)
-            case Noticed(sentence=sentence, first=first, last=last):
+            case Noticed(sentence=sentence, first=first, last=last, kind="warning"):
                 warn(f"{sentence} (positions {first} to {last})")
             case StepDone(step=step, exposure=exposure):
                 self._measured += 1
@@ -226,7 +226,7 @@ class Counting:
                 self._status.update(_plain(f"{self._what}: {self._positions} positions"))
             case LightChanged():
                 tell_light(event)
-            case Noticed(sentence=sentence):
+            case Noticed(sentence=sentence, kind="warning"):
                 warn(sentence)
             case Ready(warnings=warnings):
                 for sentence in warnings:

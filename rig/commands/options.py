@@ -21,6 +21,7 @@ class Order(Enum):
     """Orders in which positions are visited; the value is the command's word."""
 
     RASTER = "raster"
+    UNIDIRECTIONAL = "unidirectional"
     PROGRESSIVE = "progressive"
     RANDOM = "random"
 
@@ -30,8 +31,21 @@ class Order(Enum):
         return "snake" if self is Order.RASTER else self.value
 
 
+class Mode(Enum):
+    """How the mirror goes through the positions; the value is the plan's word, too."""
+
+    STEP = "step"
+    CONTINUOUS = "continuous"
+
+
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
+]
+Frames = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
+    ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
 Live = Annotated[
@@ -40,6 +54,13 @@ Live = Annotated[
         "--live",
         help="Show the scan while it runs: counts, rates, light, live image; in a window where there is a "
         "display, and as pictures in SCAN-live/.",
+    ),
+]
+Ptu = Annotated[
+    bool,
+    typer.Option(
+        "--ptu",
+        help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]

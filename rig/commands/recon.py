@@ -110,6 +110,16 @@ def recon(
             help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
         ),
     ] = None,
+    each_frame: Annotated[
+        bool, typer.Option("--each-frame", help="Image each frame of a scan by itself: a moving object.")
+    ] = False,
+    fresh_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEPTH",
+            help="Average frames, one for each time that a voxel is so deep. [dim]\\[never][/dim]",
+        ),
+    ] = None,
     over: Annotated[
         Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
     ] = None,
@@ -140,6 +150,8 @@ def recon(
 
       rig recon scan.h5 --camera transient --video flash.gif
 
+      rig recon scan.h5 --each-frame --video moving.gif
+
       rig recon scan.h5 --solver lct       an earlier method, to compare with
     """
     from rig.commands import console
@@ -167,6 +179,8 @@ def recon(
         device=device.value,
         calibrations=calibrations,
         even_bins=even_bins,
+        each_frame=each_frame,
+        fresh_to_m=length(fresh_to),
     )
     volume = out or beside(scan, "-volume.h5")
     picture = image or beside(scan, ".png")

@@ -30,10 +30,11 @@ def resume(
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
     from rig.commands.consent import require_consent
-    from rig.commands.running import run
+    from rig.commands.running import Onlookers, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, live=live)
+    others = Onlookers(live=live)
+    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, others)

@@ -2,15 +2,16 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.acquire.acquisition import ScanResult, Watch
-from rig.acquire.engine import Outcome
+from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
 from rig.errors import DataFileError, InterruptedScanError, UsageError
@@ -27,14 +28,29 @@ if TYPE_CHECKING:
 Acquisition = Callable[[Watch], ScanResult]
 
 
+@dataclass(frozen=True)
+class Onlookers:
+    """Who takes part in a scan beside its file and the terminal.
+
+    Attributes
+    ----------
+    until
+        What may end it before its last position; that is no failure.
+    live
+        Whether it is shown while it runs.
+    """
+
+    until: "Until | None" = None
+    live: bool = False
+
+
 def run(
     acquisition: Acquisition,
     plan: ScanPlan,
     target: Path,
     as_json: bool,
     config: Path | None = None,
-    until: "Until | None" = None,
-    live: bool = False,
+    others: Onlookers = Onlookers(),
 ) -> None:
     """Run a scan into ``target`` and tell how it went.
 
@@ -48,25 +64,24 @@ def run(
         Whether the result is printed as a document.
     config
         The rig's configuration, if it takes one to go on with the scan.
-    until
-        What may end the scan before its last position; that is no failure.
-    live
-        Whether it is shown while it runs.
+    others
+        Who takes part.
 
     Raises
     ------
     rig.errors.InterruptedScanError
         If the person stopped it after a position.
     """
-    began_s = time.monotonic()
+    began_s, until = time.monotonic(), others.until
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with ExitStack() as stack:
             stop = stack.enter_context(StopRequest(console.say))
-            feed = _feed(target) if live else None
+            feed = _feed(target) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
-            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, until, feed))
+            lookers = [one for one in (until, feed) if one is not None]
+            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, lookers, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception:
@@ -86,10 +101,11 @@ def run(
 
 
 def _watch(
-    progress: console.ScanProgress, stop: StopRequest, until: "Until | None", feed: "LiveFeed | None"
+    progress: console.ScanProgress,
+    stop: StopRequest,
+    lookers: "Sequence[Until | LiveFeed]",
+    until: "Until | None",
 ) -> Watch:
-    lookers = [one for one in (until, feed) if one is not None]
-
     def begun(description: ScanDescription) -> None:
         for one in lookers:
             one.begun(description)
@@ -147,10 +163,13 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         )
         return
     rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
+    frames = plan.passes[0].frames
+    whole = result.ended.steps_done * frames // len(plan)
     console.print_facts(
         str(target),
         {
             "positions": f"{result.ended.steps_done:,} of {len(plan):,}",
+            **({"frames": f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

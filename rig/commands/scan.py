@@ -1,13 +1,14 @@
 """``rig scan``: measure the relay wall."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Grid, Live, Order, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -26,11 +27,19 @@ def scan(
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="step: the mirror rests at each position. continuous: it never stops along a line, and each "
+            "photon is recorded with its time; much faster at short exposures."
+        ),
+    ] = Mode.STEP,
+    frames: Frames = None,
     order: Annotated[
         Order,
         typer.Option(
-            help="raster: line by line. progressive: coarse to fine, the whole wall again and again. random: "
-            "anywhere."
+            help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
+            "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
     until: Annotated[
@@ -59,6 +68,7 @@ def scan(
             "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
         ),
     ] = None,
+    ptu: Ptu = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
@@ -74,9 +84,13 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
+      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+
       rig scan --preset office-10ms          a dataset of the paper
 
       rig scan --config lab.toml --dry-run   what would be done
+
+      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
@@ -84,8 +98,9 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import run
+    from rig.commands.running import Onlookers, run
     from rig.errors import UsageError
+    from rig.files.records import beside
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -102,11 +117,17 @@ def scan(
         spacing_m=parse(spacing, "length") if spacing else None,
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
+        motion=mode.value,
+        frames=frames,
     )
     ending = _ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    if ptu and not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
@@ -117,7 +138,15 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, ending, live)
+    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    run(
+        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        plan,
+        target,
+        as_json,
+        needed,
+        others,
+    )
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":
@@ -196,10 +225,11 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "simulated": config.simulated,
                 "plan": plan.model_dump(mode="json"),
                 "positions": len(plan),
+                "frames": one.frames,
                 "skipped": grid.skipped,
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
-                "duration_s": plan.duration_s(config),
+                "duration_s": found.duration_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
@@ -208,18 +238,26 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             }
         )
         return
-    width_m, height_m = (grid.columns - 1) * grid.spacing_m, (grid.rows - 1) * grid.spacing_m
+    width_m, height_m = grid.area_m
+    frame_s = plan.duration_s(config) / one.frames
+    frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(
         f"{config.name}: plan, nothing was moved",
         {
-            "positions": f"{len(plan):,} of {grid.columns} x {grid.rows}, "
-            f"{show_length(grid.spacing_m)} apart; {grid.skipped} skipped around the detector's spot",
+            "positions": f"{len(grid.spots_m):,} of {grid.columns} x {grid.rows}, "
+            f"{show_length(grid.spacing_m)} apart{lines_apart}; {grid.skipped} skipped around the detector's "
+            "spot",
+            **(frames if one.frames > 1 else {}),
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(plan.duration_s(config))} on hardware, with settling and readout",
-            "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
+            "time": f"~{show_duration(found.duration_s)} on hardware, with "
+            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "photons"
+            if plan.continuous
+            else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
             "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
@@ -231,5 +269,9 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
 def _order_in_words(grid: "GridPositions") -> str:
     if grid.order != "progressive":
-        return {"snake": "raster, lines alternate in direction", "random": "random"}[grid.order]
+        return {
+            "snake": "raster, lines alternate in direction",
+            "unidirectional": "raster, all lines run to the right",
+            "random": "random",
+        }[grid.order]
     return "progressive, the whole wall seen after " + ", ".join(f"{count:,}" for count in grid.rounds)

@@ -9,10 +9,14 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from drivers.daq.analogue_galvo import AnalogueGalvo, AnalogueLimits, Settling
+from drivers.daq.board import SharedBoard
+from drivers.daq.point_clock import DaqPointClock, PulseLines
 from drivers.hydraharp.device import HydraHarp
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
-from drivers.hydraharp.settings import HydraHarpSettings
+from drivers.hydraharp.settings import HydraHarpSettings, Markers
+from drivers.hydraharp.stream import QUEUE_PIECES, HydraHarpStream
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
@@ -20,6 +24,8 @@ from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
 from rig.model.config import (
+    AnalogueGalvoConfig,
+    DaqClockConfig,
     HydraHarpConfig,
     Id120Config,
     KatanaConfig,
@@ -27,7 +33,12 @@ from rig.model.config import (
     PlaybackConfig,
     RigConfig,
 )
-from rig.model.devices import Clock, Galvo, GatedSpad, Laser, Tcspc
+from rig.model.devices import Clock, Galvo, GatedSpad, Laser, PointClock, Tcspc, TimeTagger
+
+#: After a marker, others at the same input are glitches; half of the shortest tick that a mirror can follow.
+MARKER_HOLD_OFF_S = 20e-6
+#: Pieces of 10 ms by which a simulated instrument may be ahead of the program where its clock jumps.
+HURRIED_PIECES = 16
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,8 @@ class Wires:
         Of pyusb; None for the system's.
     hhlib
         Gives the HydraHarp's library, when it is needed.
+    daq
+        Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
         The time that all devices share.
     """
@@ -50,6 +63,7 @@ class Wires:
     laser: str
     usb_backend: object
     hhlib: Callable[[], HHLib]
+    daq: Callable[[str], SharedBoard]
     clock: Clock
 
 
@@ -83,6 +97,8 @@ class TimingKind:
     ----------
     open
         Of the configuration, the wires, and the step of the plan with which it begins.
+    open_tagger
+        The same instrument, recording each photon; None where it cannot.
     limits
         What it can be asked for.
     time_axis
@@ -90,6 +106,7 @@ class TimingKind:
     """
 
     open: Callable[[RigConfig, Wires, int], AbstractContextManager[Tcspc]]
+    open_tagger: Callable[[RigConfig, Wires], AbstractContextManager[TimeTagger]] | None
     limits: TimingLimits
     time_axis: Callable[[Any], tuple[int, float]]
 
@@ -98,6 +115,17 @@ def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManage
     """Return the steering mirror, to be entered."""
     limits = OptotuneLimits((config.max_angle_x_rad, config.max_angle_y_rad))
     return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits)
+
+
+def open_analogue_galvo(config: AnalogueGalvoConfig, wires: Wires) -> AbstractContextManager[Galvo]:
+    """Return the galvanometer pair, to be entered."""
+    return AnalogueGalvo(
+        wires.daq(config.device),
+        config.channels,
+        clock=wires.clock,
+        limits=AnalogueLimits((config.max_angle_x_rad, config.max_angle_y_rad), config.volts_per_degree),
+        settling=Settling(config.settle_time_s, config.settle_time_full_s),
+    )
 
 
 def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[GatedSpad]:
@@ -124,13 +152,29 @@ def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[La
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
     """Return the HydraHarp, to be entered; it counts from any step on."""
-    harp = config.tcspc
-    assert isinstance(harp, HydraHarpConfig)
-    return HydraHarp(
+    return HydraHarp(wires.hhlib(), clock=wires.clock, **_harp(config))
+
+
+def open_hydraharp_tagger(config: RigConfig, wires: Wires) -> AbstractContextManager[TimeTagger]:
+    """Return the HydraHarp in time-tagged mode, to be entered."""
+    simulation = config.simulation
+    # where the clock jumps, the instrument must not run ahead of the program by more than a look at the light
+    hurried = simulation is not None and not simulation.real_time
+    return HydraHarpStream(
         wires.hhlib(),
         clock=wires.clock,
-        serial=harp.serial,
-        settings=HydraHarpSettings(
+        markers=Markers(hold_off_s=MARKER_HOLD_OFF_S),
+        queue_pieces=HURRIED_PIECES if hurried else QUEUE_PIECES,
+        **_harp(config),
+    )
+
+
+def _harp(config: RigConfig) -> dict[str, Any]:
+    harp = config.tcspc
+    assert isinstance(harp, HydraHarpConfig)
+    return {
+        "serial": harp.serial,
+        "settings": HydraHarpSettings(
             inputs=tuple(channel.input for channel in config.channels),
             input_level_v=harp.input_level_v,
             input_zero_cross_v=harp.input_zero_cross_v,
@@ -141,7 +185,12 @@ def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractConte
             bins=harp.bins,
             offset_s=harp.offset_s,
         ),
-    )
+    }
+
+
+def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
+    """Return the point clock, to be entered."""
+    return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step or None))
 
 
 def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -156,14 +205,21 @@ def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
         return scan.bins, scan.bin_width_s
 
 
-GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {"optotune": open_optotune}
+GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {
+    "optotune": open_optotune,
+    "analogue": open_analogue_galvo,
+}
 LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"katana": open_katana}
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
+POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}
 TIMING: dict[str, TimingKind] = {
     "hydraharp": TimingKind(
-        open_hydraharp, HYDRAHARP_LIMITS, lambda config: (config.bins, config.bin_width_s)
+        open_hydraharp,
+        open_hydraharp_tagger,
+        HYDRAHARP_LIMITS,
+        lambda config: (config.bins, config.bin_width_s),
     ),
-    "playback": TimingKind(open_playback, AnyExposure(), _axis_of_file),
+    "playback": TimingKind(open_playback, None, AnyExposure(), _axis_of_file),
 }
 
 

@@ -3,12 +3,14 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 from drivers.clock import Clock, SystemClock
+from drivers.daq.board import SharedBoard
+from drivers.daq.nidaqmx_board import NidaqmxBoard
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
-from rig.bench.reached import detector_at, timing_at
+from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.kinds import DETECTORS, LASERS, Wires
 from rig.model.config import HydraHarpConfig, RigConfig
 from rig.model.devices import GatedSpad, Laser
@@ -24,7 +26,13 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
             wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
         if isinstance(harp, HydraHarpConfig) and harp.address:
             wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
-        yield wires
+        served = {
+            device: stack.enter_context(board_at(address))
+            for device, address in config.boards.items()
+            if address
+        }
+        here = wires.daq
+        yield replace(wires, daq=lambda device: served[device] if device in served else here(device))
 
 
 def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractContextManager[Laser]:
@@ -45,10 +53,17 @@ def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
     library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
     hhlib: Callable[[], HHLib] = partial(load_library, library)
+    counter = config.point_clock.counter if config.point_clock else ""
+
+    @cache
+    def daq(device: str) -> SharedBoard:
+        return SharedBoard(NidaqmxBoard(device, counter=counter))
+
     return Wires(
-        galvo=config.galvo.address or "",
+        galvo=config.serial_addresses.get("galvo") or "",
         laser=config.laser.address or "",
         usb_backend=None,
         hhlib=hhlib,
+        daq=daq,
         clock=clock or SystemClock(),
     )

@@ -6,32 +6,17 @@ record where they coincide. Places and delays, for which the layout has no form,
 own (`rig.files.picoquant`), so that `rig import` needs no plan; other programs pass over them.
 """
 
-import struct
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.files import ScanFile
-from rig.files.picoquant import (
-    BINS,
-    DELAY,
-    DETECTOR,
-    FADE,
-    FIRST_BIN,
-    FRAME_MARKER,
-    INPUTS,
-    LASER,
-    LINE_MARKER,
-    MAGIC_RECORDS,
-    POINT_MARKER,
-    head_bytes,
-    place_of,
-)
+from rig.files.picoquant import FRAME_MARKER, LINE_MARKER, MAGIC_RECORDS, POINT_MARKER, head_bytes
+from rig.files.records import RATE_HZ, RecordsHead, begins_line, put_count
 
 if TYPE_CHECKING:
     from drivers.hydraharp.records import Batch
@@ -39,15 +24,8 @@ if TYPE_CHECKING:
 NAME = "PicoQuant records, T3"
 ENDINGS = (".ptu",)
 
-#: The type of T3 records in version 2.
-_RECORD_TYPE = 0x01010304
-_COUNT = "TTResult_NumberOfRecords"
 #: How long a step is where the scan does not say [s].
 _STEP_S = 1e-3
-#: The laser's rate where the scan does not say, if its bins fit between two pulses [Hz].
-_RATE_HZ = 10e6
-#: Spots of a line differ less than this across it [m].
-_SAME_M = 1e-6
 
 
 def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
@@ -66,7 +44,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
     laser_m = scan.laser_m[steps]
     inputs = [channel.input for channel in scan.channels]
     pulses = _pulses(scan, steps)
-    head = head_bytes(MAGIC_RECORDS, _tags(scan, steps, inputs, float(pulses.sum() / _rate_hz(scan))))
+    head = head_bytes(MAGIC_RECORDS, _head(scan, steps, float(pulses.sum() / _rate_hz(scan))).tags())
     encoder, records = Encoder(T3), 0
     with path.open("xb") as file:
         file.write(head)
@@ -75,7 +53,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
             encoded = encoder.encode(batch)
             encoded.astype("<u4", copy=False).tofile(file)
             records += len(encoded)
-        _put(file, place_of(head, _COUNT), struct.pack("<q", records))
+        put_count(file, head, records)
 
 
 def _check(scan: ScanFile, rectify: bool) -> None:
@@ -102,7 +80,7 @@ def _rate_hz(scan: ScanFile) -> float:
     state = scan.state
     if state is not None:
         return float(state.config.laser.repetition_hz)
-    return min(_RATE_HZ, 1 / (scan.bins * scan.bin_width_s))
+    return min(RATE_HZ, 1 / (scan.bins * scan.bin_width_s))
 
 
 def _pulses(scan: ScanFile, steps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -113,50 +91,27 @@ def _pulses(scan: ScanFile, steps: NDArray[np.int64]) -> NDArray[np.int64]:
     ).astype(np.int64)
 
 
-def _tags(
-    scan: ScanFile, steps: NDArray[np.int64], inputs: list[int], duration_s: float
-) -> Iterator[tuple[str, Any]]:
-    """Yield the tags of the head: those that the layout demands, and where it has no form our own."""
-    rate_hz = _rate_hz(scan)
-    yield "File_GUID", f"{{{str(uuid.uuid4()).upper()}}}"
-    yield "CreatorSW_Name", "nlos-rig"
-    yield "CreatorSW_Version", "1"
-    yield "File_Comment", f"from {scan.path.name}; marker 1: point, 2: line, 3: frame"
-    yield "Measurement_Mode", 3
-    yield "Measurement_SubMode", 0
-    yield "TTResult_StopReason", 0
-    yield "TTResultFormat_TTTRRecType", _RECORD_TYPE
-    yield "TTResultFormat_BitsPerRecord", 32
-    yield "MeasDesc_BinningFactor", max(1, round(scan.bin_width_s / 1e-12))
-    yield "MeasDesc_Offset", 0
-    yield "MeasDesc_AcquisitionTime", max(1, round(duration_s * 1e3))
-    yield "HW_Type", "HydraHarp 400"
-    yield "HW_BaseResolution", 1e-12
-    yield "HW_InpChannels", max(inputs) + 1
-    yield "HWSync_Divider", 1
-    yield "MeasDesc_Resolution", scan.bin_width_s
-    yield "MeasDesc_GlobalResolution", 1 / rate_hz
-    yield "TTResult_SyncRate", round(rate_hz)
-    yield LASER, scan.laser_m[steps].ravel()
-    detector_m = scan.detector_m if len(scan.detector_m) == 1 else scan.detector_m[steps]
-    yield DETECTOR, detector_m.ravel()
-    yield INPUTS, np.array(inputs, float)
-    yield FIRST_BIN, float(scan.first_bin_s)
-    yield BINS, scan.bins
-    if scan.time_origin == "laser":
-        yield DELAY, scan.rectified_by_s()[steps].ravel()
-    if scan.fade_from_s is not None:
-        yield FADE, float(scan.fade_from_s)
-    yield _COUNT, 0
+def _head(scan: ScanFile, steps: NDArray[np.int64], duration_s: float) -> RecordsHead:
+    return RecordsHead(
+        comment=f"from {scan.path.name}; marker 1: point, 2: line, 3: frame",
+        laser_m=scan.laser_m[steps],
+        detector_m=scan.detector_m if len(scan.detector_m) == 1 else scan.detector_m[steps],
+        inputs=tuple(channel.input for channel in scan.channels),
+        bins=scan.bins,
+        bin_width_s=scan.bin_width_s,
+        first_bin_s=scan.first_bin_s,
+        rate_hz=_rate_hz(scan),
+        duration_s=duration_s,
+        delay_s=scan.rectified_by_s()[steps] if scan.time_origin == "laser" else None,
+        fade_from_s=scan.fade_from_s,
+    )
 
 
 def _masks(laser_m: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return (n,) which markers each point has; a line goes on as long as one coordinate stays."""
+    """Return (n,) which markers each point has."""
     masks = np.full(len(laser_m), 1 << POINT_MARKER - 1, np.uint8)
-    masks[0] |= 1 << LINE_MARKER - 1 | 1 << FRAME_MARKER - 1
-    moved = np.abs(np.diff(laser_m, axis=0)) > _SAME_M
-    across = 0 if len(moved) and not moved[0, 0] else 1  # the coordinate that stays in the first line
-    masks[1:][moved[:, across]] |= 1 << LINE_MARKER - 1
+    masks[begins_line(laser_m)] |= 1 << LINE_MARKER - 1
+    masks[0] |= 1 << FRAME_MARKER - 1
     return masks
 
 
@@ -205,8 +160,3 @@ def _point(
         np.zeros(1, np.int64),
     )
     return batch, start + pulses
-
-
-def _put(file: BinaryIO, place: int, data: bytes) -> None:
-    file.seek(place)
-    file.write(data)

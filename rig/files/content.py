@@ -2,7 +2,6 @@
 
 import json
 import os
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.files.description import Settings
-from rig.files.journal import Chunk
 from rig.files.layout import SCAN
 
 #: A row of the table of events.
@@ -50,14 +48,6 @@ class Note:
     last: int
     kind: str
     sentence: str
-
-
-def write_counts(file: h5py.File, chunk: Chunk) -> None:
-    """Write a chunk of counts, not yet marked as measured, and its checksum."""
-    counts = file["transients/counts"]
-    counts.id.write_direct_chunk((chunk.first, *(0 for _ in counts.shape[1:])), chunk.packed)
-    if "checksum" in file["transients"]:
-        file["transients/checksum"][chunk.first // counts.chunks[0]] = zlib.crc32(chunk.packed)
 
 
 def mark(file: h5py.File, first: int, live_time_s: NDArray[np.float32]) -> None:
@@ -135,43 +125,6 @@ def write_stop(file: h5py.File, said: Mapping[str, Any]) -> None:
     stop = file.require_group("stop")
     stop.attrs["description"] = SCAN["/stop"].what
     stop.attrs.update(said)
-
-
-def written_here(file: h5py.File) -> bool:
-    """Return whether the counts are stored as `ScanWriter` stores them, so that it can add chunks."""
-    transients = file["transients"]
-    if not ({"counts", "done", "live_time_s"} <= set(transients) and "start" in file):
-        return False
-    counts = transients["counts"]
-    own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
-    return own_filters and counts.scaleoffset is None and counts.chunks[1:] == counts.shape[1:]
-
-
-def altered(file: h5py.File, checksum: NDArray[np.uint32]) -> NDArray[np.bool_]:
-    """Return which steps are marked as measured though their chunk is not what was written.
-
-    Parameters
-    ----------
-    file
-        A scan file with histograms.
-    checksum
-        (chunks,) CRC-32 of each chunk as it is stored.
-    """
-    counts, done = file["transients/counts"], file["transients/done"][()].astype(bool)
-    size, wrong = counts.chunks[0], np.zeros(len(done), bool)
-    for number, expected in enumerate(checksum.tolist()):
-        steps = slice(number * size, (number + 1) * size)
-        if done[steps].any() and _stored_crc(counts, number * size) != expected:
-            wrong[steps] = done[steps]
-    return wrong
-
-
-def _stored_crc(counts: h5py.Dataset, first: int) -> int | None:
-    """Return the CRC-32 of a chunk as it is stored, None if it cannot be read."""
-    try:
-        return zlib.crc32(counts.id.read_direct_chunk((first, *(0 for _ in counts.shape[1:])))[1])
-    except (OSError, RuntimeError, ValueError, KeyError):
-        return None
 
 
 def datasets(file: h5py.File) -> list[h5py.Dataset]:

@@ -56,6 +56,8 @@ class ScanDescription:
         (S, 2) commanded mirror angles.
     dtype
         Type of the counts; a floating type says that they are expectations, not photons.
+    tagged
+        Whether the file is to hold the bin of each photon rather than histograms.
     """
 
     laser_m: NDArray[np.float64]
@@ -78,6 +80,7 @@ class ScanDescription:
     dtype: DTypeLike = "<u4"
     delay_s: NDArray[np.float64] | None = None
     mirror_rad: NDArray[np.float64] | None = None
+    tagged: bool = False
 
     def __post_init__(self) -> None:
         steps = len(self.laser_m)
@@ -90,6 +93,8 @@ class ScanDescription:
             )
         if self.bins < 1 or not self.bin_width_s > 0:
             raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
+        if self.tagged and np.dtype(self.dtype).kind == "f":
+            raise ValueError("expectations are no photons that could be listed; take histograms")
         if self.channels and len(self.channels) != self.channel_count:
             raise ValueError(f"{len(self.channels)} channels, but detector_m has {self.channel_count}")
         if self.delay_s is not None and self.delays is not None:
@@ -111,3 +116,30 @@ class ScanDescription:
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
         return "wall" if self.delays is None and self.delay_s is None else "laser"
+
+    def rectified_by_s(self) -> NDArray[np.float64] | None:
+        """Return (S, C) what to subtract for rectified time; None where that is nothing."""
+        if self.delay_s is not None:
+            return np.broadcast_to(self.delay_s.reshape(self.steps, -1), (self.steps, self.channel_count))
+        if self.delays is None:
+            return None
+        detector_m = self.detector_m.reshape(-1, self.channel_count, 3)
+        return rectified_by_s(self.delays, self.channels, self.laser_m, detector_m)
+
+
+def rectified_by_s(
+    delays: PathDelays, channels: tuple[Channel, ...], laser_m: NDArray, detector_m: NDArray
+) -> NDArray[np.float64]:
+    """Return (S, C) what to subtract from recorded time for rectified time.
+
+    Parameters
+    ----------
+    delays
+        Of the paths.
+    channels
+        The C channels, each with its own delay; none where that is not known.
+    laser_m, detector_m
+        (S, 3) and (1 or S, C, 3) spots.
+    """
+    of_channel_s = np.array([channel.delay_s for channel in channels] or 0.0)
+    return delays.delay_s(laser_m[:, None], detector_m) + of_channel_s

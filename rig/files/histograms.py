@@ -11,6 +11,7 @@ from recon.capture import Histograms
 from rig.errors import DataFileError
 from rig.files.blocks import read, spans
 from rig.files.check import reading
+from rig.files.form_counts import CHUNK_HISTOGRAMS
 
 #: Bytes of counts in a block: a few chunks, and small beside any machine's memory.
 BLOCK_BYTES = 16 * 2**20
@@ -120,53 +121,64 @@ class TaggedHistograms:
         File name, for errors.
     photons
         (photons,) dataset of bin indices, pair by pair.
-    offset
-        (pairs + 1,) first photon of each pair of step and channel, then the total.
+    where
+        (pairs,) first photon of each pair of step and channel, and (pairs,) the one after its last.
     bins
         Number of bins.
-    done
+    wanted
         (pairs,) which pairs to give.
     """
 
     def __init__(
-        self, path: Path, photons: h5py.Dataset, offset: NDArray[np.int64], bins: int, done: NDArray[np.bool_]
+        self,
+        path: Path,
+        photons: h5py.Dataset,
+        where: tuple[NDArray[np.int64], NDArray[np.int64]],
+        bins: int,
+        wanted: NDArray[np.bool_],
     ) -> None:
         self._path = path
         self._photons = photons
-        self._offset = offset
         self._bins = bins
-        self._done = done
+        self._pairs = np.flatnonzero(wanted)
+        self._first, self._stop = (edges[wanted] for edges in where)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Number of positions and number of bins."""
-        return int(np.count_nonzero(self._done)), self._bins
+        return len(self._pairs), self._bins
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
-        """Yield (positions, counts) in order; the positions count those that were measured."""
+        """Yield (positions, counts) in order; the positions count those that are wanted."""
+        # whole chunks, as of stored histograms: what is made of the blocks is then the same to the last bit
         rows = _rows_of_a_block(self._bins * 4)
-        given = 0
-        for start in range(0, len(self._done), rows):
-            wanted = self._done[start : start + rows]
-            if not wanted.any():
-                continue
-            counts = self._histograms(start, start + len(wanted))[wanted][:, bins]
-            yield slice(given, given + len(counts)), counts
-            given += len(counts)
+        rows = max(rows // CHUNK_HISTOGRAMS * CHUNK_HISTOGRAMS, min(rows, CHUNK_HISTOGRAMS))
+        for start in range(0, len(self._pairs), rows):
+            some = slice(start, min(start + rows, len(self._pairs)))
+            yield some, self._histograms(some)[:, bins]
 
-    def _histograms(self, start: int, stop: int) -> NDArray[np.uint32]:
-        """Return the (stop - start, bins) histograms of these positions."""
-        edges = self._offset[start : stop + 1]
-        with reading(self._path):
-            index = read(self._photons, slice(int(edges[0]), int(edges[-1]))).astype(np.int64)
+    def _histograms(self, some: slice) -> NDArray[np.uint32]:
+        """Return the (n, bins) histograms of these rows."""
+        first, stop = self._first[some], self._stop[some]
+        index = np.concatenate([np.zeros(0, np.int64), *self._runs(first[first < stop], stop[first < stop])])
         if index.size and (index.min() < 0 or index.max() >= self._bins):
             raise DataFileError(
-                f"{self._path} has a photon in bin {index.max()} of {self._bins} bins, "
-                f"at positions {start} to {stop - 1}; /transients@bins must be larger than every bin index"
+                f"{self._path} has a photon in bin {index.max()} of {self._bins} bins, at positions "
+                f"{self._pairs[some][0]} to {self._pairs[some][-1]}; /transients@bins must be larger than "
+                "every bin index"
             )
-        row = np.repeat(np.arange(stop - start), np.diff(edges))
-        flat = np.bincount(row * self._bins + index, minlength=(stop - start) * self._bins)
-        return flat.reshape(stop - start, self._bins).astype(np.uint32)
+        row = np.repeat(np.arange(len(first)), stop - first)
+        flat = np.bincount(row * self._bins + index, minlength=len(first) * self._bins)
+        return flat.reshape(len(first), self._bins).astype(np.uint32)
+
+    def _runs(self, first: NDArray[np.int64], stop: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+        """Yield the photons, those that follow one another in the file at once; none between is touched."""
+        cuts = np.flatnonzero(first[1:] != stop[:-1])
+        begins = first[np.concatenate([[0], cuts + 1])] if len(first) else first
+        ends = stop[np.concatenate([cuts, [len(stop) - 1]])] if len(first) else stop
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            with reading(self._path):
+                yield read(self._photons, slice(begin, end)).astype(np.int64)
 
 
 def _rows_of_a_block(row_bytes: int) -> int:

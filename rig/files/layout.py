@@ -187,7 +187,8 @@ SCAN: Layout = {
     ),
     "/transients/photon_offset": Entry(
         "unsigned",
-        "time-tagged form: first photon of each step and channel, then the total",
+        "time-tagged form: first photon of each step and channel, then the total; means nothing at steps "
+        "that are not measured",
         ("steps*channels+1",),
     ),
     "/transients/done": Entry("bool", "whether the step has been measured", ("steps",)),
@@ -198,9 +199,16 @@ SCAN: Layout = {
     ),
     "/transients/checksum": Entry(
         "unsigned",
-        "CRC-32 of each chunk of counts as it is stored; a chunk that differs was altered since, and its "
-        "steps count as not measured",
+        "CRC-32 of each chunk of counts, or of photons, as it is stored; a chunk that differs was altered "
+        "since, and its steps count as not measured",
         ("chunks",),
+    ),
+    "/transients/step_checksum": Entry(
+        "unsigned",
+        "time-tagged form: CRC-32 of the step's entries of photon_offset, from that of its first channel to "
+        "that of the next step's, 8 bytes each, little endian; where it differs, the step counts as not "
+        "measured",
+        ("steps",),
     ),
     "/events": Entry(
         "table",
@@ -272,7 +280,7 @@ VOLUME: Layout = {
     "/volume/x_m": Entry("float", "voxel centres along x [m]", ("x",), required=True),
     "/volume/y_m": Entry("float", "voxel centres along y [m]", ("y",), required=True),
     "/volume/z_m": Entry("float", "voxel centres along z [m], the depth", ("z",), required=True),
-    "/volume/t_s": Entry("float", "times of the transient camera's frames [s]", ("t",)),
+    "/volume/t_s": Entry("float", "times of frames [s], after the flash or since the scan began", ("t",)),
     "/volume/depth_m": Entry(
         "float", "depth of the surface seen at each pixel [m]; NaN where nothing", ("y", "x")
     ),

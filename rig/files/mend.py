@@ -4,7 +4,6 @@ import io
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -12,7 +11,7 @@ import numpy as np
 
 from rig.atomic import appearing
 from rig.errors import DataFileError, RefusedError
-from rig.files import content
+from rig.files import content, forms
 from rig.files.content import Note
 from rig.files.journal import Chunk, Journal, Kind, Record, journal_of, sync_folder
 
@@ -55,36 +54,19 @@ def head_of(file: h5py.File) -> bytes:
             for name in file:
                 if name != "transients":
                     file.copy(name, head)
-            _copy_without_counts(file["transients"], head.create_group("transients"))
+            _copy_without_photons(file, head)
         return memory.getvalue()
 
 
-def _copy_without_counts(old: h5py.Group, new: h5py.Group) -> None:
+def _copy_without_photons(file: h5py.File, head: h5py.File) -> None:
+    old, new, form = file["transients"], head.create_group("transients"), forms.of_file(file)
     new.attrs.update(old.attrs)
     for name in old:
-        if name != "counts":
+        if name not in form.DATASETS:
             old.copy(name, new)
-    counts = old["counts"]
-    empty = new.create_dataset(
-        "counts",
-        counts.shape,
-        counts.dtype,
-        chunks=counts.chunks,
-        compression=counts.compression,
-        compression_opts=counts.compression_opts,
-        shuffle=counts.shuffle,
-    )
-    empty.attrs.update(counts.attrs)
+    form.copy_empty(old, new)
     new["done"][:] = False
     new["live_time_s"][:] = np.nan
-
-
-def chunks_of(file: h5py.File, measured: int) -> Iterator[Chunk]:
-    """Yield the first ``measured`` steps of a scan file as they are stored."""
-    counts, live_time_s = file["transients/counts"], file["transients/live_time_s"][:measured]
-    for first in range(0, measured, counts.chunks[0]):
-        _, packed = counts.id.read_direct_chunk((first, *(0 for _ in counts.shape[1:])))
-        yield Chunk(first, live_time_s[first : first + counts.chunks[0]], packed)
 
 
 def rebuild(journal: Journal, target: Path) -> None:
@@ -99,31 +81,40 @@ def rebuild(journal: Journal, target: Path) -> None:
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     target.write_bytes(journal.payload(head))
     with content.written(target) as file:
-        for record, rows in _measured(journal, records).values():
+        form, measured = forms.of_file(file)(file), 0
+        for record, rows in _measured(journal, records):
             chunk = Chunk.from_bytes(journal.payload(record))
-            content.write_counts(file, chunk)
+            form.restore(chunk, rows)
             content.mark(file, chunk.first, chunk.live_time_s[:rows])
+            measured = chunk.first + rows
+        form.finish(measured)
         for record in records:
             _apply(file, record.kind, journal, record)
     with target.open("rb+") as written:
         os.fsync(written.fileno())
 
 
-def _measured(journal: Journal, records: list[Record]) -> dict[int, tuple[Record, int]]:
-    """Return the newest record of each chunk by its first step, and how many of its steps are measured."""
-    newest: dict[int, tuple[Record, int]] = {}
+def _measured(journal: Journal, records: list[Record]) -> list[tuple[Record, int]]:
+    """Return the chunks that count, in the order of their steps, and how many steps of each are measured.
+
+    A chunk takes the place of all from its first step on, and a withdrawal that of all from its step on.
+    """
+    kept: list[tuple[int, int, Record]] = []
     for record in records:
         if record.kind is Kind.CHUNK:
             first, rows = Chunk.place(journal.payload(record, Chunk.PLACE_BYTES))
-            newest[first] = record, rows
         elif record.kind is Kind.WITHDRAWN:
-            first = journal.said(record)
-            newest = {
-                start: (one, min(rows, first - start))
-                for start, (one, rows) in newest.items()
-                if start < first
-            }
-    return newest
+            first, rows = journal.said(record), 0
+        else:
+            continue
+        while kept and kept[-1][0] >= first:
+            kept.pop()
+        if kept:
+            start, before, one = kept.pop()
+            kept.append((start, min(before, first - start), one))
+        if rows:
+            kept.append((first, rows, record))
+    return [(record, rows) for _, rows, record in kept]
 
 
 def _apply(file: h5py.File, kind: Kind, journal: Journal, record: Record) -> None:

@@ -16,8 +16,6 @@ import numpy as np
 from rig.errors import DataFileError, printable
 
 MAGIC_RECORDS, MAGIC_HISTOGRAMS = b"PQTTTR\0\0", b"PQHISTO\0"
-#: What older files begin with: one layout for each instrument and version.
-OLDER = (b"HydraHarp", b"TimeHarp 200", b"PicoHarp 300")
 
 #: Where our own files keep what records cannot say; other programs pass over it.
 #: Spots [m]: the laser's (P, 3), and the detector's (1 or P, C, 3).
@@ -26,6 +24,11 @@ LASER, DETECTOR = "NLOS_LaserSpots", "NLOS_DetectorSpots"
 INPUTS, FIRST_BIN, DELAY, BINS = "NLOS_Inputs", "NLOS_FirstBin", "NLOS_Delay", "NLOS_Bins"
 #: Rectified time before which the record holds the wall's own light [s].
 FADE = "NLOS_FadeFrom"
+#: Of a file that was recorded while the scan ran, in which a line may be twice. For each sweep of the mirror
+#: the sync pulse with which it begins and its first step, (K, 2), -1 for sweeps that did not come; how many
+#: steps can be trusted, -1 where nobody said; by how much the mirror trails its command [s];
+#: exposures [s], (P,).
+SWEEPS, STEPS, LAG, EXPOSURE = "NLOS_Sweeps", "NLOS_Steps", "NLOS_Lag", "NLOS_Exposures"
 #: Markers of a point, a line and a frame, counted from 1.
 POINT_MARKER, LINE_MARKER, FRAME_MARKER = 1, 2, 3
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
-from rig.files import content, mend
+from rig.files import content, forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import check_format, check_layout, plain, reading
 from rig.files.content import Note
-from rig.files.description import Settings
+from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal
 from rig.files.layout import SCANS
@@ -243,15 +243,11 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._check_stored(counts)
+            self._check_stored(counts, int(np.count_nonzero(self._marked)) * prod(counts.shape[1:]))
         else:
-            photons, offset = transients["photons"], read(transients["photon_offset"]).astype(np.int64)
-            if offset[0] != 0 or offset[-1] != len(photons) or (np.diff(offset) < 0).any():
-                raise DataFileError(
-                    f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
-                    f"it goes from {offset[0]} to {offset[-1]}"
-                )
-            self._offset = offset
+            photons = transients["photons"]
+            self._spans = self._read_offsets(photons)
+            self._check_stored(photons, int((self._spans[1] - self._spans[0]).sum()))
             self.bins = self._tagged_bins(photons)
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
@@ -262,24 +258,44 @@ class ScanFile(RecordedFile):
                 f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
             )
 
-    def _check_stored(self, counts: h5py.Dataset) -> None:
-        """Refuse counts that claim to be measured and were never written, or are packed as no counts are."""
-        if counts.chunks is None:
+    def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
+        """Refuse values that claim to be measured and were never written, or are packed as none are."""
+        if values.chunks is None:
             return
-        chunk_bytes = prod(counts.chunks) * counts.dtype.itemsize
-        written, packed = counts.id.get_num_chunks() * chunk_bytes, counts.id.get_storage_size()
-        measured = np.count_nonzero(self._marked) * prod(counts.shape[1:]) * counts.dtype.itemsize
-        if written < measured:
+        what = values.name.rsplit("/", 1)[-1]
+        itemsize = values.dtype.itemsize
+        written = values.id.get_num_chunks() * prod(values.chunks) * itemsize
+        packed = values.id.get_storage_size()
+        if written < measured * itemsize:
             raise DataFileError(
-                f"{self.path} says that {measured} bytes of counts were measured, but chunks of {written} "
-                "bytes were written; it is damaged: copy it again, or measure again"
+                f"{self.path} says that {measured * itemsize} bytes of {what} were measured, but chunks of "
+                f"{written} bytes were written; it is damaged: copy it again, or measure again"
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its counts claim {written / 1e9:.3g} GB and are packed into "
+                f"{self.path}: its {what} claim {written / 1e9:.3g} GB and are packed into "
                 f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
                 "less: h5repack -f GZIP=1"
             )
+
+    def _read_offsets(self, photons: h5py.Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the first photon of each pair of step and channel, and the one after its last.
+
+        What is said of steps that are not measured is not looked at: it may be anything while a file is
+        written. They have no photons.
+        """
+        offset = read(self._file["transients/photon_offset"]).astype(np.int64)
+        done = np.repeat(self.done, len(self.detector_m[0]))
+        first, stop = offset[:-1] * done, offset[1:] * done
+        edges = np.column_stack([first, stop])[done].ravel()
+        all_of_it = offset[0] == 0 and offset[-1] == len(photons)
+        rising = (np.diff(edges, prepend=0, append=len(photons)) >= 0).all()
+        if not rising or (done.all() and not all_of_it):
+            raise DataFileError(
+                f"{self.path}: /transients/photon_offset must rise from 0 to the {len(photons)} photons; "
+                f"it goes from {offset[0]} to {offset[-1]}"
+            )
+        return first, stop
 
     def _tagged_bins(self, photons: h5py.Dataset) -> int:
         """Return the number of bins of the time-tagged form: as said, or else up to the last photon."""
@@ -323,9 +339,10 @@ class ScanFile(RecordedFile):
     def altered(self) -> NDArray[np.bool_]:
         """(S,) which steps were measured, but were altered in the file since; all False without checksums."""
         with reading(self.path):
-            if "checksum" not in self._file["transients"] or not content.written_here(self._file):
+            if "checksum" not in self._file["transients"] or not forms.written_here(self._file):
                 return np.zeros(self.steps, bool)
-            return content.altered(self._file, read(self._file["transients/checksum"]))
+            form = forms.of_file(self._file)
+            return form.altered(self._file, form.stored_sums(self._file))
 
     @property
     def events(self) -> list[Note]:
@@ -514,6 +531,17 @@ class ScanFile(RecordedFile):
         )
 
     @property
+    def frames(self) -> int:
+        """How often all positions were to be visited, all passes together."""
+        passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
+        return sum(one.frames for one in passes) or 1
+
+    @property
+    def whole_frames(self) -> NDArray[np.int64]:
+        """(n,) frames of which every step was measured; of a plan with one set of positions."""
+        return np.flatnonzero(self.done.reshape(self.frames, -1).all(axis=1))
+
+    @property
     def imaged(self) -> tuple[NDArray[np.int64], Histograms]:
         """(n,) steps whose spots are imaged (of frames those of the first), and the counts there.
 
@@ -532,16 +560,18 @@ class ScanFile(RecordedFile):
                 f"{self.path} holds {len(passes)} passes with other settings or positions each: they are no "
                 "one picture. It is raw data of a calibration"
             )
-        frames = sum(one.frames for one in passes) or 1
+        frames = self.frames
         size = self.steps // frames
-        whole = int(np.count_nonzero(self.done.reshape(frames, size).all(axis=1))) if frames > 1 else 0
+        whole = len(self.whole_frames) if frames > 1 else 0
         if whole < 2:
             steps = done if frames == 1 else done[done < size]
             return steps, self._histograms(np.isin(np.arange(self.steps), steps))
-        each = np.arange(self.steps) // size
-        return np.arange(size), RepeatedHistograms(
-            [self._histograms(each == frame) for frame in range(whole)]
-        )
+        return np.arange(size), RepeatedHistograms(self.histograms_of_frames())
+
+    def histograms_of_frames(self) -> list[Histograms]:
+        """Return the counts of each whole frame, in order; of a plan with one set of positions."""
+        each = np.arange(self.steps) // (self.steps // self.frames)
+        return [self._histograms(each == frame) for frame in self.whole_frames.tolist()]
 
     def _histograms(self, wanted: NDArray[np.bool_]) -> Histograms:
         """Return the counts of (S,) wanted steps."""
@@ -549,7 +579,7 @@ class ScanFile(RecordedFile):
         if not self.tagged:
             return DenseHistograms(self.path, transients["counts"], np.flatnonzero(wanted))
         pairs = np.repeat(wanted, len(self.channels))
-        return TaggedHistograms(self.path, transients["photons"], self._offset, self.bins, pairs)
+        return TaggedHistograms(self.path, transients["photons"], self._spans, self.bins, pairs)
 
     def rectified_by_s(
         self, delays: PathDelays | None = None, laser_m: NDArray | None = None
@@ -567,8 +597,7 @@ class ScanFile(RecordedFile):
         if delays is None:
             return np.zeros((self.steps, len(self.channels)))
         laser_m = self.laser_m if laser_m is None else laser_m
-        of_channel_s = np.array([channel.delay_s for channel in self.channels])
-        return delays.delay_s(laser_m[:, None], self.detector_m) + of_channel_s
+        return rectified_by_s(delays, self.channels, laser_m, self.detector_m)
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""
@@ -610,7 +639,9 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
     kind = "time-tagged photons" if scan.tagged else "histograms"
     lines = {
         "status": scan.status + (f" ({scan.reason})" if scan.reason else ""),
-        "positions": f"{scan.steps:,}" + ("" if measured == scan.steps else f", {measured:,} measured"),
+        "positions": f"{scan.steps:,}"
+        + (f", {scan.frames} frames" if scan.frames > 1 else "")
+        + ("" if measured == scan.steps else f", {measured:,} measured"),
         "wall": f"{show_length(high[0] - low[0])} x {show_length(high[1] - low[1])}",
         "detector": ("one spot" if len(scan.detector_m) == 1 else "a spot for each position")
         if len(scan.channels) == 1

@@ -9,15 +9,11 @@ import h5py
 import numpy as np
 
 import rig
+from rig.files import forms
 from rig.files.content import create_events
 from rig.files.description import ScanDescription, Settings
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
 from rig.model.config import RigConfig
-
-#: Histograms in one chunk of the file: 1 MB of 15,000 bins.
-CHUNK_HISTOGRAMS = 16
-#: zlib's quickest level. Measured on sparse counts: level 4 takes nearly twice as long.
-COMPRESSION = 1
 
 
 def utc_now() -> str:
@@ -35,7 +31,7 @@ def start_of(description: ScanDescription) -> bytes:
 
 def _write_start(file: h5py.File, description: ScanDescription) -> None:
     """Write all groups and datasets of a new scan file."""
-    steps, channels, bins = description.steps, description.channel_count, description.bins
+    steps, channels = description.steps, description.channel_count
     write_root(file, "rig-scan", SCAN_VERSION)
     state = description.state
     write_origin(
@@ -69,7 +65,7 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
         file.require_group("calibration_data")[name] = np.asarray(array, "<f8")
     transients = file.create_group("transients")
     transients.attrs["time_origin"] = description.time_origin
-    transients.attrs["bins"] = bins
+    transients.attrs["bins"] = description.bins
     for name in (
         "bin_width_s",
         "first_bin_s",
@@ -81,19 +77,7 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
         value = getattr(description, name)
         if value is not None:
             transients.attrs[name] = float(value)
-    counts = transients.create_dataset(
-        "counts",
-        (steps, channels, bins),
-        description.dtype,
-        chunks=(min(max(CHUNK_HISTOGRAMS // channels, 1), steps), channels, bins),
-        compression="gzip",
-        compression_opts=COMPRESSION,
-        shuffle=True,
-    )
-    counts.attrs["kind"] = "expectation" if counts.dtype.kind == "f" else "photons"
-    transients.create_dataset("done", data=np.zeros(steps, bool))
-    transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"))
-    transients["checksum"] = np.zeros(-(-steps // counts.chunks[0]), "<u4")
+    forms.asked(description).create(transients, description)
     create_events(file)
     describe(file, SCAN)
 

@@ -4,12 +4,10 @@ import json
 import os
 import re
 import shutil
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from itertools import count
-from math import prod
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
@@ -20,12 +18,13 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
-from rig.files import content, mend
+from rig.files import content, forms, mend
 from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
+from rig.files.form_photons import PhotonForm
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
-from rig.files.start import COMPRESSION, start_of, utc_now
+from rig.files.start import start_of, utc_now
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -51,15 +50,10 @@ class ScanWriter:
         self.path = path
         self._file: h5py.File | None = file
         self._journal = journal
-        self._counts = file["transients/counts"]
+        self._form = forms.of_file(file)(file)
         self._held = content.datasets(file)
-        self.steps, *self._shape = self._counts.shape  # in version 1 there is no axis of channels
-        size = self._counts.chunks[0]
-        self._checksum = np.zeros(-(-self.steps // size), np.uint32)
+        self.steps = self._form.steps
         self._live = np.full(self.steps, np.nan, "<f4")
-        self._photons = np.zeros(self.steps)
-        self._buffer = np.zeros((size, *self._shape), self._counts.dtype)
-        self._first = 0  # step of the buffer's first row
         self.appended = 0
         self._journaled = self._written = self._marked = 0  # steps: in the journal, in the HDF5 file, marked
         self._notes: list[Note] = []
@@ -153,24 +147,21 @@ class ScanWriter:
         assert self._file is not None
         done = self._file["transients/done"][()]
         measured = int(np.count_nonzero(done))
-        size = len(self._buffer)
         self._live[:measured] = self._file["transients/live_time_s"][:measured]
-        for chunk in mend.chunks_of(self._file, measured):
-            self._checksum[chunk.first // size] = zlib.crc32(chunk.packed)
-        for first in range(0, measured, size):
-            rows = slice(first, min(first + size, measured))
-            self._buffer[: rows.stop - first] = self._counts[rows]
-            self._photons[rows] = _photons(self._buffer[: rows.stop - first])
-            self._first = first
+        written = self._form.take_up(measured)
         self._notes = content.read_events(self._file)
         self._newest = {(note.kind, note.sentence): row for row, note in enumerate(self._notes)}
         self.appended = self._journaled = self._marked = self.safe = measured
-        whole = measured in {self._first + size, self.steps}
-        self._written = measured if whole else self._first  # a part of a chunk will be written again
+        self._written = written
         self._unmark()
 
+    @property
+    def tagged(self) -> bool:
+        """Whether the file holds the bin of each photon rather than histograms."""
+        return isinstance(self._form, PhotonForm)
+
     def append(self, counts: NDArray, live_time_s: float = float("nan")) -> None:
-        """Add the next step.
+        """Add the next step, counted; a time-tagged file takes its photons in the order of their bins.
 
         Parameters
         ----------
@@ -186,21 +177,47 @@ class ScanWriter:
         DataFileError
             If the file cannot be written, e.g. on a full disk; nothing more will be written then.
         """
+        self._make_room()
+        self._form.put(self.appended, counts)
+        self._live[self.appended] = live_time_s
+        self.appended += 1
+
+    def append_photons(
+        self, photon_bins: NDArray, of_channel: NDArray, live_time_s: float = float("nan")
+    ) -> None:
+        """Add the next step, photon by photon, to a time-tagged file.
+
+        Parameters
+        ----------
+        photon_bins
+            (photons,) bin of each photon, channel after channel; copied.
+        of_channel
+            (channels,) how many of them each channel has.
+        live_time_s
+            Measurement time of this step, NaN where unknown.
+
+        Raises
+        ------
+        ValueError
+            If shape, type or a bin does not fit, all steps are there already, or the file is of histograms.
+        DataFileError
+            If the file cannot be written, e.g. on a full disk; nothing more will be written then.
+        """
+        if not isinstance(self._form, PhotonForm):
+            raise ValueError(f"{self.path} is of histograms: it takes counts, not photons")
+        self._make_room()
+        self._form.put_photons(self.appended, photon_bins, of_channel)
+        self._live[self.appended] = live_time_s
+        self.appended += 1
+
+    def _make_room(self) -> None:
+        """Write what is gathered if it is enough, so that a further step can come."""
         if self.appended == self.steps:
             raise ValueError(f"{self.path} has all its {self.steps} steps")
-        shape = tuple(self._shape)
-        alone = prod(shape[:-1]) == 1
-        if np.shape(counts) != shape and not (alone and np.shape(counts) in {shape[-1:], (1, *shape[-1:])}):
-            raise ValueError(f"counts must be {shape}, not {np.shape(counts)}")
-        if self.appended - self._first == len(self._buffer):
+        if self._form.full(self.appended):
             self._require_space()
             self._keep()
-            self._first = self.appended
-        row = self.appended - self._first
-        np.copyto(self._buffer[row], np.reshape(counts, shape))
-        self._live[self.appended] = live_time_s
-        self._photons[self.appended] = _photons(self._buffer[row : row + 1])[0]
-        self.appended += 1
+            self._form.turn(self.appended)
 
     def note(self, sentence: str, first: int, last: int, kind: str = "warning") -> None:
         """Note what happened at some steps; it is kept with the next checkpoint.
@@ -255,7 +272,7 @@ class ScanWriter:
         """
         assert self._file is not None
         with self._writing():
-            content.write_cut(self._file, step, np.reshape(counts, tuple(self._shape)), live_time_s)
+            content.write_cut(self._file, step, np.reshape(counts, self._form.shape), live_time_s)
             self._file.flush()
 
     def withdraw(self, first: int) -> None:
@@ -269,15 +286,11 @@ class ScanWriter:
         if first >= self.appended or self._broken:
             return
         with self._writing():
-            buffer, kept = self._buffer, self._first
-            if first < kept:
-                size = len(buffer)
-                kept = first // size * size
-                buffer = self._counts[kept : kept + size]
-            journaled, written = min(self._journaled, first), min(self._written, kept)
+            gathered, written = self._form.before(first)
+            journaled, written = min(self._journaled, first), min(self._written, written)
             # one statement without a call in it: no exception comes between its parts
-            self.appended, self._first, self._buffer, self._journaled, self._written = (
-                first, kept, buffer, journaled, written
+            self.appended, self._form.at, self._journaled, self._written = (
+                first, gathered, journaled, written
             )  # fmt: skip
             if self._journal is not None:
                 self._journal.say(Kind.WITHDRAWN, first)
@@ -326,38 +339,28 @@ class ScanWriter:
             self._unsaid.clear()
 
     def _keep(self, *, last: bool = False) -> None:
-        """Write notes and the buffer to the journal, the buffer to the HDF5 file if it is whole or the last.
+        """Write notes and steps to the journal, and to the HDF5 file what of it is whole, or the last.
 
         Notes go first: what was noted of a step is never lost while its counts are there.
         """
         assert self._file is not None
-        rows = self.appended - self._first
-        whole = last or rows == len(self._buffer) or self.appended == self.steps
         with self._writing():
             if self._journal is not None:
                 for row, note in self._news():
                     self._journal.say(Kind.EVENT, (row, asdict(note)))
-            if self._journaled == self.appended and not (whole and self._written < self.appended):
+            due = self._form.due(self._written, self.appended, last=last)
+            if self._journaled == self.appended and not due:
                 return
-            chunk = Chunk(self._first, self._live[self._first : self.appended], self._packed())
+            chunk = self._form.packed(self._journaled, self.appended, self._live)
             if self._journal is not None and self._journaled < self.appended:
                 self._journal.add(Kind.CHUNK, chunk.to_bytes())
             self._journaled = self.appended
-            if whole and rows:
-                content.write_counts(self._file, chunk)
-                self._checksum[self._first // len(self._buffer)] = zlib.crc32(chunk.packed)
-                self._written = self.appended
+            if due:
+                self._written = self._form.write(chunk, self._written, self.appended, last=last)
 
     def _news(self) -> list[tuple[int, Note]]:
         """Return the notes that are new or longer since the last checkpoint, with their rows."""
         return [(row, self._notes[row]) for row in sorted(self._unsaid) if row < len(self._notes)]
-
-    def _packed(self) -> bytes:
-        """Return the buffer as HDF5's own filters would: shuffled and deflated, in nearly half their time."""
-        self._buffer[self.appended - self._first :] = 0
-        itemsize = self._buffer.itemsize
-        shuffled = np.ascontiguousarray(self._buffer.view(np.uint8).reshape(-1, itemsize).T)
-        return zlib.compress(shuffled.data, COMPRESSION)
 
     def close(self, status: Status, reason: str = "", warnings: Sequence[str] = ()) -> None:
         """Write what is left and the closing record, close the file, and read it back.
@@ -395,7 +398,7 @@ class ScanWriter:
             "status": status,
             "reason": reason,
             "stopped": utc_now(),
-            "photons": float(self._photons[: self.appended].sum()),
+            "photons": self._form.photons(self.appended),
             "warnings": json.dumps(list(sentences)),
         }
         with self._writing():
@@ -437,7 +440,7 @@ class ScanWriter:
         with _named(self.path, "read back"), h5py.File(self.path, "r") as file:
             marked = file["transients/done"][()]
             right = marked[: self.appended].all() and not marked[self.appended :].any()
-            if not right or content.altered(file, self._checksum).any():
+            if not right or self._form.altered(file, self._form.sums).any():
                 raise DataFileError(
                     f"{self.path} is not what was written to it: is its disk failing? All that was measured "
                     f"is in {journal_of(self.path)}. Copy both to another disk; rig reads them together"
@@ -446,7 +449,7 @@ class ScanWriter:
     def _require_space(self) -> None:
         """Raise while there is still room to close the file in order."""
         free = shutil.disk_usage(self.path.absolute().parent).free
-        if free < RESERVE_BYTES + 8 * self._buffer.nbytes:  # the chunk at hand, and another, in both files
+        if free < RESERVE_BYTES + self._form.room_bytes:
             raise DataFileError(
                 f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
                 "measured is in the file. Free some space, and go on with rig resume"
@@ -567,7 +570,7 @@ def _journal_of(path: Path) -> Journal:
         beyond = scan.done[measured:].any()
         warnings = scan.warnings
     with _named(path, "read"), h5py.File(path, "r") as file:
-        if not content.written_here(file):
+        if not forms.written_here(file):
             raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
         notes = content.read_events(file)
         if not notes:  # an older program did not write where warnings were
@@ -583,7 +586,7 @@ def _journal_of(path: Path) -> Journal:
             notes.append(Note(utc_now(), measured, scan.steps - 1, "warning", told))
         journal = Journal(journal_of(path), new=True)
         try:
-            _begin(journal, mend.head_of(file), mend.chunks_of(file, measured), notes)
+            _begin(journal, mend.head_of(file), forms.of_file(file).chunks(file, measured), notes)
         except BaseException:
             journal.remove()
             raise
@@ -608,11 +611,6 @@ def _reason(error: BaseException) -> str:
     if told := re.search(r"errno = (\d+)", str(error)):  # HDF5 wraps the system's reason in its own words
         return os.strerror(int(told[1]))
     return str(error).splitlines()[0] if str(error) else type(error).__name__
-
-
-def _photons(rows: NDArray) -> NDArray:
-    """Return the sum of the counts of each step."""
-    return rows.reshape(len(rows), -1).sum(axis=1, dtype=np.float64 if rows.dtype.kind == "f" else np.uint64)
 
 
 def _fresh_name(path: Path, what: str) -> Path:

@@ -16,24 +16,29 @@ from recon import defaults
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff
+from recon.frames import FrameImager
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
+from recon.solvers.problem import ignore
 from recon.surface import Surface, find
-from recon.video import Over, Sink, frame_times_s, video
+from recon.video import FRAMES_PER_PULSE, Over, Sink, video
+from recon.video import frame_times_s as moments_s
+from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
 from rig.errors import UsageError, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
+from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
-from rig.show.sheet import frames_figure, refocus_figure
+from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import save, volume_figure
 
@@ -65,6 +70,8 @@ class Request:
     device: str = "cpu"
     calibrations: Path | None = None
     even_bins: bool = False
+    each_frame: bool = False
+    fresh_to_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -135,9 +142,13 @@ def reconstruct(
     began_s = time.monotonic()
     _check(request, video_path)
     with ScanFile(scan_path) as scan:
+        if request.each_frame:
+            check_frames(scan)
         work, reason = chosen(scan, request)
         camera = _camera(work)
-        if not SOLVERS[request.solver].virtual_wave:
+        if request.each_frame:
+            volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
+        elif not SOLVERS[request.solver].virtual_wave:
             volume, warnings, reason = *_classic(work, progress), ""
         elif isinstance(camera, TransientCamera):
             volume, warnings = _film(work, camera, volume_path, progress), _warnings(work, camera)
@@ -148,11 +159,14 @@ def reconstruct(
             work, reason, volume = _still(work, reason, progress)
             warnings = _warnings(work, camera)
         warnings = (*scan.doubts, *_signal(volume), *warnings)
-        if not (volume.t_s is not None and request.all_depths):  # which is written plane by plane
+        if not (request.each_frame or request.all_depths):  # which were written meanwhile
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
     if video_path:
-        save_video(_seen(volume), video_path, compensation="t⁴")
+        shown = _seen(volume)
+        if not request.each_frame and request.frames_s is None:
+            shown = lit(shown, margin=FRAMES_PER_PULSE)
+        save_video(shown, video_path, compensation=_compensation(volume))
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
 
 
@@ -166,7 +180,8 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for; say why this wavelength."""
     seen = _seen_with(scan, request)
     # Light takes the same paths both ways: the side with more spots focuses.
-    seen = dataclasses.replace(seen, capture=seen.capture.by_its_finer_aperture())
+    capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
+    seen = dataclasses.replace(seen, capture=capture)
     choice = _wavelength(request, seen)
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
@@ -248,10 +263,38 @@ def _check(request: Request, video_path: Path | None) -> None:
             f"the {request.camera} camera has no --device: a graphics processor adds the frequencies up at "
             "one moment, and a video reads them at every frame's; leave --device out"
         )
+    _check_each_frame(request)
     if video_path:
         check_video(video_path)
-        if not CAMERAS[request.camera].film:
-            raise UsageError(f"the {request.camera} camera makes no video; add --camera transient")
+        if not (CAMERAS[request.camera].film or request.each_frame):
+            raise UsageError(
+                f"the {request.camera} camera makes no video; add --camera transient, or --each-frame"
+            )
+
+
+def _check_each_frame(request: Request) -> None:
+    """Refuse what does not go with imaging frame by frame."""
+    if not request.each_frame:
+        _refuse(
+            "without --each-frame, so that",
+            {"--fresh-to": request.fresh_to_m is not None},
+            "add it, or leave this out",
+        )
+        return
+    if (request.camera, request.solver) != ("confocal", "rsd"):
+        raise UsageError(
+            f"--each-frame images with the confocal camera and the solver rsd, not with {request.camera} and "
+            f"{request.solver}; leave these out"
+        )
+    _refuse(
+        "frames are imaged one by one, so that",
+        {
+            "--memory": request.memory_bytes is not None,
+            "--device": request.device != "cpu",
+            "--even-bins": request.even_bins,
+        },
+        "leave it out",
+    )
 
 
 def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:
@@ -288,7 +331,7 @@ def _wavelength(request: Request, seen: Seen) -> defaults.Choice:
 def _camera(work: Work) -> Camera:
     name = work.request.camera
     if CAMERAS[name].film:
-        return TransientCamera(frame_times_s(work.capture, work.pulse, work.grid, work.request.frames_s))
+        return TransientCamera(moments_s(work.capture, work.pulse, work.grid, work.request.frames_s))
     return PhotoCamera() if name == "photo" else ConfocalCamera()
 
 
@@ -342,6 +385,22 @@ def _signal(volume: Volume) -> tuple[str, ...]:
     )
 
 
+def _frame_by_frame(
+    scan: ScanFile, work: Work, volume_path: Path, progress: Callable[[float], None] | None
+) -> Volume:
+    """Image frame by frame into the volume file; return what pictures show of it, front views."""
+    grid, times_s = work.grid, frame_times_s(scan)
+    dark = np.zeros((len(times_s), *grid.shape[1:]), np.float32)
+    camera = ConfocalCamera()
+    begun = Image(grid, None, "rsd", work.window, camera, work.pulse, times_s=times_s, frames=dark)
+    fresh_to_m = work.request.fresh_to_m
+    volume = work.volume(begun, each_frame=True, fresh_to_m=fresh_to_m)
+    imager = FrameImager(work.capture, work.pulse, grid, work.window, fresh_to_m=fresh_to_m)
+    frames = scan.histograms_of_frames()
+    fronts = film_frames(frames, imager, volume, volume_path, progress or ignore)
+    return dataclasses.replace(volume, intensity=fronts)
+
+
 def _film(
     work: Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
 ) -> Volume:
@@ -384,8 +443,17 @@ def _sink(path: Path, volume: Volume, all_depths: bool) -> Iterator[Sink | None]
         yield write
 
 
+def _compensation(volume: Volume) -> str:
+    """Say what the intensity of pictures is multiplied with."""
+    if volume.t_s is not None and not volume.parameters.get("each_frame"):
+        return "t⁴"
+    return "z⁴" if _falloff(volume) else ""
+
+
 def _seen(volume: Volume) -> Volume:
     """Compensate the fall-off, so that far objects are seen beside near ones: with depth, or with time."""
+    if volume.parameters.get("each_frame"):
+        return volume  # front views, of which it was done plane by plane
     if volume.t_s is None:
         return dataclasses.replace(
             volume, intensity=compensate_falloff(volume.intensity, volume.z_m, _falloff(volume))
@@ -400,7 +468,7 @@ def _falloff(volume: Volume) -> float:
 
 def _picture(volume: Volume) -> Figure:
     if volume.t_s is not None:
-        return frames_figure(_seen(volume), compensation="t⁴")
+        return frames_figure(_seen(volume), compensation=_compensation(volume))
     if volume.parameters.get("camera") == "photo":
         return refocus_figure(volume)
-    return volume_figure(_seen(volume), compensation="z⁴" if _falloff(volume) else "")
+    return volume_figure(_seen(volume), compensation=_compensation(volume))

@@ -54,7 +54,8 @@ class Result:
         moments = {}
         if volume.t_s is not None:
             first, last = (show(float(t_s), "s") for t_s in (volume.t_s[0], volume.t_s[-1]))
-            moments = {"frames": f"{len(volume.t_s)}, {first} to {last} after the flash"}
+            after = "of the scan" if parameters.get("each_frame") else "after the flash"
+            moments = {"frames": f"{len(volume.t_s)}, {first} to {last} {after}"}
         wave = {}
         if "wavelength_m" in parameters:
             wave = {

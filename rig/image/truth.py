@@ -23,7 +23,8 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
     Parameters
     ----------
     source
-        ``scene:NAME``, a scene of the simulator; or a file: HDF5 with the group ``truth`` (``depth_m`` (y, x)
+        ``scene:NAME``, a scene of the simulator, or ``scene:NAME@10cm,0cm,0cm``, moved so far; or a file:
+        HDF5 with the group ``truth`` (``depth_m`` (y, x)
         with ``x_m`` and ``y_m``, or ``geometry/NAME`` with ``vertices_m`` and ``faces``); a volume file;
         ``.npz`` with ``depth_m`` (y, x), or ``occupied`` (z, y, x) and ``z_m``, with ``x_m`` and ``y_m``; a
         triangle mesh as OBJ, PLY or STL.
@@ -81,6 +82,8 @@ def known_truth(path: Path, scan: ScanFile) -> str | None:
                 return str(path)
     config = scan.config if scan.simulated else None
     if config is None or config.simulation is None or _is_mesh(config.simulation.scene):
+        return None
+    if config.simulation.motion is not None:  # it is at many places, one after the other
         return None
     return f"scene:{config.simulation.scene}"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recon.accumulate import GrowingPicture, Picture, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.window import Window
-from rig.acquire.engine import Ended, Event, LineDone, StepDone
+from rig.acquire.events import Ended, Event, LineDone, StepDone
 from rig.errors import UsageError
 from rig.files.description import ScanDescription
 from rig.model.plan import Grid, ScanPlan

@@ -1,4 +1,4 @@
-"""PicoQuant ``.phu``: histograms, one after the other, each a curve of the instrument."""
+"""PicoQuant ``.phu``, ``.hhd``, ``.phd`` and ``.thd``: histograms, each a curve of the instrument."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,8 @@ from rig.importers.source import Source
 from rig.importers.visits import visits
 
 NAME = "PicoQuant histograms"
-SIGN = ".phu whose curves are the points of a scan"
+SIGN = ".phu, .hhd, .phd or .thd whose curves are the points of a scan"
+_OFFSET = "HistResDscr_MDescOffset"
 PARTS = ("HistoResult_NumberOfCurves", "HistResDscr_DataOffset", "HistResDscr_HistogramBins")
 
 
@@ -42,16 +43,17 @@ def read(source: Source, options: Options) -> Content:
             "check --grid"
         )
     laser_m, detector_m, delay_s = plan.pairs(len(offset))
+    begin_s, begin_told = _begin_s(head)
     return Content(
         laser_m=laser_m,
         detector_m=detector_m,
         bins=bins,
         bin_width_s=width_s,
-        first_bin_s=plan.first_bin_s,
+        first_bin_s=plan.first_bin_s + begin_s,
         dtype=np.dtype("<u4"),
         blocks=_blocks(head, offset, bins),
         delay_s=delay_s,
-        assumed=(*told, *plan.assumed),
+        assumed=(*told, *begin_told, *plan.assumed),
     )
 
 
@@ -71,7 +73,9 @@ def _curves(head: Head) -> tuple[NDArray[np.int64], int, float, tuple[str, ...]]
         )
     if head.number("HistoResult_BitsPerBin", 32) != 32:
         raise DataFileError(f"{head.path}: bins of other than 32 bits are not known")
-    missing = np.flatnonzero((offset < 0) | (offset + 4 * bins > head.size))
+    if (offset < head.end).any() or (np.diff(np.sort(offset)) < 4 * bins[0]).any():
+        raise DataFileError(f"{head.path}: its curves lie in its head, or on one another; it is damaged")
+    missing = np.flatnonzero(offset + 4 * bins > head.size)
     told: tuple[str, ...] = ()
     if len(missing):
         whole = int(missing[0])
@@ -82,6 +86,18 @@ def _curves(head: Head) -> tuple[NDArray[np.int64], int, float, tuple[str, ...]]
             raise DataFileError(f"{head.path} is cut off: none of its {curves} curves is whole")
         offset = offset[:whole]
     return offset.astype(np.int64), int(bins[0]), float(width_s[0]), told
+
+
+def _begin_s(head: Head) -> tuple[float, tuple[str, ...]]:
+    """Return when after a sync pulse the first bin begins, and what is to be said."""
+    late_ns = np.unique(head.numbers(_OFFSET)) if _OFFSET in head.values else np.zeros(1)
+    if len(late_ns) > 1:
+        raise DataFileError(f"{head.path}: its curves begin at different times; they are no one scan")
+    if not late_ns[0]:
+        return 0.0, ()
+    return late_ns[0] * 1e-9, (
+        f"the first bin begins {late_ns[0]:g} ns after a sync pulse, as the file says",
+    )
 
 
 def _blocks(head: Head, offset: NDArray[np.int64], bins: int) -> Iterator[NDArray[np.uint32]]:

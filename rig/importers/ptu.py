@@ -1,4 +1,4 @@
-"""PicoQuant ``.ptu``: time-tagged records of a HydraHarp, whose markers tell the points of a scan."""
+"""PicoQuant ``.ptu``, ``.ht2``, ``.ht3``, ``.pt2``, ``.pt3``: records whose markers tell a scan's points."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -11,13 +11,14 @@ from rig.files.picoquant import MAGIC_RECORDS, POINT_MARKER
 from rig.importers.content import Content
 from rig.importers.options import Options
 from rig.importers.source import Source
+from rig.importers.sweeps import Sweeps
 from rig.importers.visits import Visits, visits
 
 if TYPE_CHECKING:
     from rig.importers.tagged import Records, Survey
 
 NAME = "PicoQuant records"
-SIGN = ".ptu with the records of a HydraHarp or MultiHarp, T2 or T3"
+SIGN = ".ptu, .ht2, .ht3, .pt2 or .pt3 with records of a HydraHarp, MultiHarp or PicoHarp 300, T2 or T3"
 PARTS = ("TTResultFormat_TTTRRecType", "TTResult_NumberOfRecords")
 
 #: A gap between markers of so many usual ones lacks some.
@@ -52,8 +53,11 @@ def read(source: Source, options: Options) -> Content:
         )
     plan = visits(source.head, options)
     inputs = _inputs(seen, plan, options, source.path)
-    marks = Marks.of(plan, options, seen, source.path)
-    start, stop, told = _points(seen, records, plan, marks)
+    sweeps = Sweeps.of(source.head, plan.points)
+    if sweeps is not None:
+        start, stop, told = sweeps.points(seen, records)
+    else:
+        start, stop, told = _points(seen, records, plan, Marks.of(plan, options, seen, source.path))
     low, high = _range(seen, plan, inputs, MOST_BINS)
     laser_m, detector_m, delay_s = plan.pairs(len(start))
     outside = seen.photons - int((stop - start).sum())
@@ -175,14 +179,16 @@ def _points(
     path = records.head.path
     told = [f"{seen.unknown:,} records are of no known kind, and were passed over"] if seen.unknown else []
     is_point = seen.mask & 1 << marks.point - 1 != 0
-    is_line = np.zeros_like(is_point)
+    is_line = marked = np.zeros_like(is_point)
     if marks.line is not None:
-        is_line = seen.mask & 1 << marks.line - 1 != 0
+        is_line = marked = seen.mask & 1 << marks.line - 1 != 0
+        if (is_line & is_point).any():  # a line begins with a point; alone the marker ends it
+            is_line = is_line & is_point
         _check_lines(seen, is_point, is_line, plan, records)
         told.append(
             f"{np.count_nonzero(is_line):,} lines begin at markers, as --line-marker {marks.line} says"
         )
-    edges = is_point | is_line
+    edges = is_point | marked
     ends = np.append(seen.photon[edges][1:], seen.photons)[is_point[edges]]
     begins, tags = seen.photon[is_point], seen.tag[is_point]
     if records.truncated and len(begins) and len(begins) <= plan.points:

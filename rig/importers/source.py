@@ -9,10 +9,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError, printable
+from rig.errors import DataFileError
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
-from rig.files.picoquant import MAGIC_HISTOGRAMS, MAGIC_RECORDS, OLDER, Head, read_head
+from rig.files.older import is_older, read_older_head
+from rig.files.picoquant import MAGIC_HISTOGRAMS, MAGIC_RECORDS, Head, read_head
 from rig.importers.matlab5 import Variables, open_variables
 
 
@@ -203,26 +204,13 @@ def open_source(path: Path) -> Iterator[Source]:
             with reading(path):
                 shapes = dict(_members(hdf5))
             yield Source(path, shapes, hdf5=hdf5)
-    elif head.startswith((MAGIC_RECORDS, MAGIC_HISTOGRAMS)):
-        tags = read_head(path)
+    elif head.startswith((MAGIC_RECORDS, MAGIC_HISTOGRAMS)) or is_older(head):
+        tags = read_older_head(path) if is_older(head) else read_head(path)
         yield Source(path, dict.fromkeys(tags.values), head=tags)
     else:
-        raise DataFileError(_foreign(path, head))
-
-
-def _foreign(path: Path, head: bytes) -> str:
-    """Say what a file is that this program does not read."""
-    older = next((name for name in OLDER if head.startswith(name)), None)
-    if older is not None:
-        version = printable(head[16:22].rstrip(b"\0").decode("latin-1"))
-        return (
-            f"{path} is a file of {older.decode()} in PicoQuant's older format {version}, which has a layout "
-            "of its own for each instrument and version. Only unified files (.ptu, .phu) are read: save or "
-            "convert it as one of them"
+        raise DataFileError(
+            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: it begins with {head[:12]!r}"
         )
-    return (
-        f"{path} is neither HDF5, nor MATLAB, nor a unified file of PicoQuant's: it begins with {head[:12]!r}"
-    )
 
 
 def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:

@@ -24,15 +24,32 @@ from drivers.hydraharp.records import (
 )
 from rig.errors import DataFileError
 from rig.files.picoquant import Head
+from rig.importers.picoharp_records import PicoHarpDecoder
 
-#: Record types by their number in the head; the last two are those of MultiHarp and its kin.
-_FORMATS = {
+
+@dataclass(frozen=True)
+class PicoHarpFormat:
+    """Records of a PicoHarp 300.
+
+    Attributes
+    ----------
+    is_t3
+        Whether tags count sync pulses.
+    """
+
+    is_t3: bool
+
+
+#: Record types by their number in the head; 07 at their end are those of MultiHarp and its kin.
+_FORMATS: dict[int, RecordFormat | PicoHarpFormat] = {
     0x00010204: T2_VERSION_1,
     0x00010304: T3_VERSION_1,
     0x01010204: T2,
     0x01010304: T3,
     0x00010207: T2,
     0x00010307: T3,
+    0x00010203: PicoHarpFormat(is_t3=False),
+    0x00010303: PicoHarpFormat(is_t3=True),
 }
 #: Records decoded at once, and bytes of counts made at once.
 _PIECE, _BLOCK_BYTES = 2**18, 2**25
@@ -61,7 +78,7 @@ class Records:
     """
 
     head: Head
-    format: RecordFormat
+    format: RecordFormat | PicoHarpFormat
     count: int
     truncated: bool
     told: tuple[str, ...]
@@ -78,8 +95,8 @@ class Records:
         kind = int(head.number("TTResultFormat_TTTRRecType"))
         if kind not in _FORMATS:
             raise DataFileError(
-                f"{head.path} holds records of the type {kind:#010x}, which are not those of a HydraHarp or "
-                "a MultiHarp; this program does not know their fields"
+                f"{head.path} holds records of the type {kind:#010x}, which are not those of a HydraHarp, a "
+                "MultiHarp or a PicoHarp 300; this program does not know their fields"
             )
         said, there = int(head.number("TTResult_NumberOfRecords")), (head.size - head.end) // 4
         if 0 < said <= there:
@@ -89,7 +106,7 @@ class Records:
         told = f"the file is cut off: it holds {there:,} whole records of {of}"
         return cls(head, _FORMATS[kind], there, True, (told,))
 
-    def batches(self, width_s: float) -> Iterator[tuple[Batch, NDArray[np.int64], int]]:
+    def batches(self, width_s: float) -> Iterator[tuple[Batch, NDArray[np.integer], int]]:
         """Yield decoded pieces, their photons alone, with each photon's bin and the number of sync pulses.
 
         A photon of T2 without a sync pulse before it has the bin -1.
@@ -99,12 +116,13 @@ class Records:
         DataFileError
             If the records are damaged.
         """
-        decoder, left, sync = Decoder(self.format), self.count, -1
+        decoder, left, sync = _decoder(self.format), self.count, -1
         unit_s = 0.0 if self.format.is_t3 else self.head.number("MeasDesc_GlobalResolution")
-        with self.head.path.open("rb") as file:
+        buffer = np.empty(min(left, _PIECE), "<u4")
+        with self.head.path.open("rb", buffering=0) as file:
             file.seek(self.head.end)
             while left:
-                piece = np.fromfile(file, "<u4", min(left, _PIECE))
+                piece = buffer[: file.readinto(buffer[:left].data) // 4]
                 if not len(piece):
                     raise DataFileError(f"{self.head.path} has become shorter while it was read")
                 left -= len(piece)
@@ -113,11 +131,15 @@ class Records:
                 except DamagedRecordsError as error:
                     raise DataFileError(f"{self.head.path} is damaged: {error}") from None
                 if self.format.is_t3:
-                    yield batch, batch.dtime.astype(np.int64), 0
+                    yield batch, batch.dtime, 0
                 else:
                     bins = np.empty(batch.photons, np.int64)
                     sync = _after_sync(batch.tag, batch.channel, sync, max(1, round(width_s / unit_s)), bins)
                     yield _without_syncs(batch, bins)
+
+
+def _decoder(of: RecordFormat | PicoHarpFormat) -> Decoder | PicoHarpDecoder:
+    return Decoder(of) if isinstance(of, RecordFormat) else PicoHarpDecoder(of.is_t3)
 
 
 def _without_syncs(batch: Batch, bins: NDArray[np.int64]) -> tuple[Batch, NDArray[np.int64], int]:
@@ -240,19 +262,32 @@ def blocks(
         block = np.zeros((min(rows, len(start) - first), len(inputs), len(bins)), np.uint32)
 
 
-@njit(cache=True)
+def photons_before(records: Records, tags: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return how many photons of a T3 file come before each of these rising sync pulses."""
+    found = np.empty(len(tags), np.int64)
+    done = before = 0
+    for batch, _, _ in records.batches(0.0):
+        if batch.photons:
+            here = slice(done, int(np.searchsorted(tags, batch.tag[-1], "right")))
+            found[here] = before + np.searchsorted(batch.tag, tags[here])
+            done, before = here.stop, before + batch.photons
+    found[done:] = before
+    return found
+
+
+@njit(cache=True, nogil=True)
 def _count(block, start, stop, begin, end, photons, low):  # type: ignore[no-untyped-def]
     """Count photons ``begin`` to ``end`` of a batch into the rows to which they belong."""
     bin_of, channel, channel_of = photons
-    row = 0
-    for i in range(begin, end):
-        while row < len(start) and stop[row] <= i:
-            row += 1
-        if row == len(start):
+    bins = block.shape[2]
+    for row in range(np.searchsorted(stop, begin, "right"), len(start)):
+        if start[row] >= end:
             return
-        column, place = channel_of[channel[i]], bin_of[i] - low
-        if i >= start[row] and column >= 0 and 0 <= place < block.shape[2]:
-            block[row, column, place] += 1
+        counts = block[row]
+        for i in range(max(begin, start[row]), min(end, stop[row])):
+            column, place = channel_of[channel[i]], np.int64(bin_of[i]) - low
+            if column >= 0 and 0 <= place < bins:
+                counts[column, place] += 1
 
 
 @njit(cache=True)

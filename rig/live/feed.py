@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from rig.acquire.engine import Ended, Event, LightChanged, LineDone, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, LightChanged, LineDone, Noticed, PhaseChanged, Ready, StepDone
 from rig.files.description import ScanDescription
 from rig.live.messages import Begun, Block, BlockBuilder, Gap, Message
 

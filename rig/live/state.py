@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recon.accumulate import Picture
 from recon.capture import Capture
-from rig.acquire.engine import Ended, LightChanged, Noticed, PhaseChanged, Ready
+from rig.acquire.events import Ended, LightChanged, Noticed, PhaseChanged, Ready
 from rig.files.description import ScanDescription
 from rig.image.until import expected, rounds_of
 from rig.live.messages import Block, Gap, Message

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from difflib import get_close_matches
+from math import degrees
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -38,12 +39,9 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", alias_generator=_key, populate_by_name=False)
 
 
-class OptotuneConfig(_Section):
-    """An Optotune MR-15-30 steering mirror, or another one behind the same electronics."""
+class _GalvoConfig(_Section):
+    """What all beam-steering mirrors have."""
 
-    kind: Literal["optotune"] = "optotune"
-    address: str | None = None
-    """Serial port or pyserial URL."""
     position_m: Point = (-0.15, 0.0, 2.5)
     """The mirror, from which the beam leaves; it faces the wall squarely."""
     mirrors: Literal[1, 2] = 1
@@ -58,8 +56,55 @@ class OptotuneConfig(_Section):
     """Optical angles of a beam dump, to which the mirror goes when the laser cannot be made dark."""
     settle_timeout_s: Seconds = Field(0.1, gt=0)
     """Longest wait for the mirror to be stable after a move."""
+
+
+class OptotuneConfig(_GalvoConfig):
+    """An Optotune MR-15-30 steering mirror, or another one behind the same electronics."""
+
+    kind: Literal["optotune"] = "optotune"
+    address: str | None = None
+    """Serial port or pyserial URL."""
     settle_time_s: Seconds = Field(0.006, ge=0)
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+    turn_time_s: Seconds = Field(0.008, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.8e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command; what was calibrated goes before it."""
+
+
+class AnalogueGalvoConfig(_GalvoConfig):
+    """A galvanometer pair that follows two voltages of an NI-DAQmx board, such as Thorlabs GVS012."""
+
+    kind: Literal["analogue"] = "analogue"
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
+    device: str = Field("Dev1", min_length=1)
+    """The board's name in NI MAX; the point clock's, if both shall act together."""
+    channels: tuple[str, str] = ("ao0", "ao1")
+    """The board's analogue outputs for x and y."""
+    volts_per_degree: tuple[float, float] = (0.5, 0.5)
+    """Volts for each degree by which a mirror turns, for x and y; the beam turns twice that. Below zero where
+    an axis is mounted the other way round."""
+    mirrors: Literal[1, 2] = 2
+    settle_time_s: Seconds = Field(0.001, ge=0)
+    """Time that is waited after a small step; the mirror cannot be asked."""
+    settle_time_full_s: Seconds = Field(0.02, ge=0)
+    """Time that is waited after a step from one end of the range to the other."""
+    turn_time_s: Seconds = Field(0.003, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.13e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command."""
+
+    @model_validator(mode="after")
+    def _within_the_range(self) -> "AnalogueGalvoConfig":
+        for axis, scale in zip("xy", self.volts_per_degree, strict=True):
+            volts = degrees(getattr(self, f"max_angle_{axis}_rad") / 2) * abs(scale)
+            if not 0 < volts <= 10 * (1 + 1e-9):  # 40 degrees at 0.5 V are just allowed
+                raise ValueError(
+                    f"max_angle_{axis} is {volts:.3g} V at volts_per_degree {scale:g}, and has to be above "
+                    "0 V and up to 10 V. Lower the angle, or give the scale that is set at the servo board"
+                )
+        return self
 
 
 class KatanaConfig(_Section):
@@ -168,10 +213,41 @@ def _kind_or(usual: str) -> Callable[[Any], str]:
     return kind
 
 
+Galvo = Annotated[
+    Annotated[OptotuneConfig, Tag("optotune")] | Annotated[AnalogueGalvoConfig, Tag("analogue")],
+    Discriminator(_kind_or("optotune")),
+]
+
 Tcspc = Annotated[
     Annotated[HydraHarpConfig, Tag("hydraharp")] | Annotated[PlaybackConfig, Tag("playback")],
     Discriminator(_kind_or("hydraharp")),
 ]
+
+
+class DaqClockConfig(_Section):
+    """A point clock: digital outputs of an NI-DAQmx board, which step the mirror and mark the points."""
+
+    kind: Literal["daq"] = "daq"
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
+    device: str = Field("Dev1", min_length=1)
+    """The board's name in NI MAX."""
+    markers: tuple[str, ...] = Field(
+        ("port0/line0", "port0/line1", "port0/line2", "port0/line3"), min_length=1, max_length=4
+    )
+    """Lines to the timing instrument's marker inputs M1, M2, M3 and M4: points, lines, frames, a spare."""
+    step: str = "port0/line4"
+    """Line to the mirror's trigger input; empty where no mirror has one."""
+    counter: str = "ctr0"
+    """The counter whose pulses are the one clock of all samples."""
+
+    @model_validator(mode="after")
+    def _lines_differ(self) -> "DaqClockConfig":
+        lines = [*self.markers, self.step]
+        twice = sorted({line for line in lines if line and lines.count(line) > 1})
+        if twice:
+            raise ValueError(f"two pulses go to {twice[0]}; give each a line of its own")
+        return self
 
 
 class TimingConfig(_Section):
@@ -189,6 +265,8 @@ class ScanConfig(_Section):
     columns: int = Field(180, ge=2)
     rows: int = Field(130, ge=2)
     spacing_m: Metres = Field(0.01, gt=0)
+    row_spacing_m: Metres | None = Field(None, gt=0)
+    """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
     skip_m: Metres = Field(0.04, ge=0)
     """Side of the square around the detector's spot that is not scanned."""
@@ -234,6 +312,9 @@ class MisalignmentConfig(_Section):
     """Real angle for each commanded one."""
     cable_delay_s: Seconds = 0.0
     """Delay of forgotten cable."""
+    mirror_lag_s: Seconds | None = Field(None, gt=0)
+    """By how much the mirror trails a command that moves evenly; None: as usual for its kind. galvo.lag and
+    rig calibrate lag say how much is taken for it."""
 
 
 class FaultsConfig(_Section):
@@ -271,6 +352,15 @@ class FaultsConfig(_Section):
     """Where a bin of the timing instrument is full."""
 
 
+class MotionConfig(_Section):
+    """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
+
+    travel_m: Point
+    """From one end of its way to the other; without motion it stands in the middle."""
+    duration_s: Seconds = Field(gt=0)
+    """Time from one end to the other; the scan begins at the first."""
+
+
 class SimulationConfig(_Section):
     """The simulated bench, when there is no hardware."""
 
@@ -282,6 +372,8 @@ class SimulationConfig(_Section):
     """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
     gloss: Literal["ward", "ggx"] | None = None
     """Model of the gloss of all hidden surfaces instead of their own."""
+    motion: MotionConfig | None = None
+    """Present: the scene moves while it is scanned (with three bounces). Absent: it stands still."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
@@ -290,17 +382,27 @@ class SimulationConfig(_Section):
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
 
+    @model_validator(mode="after")
+    def _moves_without_interreflections(self) -> "SimulationConfig":
+        if self.motion is not None and self.bounces > 3:
+            raise ValueError(
+                f"a scene that moves is lit by three bounces, not {self.bounces}: leave motion or bounces out"
+            )
+        return self
+
 
 class RigConfig(_Section):
-    """The whole rig. All defaults together are the built-in rig, except for the simulation itself."""
+    """The whole rig. All defaults together are the built-in rig, except for point clock and simulation."""
 
     name: str = "simulated rig"
-    galvo: OptotuneConfig = OptotuneConfig()
+    galvo: Galvo = OptotuneConfig()
     laser: KatanaConfig = KatanaConfig()
     detector: Detector = Id120Config()
     tcspc: Tcspc = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
+    point_clock: DaqClockConfig | None = None
+    """Present: the mirror can be scanned without a stop, with a marker at each point."""
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
@@ -327,8 +429,8 @@ class RigConfig(_Section):
     @model_validator(mode="after")
     def _addresses_are_given(self) -> "RigConfig":
         if self.simulation is None:
-            for name, device in (("galvo", self.galvo), ("laser", self.laser)):
-                if device.address is None:
+            for name, address in self.serial_addresses.items():
+                if address is None:
                     raise ValueError(
                         f"{name}.address is missing: give the serial port, "
                         f'e.g. address = "/dev/ttyACM0", or add a [simulation] section'
@@ -339,6 +441,18 @@ class RigConfig(_Section):
                 "their third number is above 0"
             )
         return self
+
+    @property
+    def boards(self) -> dict[str, str | None]:
+        """The DAQ boards that galvo and point clock are on: their names, and where they are served."""
+        users = (self.galvo if isinstance(self.galvo, AnalogueGalvoConfig) else None, self.point_clock)
+        return {one.device: one.address for one in users if one is not None}
+
+    @property
+    def serial_addresses(self) -> dict[str, str | None]:
+        """Where the devices on a serial line are, by their section."""
+        galvo = {"galvo": self.galvo.address} if isinstance(self.galvo, OptotuneConfig) else {}
+        return {**galvo, "laser": self.laser.address}
 
     @property
     def simulated(self) -> bool:
@@ -372,6 +486,7 @@ class RigConfig(_Section):
 #: Keys, or beginnings of keys, that may change between two parts of a scan.
 _NOT_MEASURED_WITH = (
     "galvo.address",
+    "galvo.device",
     "galvo.max_angle",
     "galvo.beam_dump",
     "galvo.settle_",
@@ -385,6 +500,7 @@ _NOT_MEASURED_WITH = (
     "tcspc.address",
     "tcspc.readout_time_s",
     "tcspc.file",
+    "point_clock",
     "scan.",
     "calibration.",
     "cameras.",
@@ -423,7 +539,7 @@ def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
 
 def built_in() -> RigConfig:
     """Return the built-in simulated rig."""
-    return RigConfig(simulation=SimulationConfig())
+    return RigConfig(point_clock=DaqClockConfig(), simulation=SimulationConfig())
 
 
 def recorded(text: str) -> RigConfig:
@@ -449,7 +565,7 @@ def built_in_with(changes: Table) -> RigConfig:
         If a value is wrong.
     """
     try:
-        return RigConfig.model_validate(merged({"simulation": {}}, changes))
+        return RigConfig.model_validate(merged({"point_clock": {}, "simulation": {}}, changes))
     except ValidationError as error:
         raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 
@@ -499,6 +615,7 @@ def _all_of(error: ValidationError, path: Path) -> str:
 
 #: Sections of several kinds; pydantic puts the kind into the place of an error.
 _KINDS: dict[str, dict[str, type[BaseModel]]] = {
+    "galvo": {"optotune": OptotuneConfig, "analogue": AnalogueGalvoConfig},
     "tcspc": {"hydraharp": HydraHarpConfig, "playback": PlaybackConfig},
 }
 
@@ -537,6 +654,9 @@ def _known_keys(place: tuple[str | int, ...]) -> list[str]:
 #: Sections whose type is not simply that of their field.
 _SECTIONS: dict[str, type[BaseModel]] = {
     "simulation": SimulationConfig,
+    "point_clock": DaqClockConfig,
+    "motion": MotionConfig,
     "channels": ChannelConfig,
+    "galvo": OptotuneConfig,
     "tcspc": HydraHarpConfig,
 }

@@ -203,8 +203,8 @@ class Rates(Protocol):
         ...
 
 
-class Tcspc(Device, Protocol):
-    """A time-correlated single-photon counter that makes histograms of start-stop times."""
+class TimingInstrument(Device, Protocol):
+    """A time-correlated single-photon counter: it times photons from the sync pulse before them."""
 
     @property
     def bins(self) -> int:
@@ -221,20 +221,24 @@ class Tcspc(Device, Protocol):
         """Left edge of the first bin of a histogram, after the sync pulse."""
         ...
 
-    def measure(self, exposure_s: float, meanwhile: Callable[[], bool]) -> Exposure:
-        """Clear, expose for ``exposure_s``, and return the histogram.
-
-        ``meanwhile`` is called ten times a second while an exposure lasts; it ends at once when that returns
-        True, and is left in order when that raises.
-        """
-        ...
-
     def rates(self) -> Rates:
         """Return sync and input count rates."""
         ...
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the instrument itself warns about, as plain sentences."""
+        ...
+
+
+class Tcspc(TimingInstrument, Protocol):
+    """A timing instrument that makes histograms itself."""
+
+    def measure(self, exposure_s: float, meanwhile: Callable[[], bool]) -> Exposure:
+        """Clear, expose for ``exposure_s``, and return the histogram.
+
+        ``meanwhile`` is called ten times a second while an exposure lasts; it ends at once when that returns
+        True, and is left in order when that raises.
+        """
         ...
 
 
@@ -252,6 +256,11 @@ class Records(Protocol):
     @property
     def batch(self) -> "TaggedBatch":
         """The same, decoded."""
+        ...
+
+    @property
+    def complete_to(self) -> int:
+        """What comes later has this tag or a higher one."""
         ...
 
     @property
@@ -294,23 +303,11 @@ class TaggedBatch(Protocol):
         ...
 
 
-class TimeTagger(Device, Protocol):
-    """A time-correlated single-photon counter that records each photon and each marker by itself."""
+class TimeTagger(TimingInstrument, Protocol):
+    """A timing instrument that records each photon and each marker by itself.
 
-    @property
-    def bins(self) -> int:
-        """Number of bins of a histogram of its photons; a photon beyond is in none."""
-        ...
-
-    @property
-    def bin_width_s(self) -> float:
-        """The bin width that the instrument really uses."""
-        ...
-
-    @property
-    def first_bin_s(self) -> float:
-        """Left edge of the first bin, after the sync pulse."""
-        ...
+    Its rates and warnings can be asked for while it records. A photon beyond its bins is in no histogram.
+    """
 
     def start(self, duration_s: float | None = None) -> None:
         """Begin to record, for a time or until `stop`."""
@@ -322,14 +319,6 @@ class TimeTagger(Device, Protocol):
 
     def stop(self) -> None:
         """End the recording; what was recorded until now can still be taken."""
-        ...
-
-    def rates(self) -> Rates:
-        """Return sync and input count rates; also while it records."""
-        ...
-
-    def warnings(self) -> tuple[str, ...]:
-        """Return what the instrument itself warns about, as plain sentences."""
         ...
 
 

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.model.sorting import count_photons
+
 
 @dataclass(frozen=True)
 class TaggedExposure:
@@ -42,6 +44,4 @@ class TaggedExposure:
     @cached_property
     def counts(self) -> NDArray[np.uint32]:
         """(channels, bins) photons a bin; made when it is first asked for."""
-        row = np.repeat(np.arange(len(self.of_channel)), self.of_channel)
-        flat = np.bincount(row * self.bins + self.photon_bins, minlength=len(self.of_channel) * self.bins)
-        return flat.reshape(len(self.of_channel), self.bins).astype(np.uint32)
+        return count_photons(self.photon_bins, self.of_channel, self.bins)

@@ -55,10 +55,12 @@ class Grid(_Part):
     columns: int = Field(ge=1)
     rows: int = Field(ge=1)
     spacing_m: float = Field(gt=0)
-    """Distance between neighbours."""
-    order: Literal["snake", "random", "progressive"] = "snake"
-    """snake: lines alternate in direction, so that the mirror never jumps. progressive: from coarse to fine,
-    in rounds, each of them a snake (`_rounds`)."""
+    """Distance between neighbours along x, and along y unless `row_spacing_m` says otherwise."""
+    row_spacing_m: float | None = Field(None, gt=0)
+    """Distance between lines, where a detector of many pixels sees what is between them."""
+    order: Literal["snake", "unidirectional", "random", "progressive"] = "snake"
+    """snake: lines alternate in direction, so that the mirror never jumps. unidirectional: all lines run to
+    the right. progressive: from coarse to fine, in rounds, each of them a snake (`_rounds`)."""
     seed: int = 0
     """Of the random order."""
     without: tuple[Square, ...] = ()
@@ -68,6 +70,12 @@ class Grid(_Part):
     def places(self) -> int:
         """Number of positions, those that are left out among them."""
         return self.columns * self.rows
+
+    @property
+    def area_m(self) -> tuple[float, float]:
+        """Distance between the outermost positions along x and y."""
+        across_m = self.row_spacing_m or self.spacing_m
+        return (self.columns - 1) * self.spacing_m, (self.rows - 1) * across_m
 
     @cached_property
     def spots_m(self) -> NDArray[np.float64]:
@@ -98,9 +106,12 @@ class Grid(_Part):
         shape = self.rows, self.columns
         rounds = _rounds(shape) if self.order == "progressive" else np.zeros(shape, np.int64)
         rows, columns, lines = _snakes(rounds)
+        if self.order == "unidirectional":
+            rows, columns = (index.ravel() for index in np.indices(shape))
+            lines = rows
         spots_m = np.zeros((self.places, 3))
         spots_m[:, 0] = (columns - (self.columns - 1) / 2) * self.spacing_m
-        spots_m[:, 1] = (rows - (self.rows - 1) / 2) * self.spacing_m
+        spots_m[:, 1] = (rows - (self.rows - 1) / 2) * (self.row_spacing_m or self.spacing_m)
         if self.order == "random":
             spots_m = spots_m[np.random.default_rng(self.seed).permutation(len(spots_m))]
         kept = np.ones(len(spots_m), bool)
@@ -187,6 +198,8 @@ class Pass(_Part):
     positions: Annotated[Grid | Spots, Field(discriminator="kind")]
     exposure_s: float = Field(gt=0)
     """Measurement time of each step."""
+    motion: Literal["step", "continuous"] = "step"
+    """step: the mirror comes to rest at each position. continuous: it never stops along a line."""
     frames: int = Field(1, ge=1)
     """How often all positions are visited."""
     gate_s: tuple[float, float] | None = None
@@ -246,7 +259,14 @@ class ScanPlan(_Part):
         places = sum(one.positions.places * one.frames for one in self.passes)
         if places > MAX_STEPS:
             raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
+        if len({one.motion for one in self.passes}) > 1:
+            raise ValueError("the mirror stops at each position in all passes or in none")
         return self
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the mirror never stops along a line; photons are then recorded one by one."""
+        return self.passes[0].motion == "continuous"
 
     @classmethod
     def grid(cls, config: RigConfig, **changes: Any) -> "ScanPlan":
@@ -257,8 +277,8 @@ class ScanPlan(_Part):
         config
             Names grid, exposure, and the spots of the detector, around which nothing is measured.
         changes
-            ``columns``, ``rows``, ``spacing_m``, ``exposure_s``, ``skip_m``, ``order``, ``seed``, ``frames``
-            of the command line, where they are not None; and what else a `Pass` has.
+            ``columns``, ``rows``, ``spacing_m``, ``exposure_s``, ``skip_m``, ``order``, ``seed``, ``frames``,
+            ``motion`` of the command line, where they are not None; and what else a `Pass` has.
 
         Raises
         ------
@@ -269,6 +289,7 @@ class ScanPlan(_Part):
             "columns": config.scan.columns,
             "rows": config.scan.rows,
             "spacing_m": config.scan.spacing_m,
+            "row_spacing_m": config.scan.row_spacing_m,
             "exposure_s": config.scan.exposure_s,
             "skip_m": config.scan.skip_m,
         }
@@ -309,7 +330,7 @@ class ScanPlan(_Part):
                 (x_m, y_m, z_m),
                 float(self.exposures_s[index]),
                 int(self.pass_of_step[index]),
-                bool(self._ends_line[index]),
+                bool(self.ends_line[index]),
             )
 
     @cached_property
@@ -328,7 +349,8 @@ class ScanPlan(_Part):
         return np.repeat(np.arange(len(self.passes)), list(map(len, self.passes)))
 
     @cached_property
-    def _ends_line(self) -> NDArray[np.bool_]:
+    def ends_line(self) -> NDArray[np.bool_]:
+        """(S,) whether a line ends with each step."""
         ends = []
         for one in self.passes:
             lines = one.positions.line_of_spot

@@ -116,6 +116,12 @@ class RigState:
         galvo = self.config.galvo
         return Pointing(galvo.position_m, mirrors=galvo.mirrors, separation_m=galvo.separation_m)
 
+    @property
+    def mirror_lag_s(self) -> float:
+        """By how much the mirror trails its command while it moves."""
+        lag = self.calibrations.lag
+        return lag.lag_s if lag else self.config.galvo.lag_s
+
     @cached_property
     def delays(self) -> PathDelays:
         """What to subtract for rectified time; a channel's own delay comes on top."""

@@ -1,6 +1,7 @@
 """Front views side by side: the planes of a photo camera, the frames of a transient camera."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -40,14 +41,29 @@ def frames_figure(volume: Volume, compensation: str = "") -> Figure:
     Frames are taken evenly between the first and the last in which there is light.
     `compensation` says what the intensity was multiplied with against its fall-off, for the label.
     """
-    amplitude = video_amplitude(volume)
+    shown = lit(volume)
+    assert shown.t_s is not None
+    chosen = _spread(len(shown.t_s))
+    titles = [stamp(t_s, shown) for t_s in shown.t_s[chosen]]
+    return sheet(video_amplitude(shown)[chosen], titles, shown, video_label(compensation))
+
+
+def lit(volume: Volume, margin: int = 0) -> Volume:
+    """Return a video from its first frame with light to its last, and some before and after.
+
+    Parameters
+    ----------
+    volume
+        The video.
+    margin
+        Frames without light that are kept at either end.
+    """
     assert volume.t_s is not None
-    lit = np.flatnonzero(amplitude.max(axis=(1, 2)) >= LEAST_LIGHT)
-    first, last = (int(lit[0]), int(lit[-1])) if len(lit) else (0, len(amplitude) - 1)
-    chosen = first + _spread(last - first + 1)
-    return sheet(
-        amplitude[chosen], [stamp(t_s) for t_s in volume.t_s[chosen]], volume, video_label(compensation)
-    )
+    bright = np.flatnonzero(video_amplitude(volume).max(axis=(1, 2)) >= LEAST_LIGHT)
+    if not len(bright):
+        return volume
+    kept = slice(max(0, int(bright[0]) - margin), int(bright[-1]) + 1 + margin)
+    return replace(volume, intensity=volume.intensity[kept], t_s=volume.t_s[kept])
 
 
 def video_amplitude(volume: Volume) -> NDArray[np.float32]:
@@ -63,8 +79,10 @@ def video_label(compensation: str) -> str:
     return "amplitude / maximum of the video" + (f",\nintensity times {compensation}" if compensation else "")
 
 
-def stamp(time_s: float) -> str:
-    """Write a moment as a time, and as how far light has gone since the flash."""
+def stamp(time_s: float, volume: Volume) -> str:
+    """Write a moment: when a frame began, or a time after the flash and how far light has gone since."""
+    if volume.parameters.get("each_frame"):
+        return f"{time_s:.2f} s"
     return f"{time_s * 1e9:.2f} ns = {time_s * C_M_PER_S:.2f} m"
 
 

@@ -33,20 +33,23 @@ class Afterpulsing:
 
 
 def in_order(
-    times_s: NDArray[np.float64], pulses: int, period_s: float, rng: np.random.Generator
+    times_s: NDArray[np.float64], moments: NDArray[np.float64], pulses: int, period_s: float
 ) -> Detections:
-    """Give each time after sync a sync pulse, evenly drawn out of ``pulses``, and sort by arrival."""
-    return Detections(*_in_order(times_s, pulses, period_s, rng))
+    """Give each time after sync its sync pulse out of ``pulses``, and sort by arrival.
+
+    Which pulse is told by ``moments``, parts of the whole time, which must be spread about evenly.
+    """
+    return Detections(*_in_order(times_s, moments, pulses, period_s))
 
 
-@njit(cache=True, error_model="numpy")
-def _in_order(times, pulses, period, rng):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", nogil=True)
+def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
     """Sort by as many buckets as there are times, which are even in pulses, and by insertion within them."""
     count = len(times)
     drawn, place = np.empty(count, np.int64), np.zeros(count + 2, np.int64)
     per_pulse = count / pulses
     for i in range(count):
-        drawn[i] = int(rng.random() * pulses)
+        drawn[i] = int(moments[i] * pulses)
         place[int(drawn[i] * per_pulse) + 2] += 1
     for bucket in range(1, count + 2):
         place[bucket] += place[bucket - 1]
@@ -128,7 +131,7 @@ def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpuls
     return float(lit / period_s / (1 + skipped * lit))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  # type: ignore[no-untyped-def]
     """Merge events and pending afterpulses by time; ``hold`` < 0: no hold-off; ``width`` < 0: no gate.
 

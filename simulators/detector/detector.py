@@ -105,7 +105,12 @@ class Detector:
         return self.dark_hz + (0.0 if light.covered else self.ambient_hz + light.lamp_hz)
 
     def detect(
-        self, seen_s: NDArray[np.float64], light: LightState, duration_s: float, rng: np.random.Generator
+        self,
+        seen_s: NDArray[np.float64],
+        light: LightState,
+        duration_s: float,
+        rng: np.random.Generator,
+        moments: NDArray[np.float64] | None = None,
     ) -> Detections:
         """Make detections out of what a ready detector would detect in ``duration_s``.
 
@@ -113,11 +118,15 @@ class Detector:
         ----------
         seen_s
             (n,) times after the sync pulse [s] of photons that passed the gate, and of background.
+        moments
+            (n,) when that pulse comes, as a part of the duration; by default it is drawn evenly.
         """
         if not len(seen_s):
             return no_detections()
         period_s = 1 / light.repetition_hz
-        events = in_order(seen_s, max(round(duration_s / period_s), 1), period_s, rng)
+        if moments is None:
+            moments = rng.random(len(seen_s))
+        events = in_order(seen_s, moments, max(round(duration_s / period_s), 1), period_s)
         events = avalanches(
             events,
             light,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simulators.bench import BenchGeometry, LightState, Spot
 from simulators.constants import C_M_PER_S
+from simulators.track import Track, distance_m
 
 #: What part of the photons arriving at some times after sync is detected.
 Sensitivity = Callable[[NDArray[np.float64], LightState], NDArray[np.float64]]
@@ -90,6 +91,41 @@ class FirstBounce:
         number = rng.poisson(self.failed_per_pulse * pulses) if self.fails(spot_m, detector_spot_m) else 0
         return np.full(number, direct_s(spot_m, geometry))
 
+    def arrivals_along(
+        self, track: Track, geometry: BenchGeometry, pulses: float, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw `arrivals` while the laser spot goes its way, and the moments when their pulses leave."""
+        waiting = rng.random(rng.poisson(self.per_pulse * self.memory * pulses))
+        waits_s = self.memory_decay_s * rng.standard_exponential(len(waiting))
+        times_s, moments = [direct_along_s(track.at(waiting), geometry) + waits_s], [waiting]
+        for place_m in self.reflectors_m if self.reflection_per_pulse else ():
+            for knot in track.knots:
+                per_pulse = self._reflected(dist(knot.spot_m, place_m))
+                when = knot.moments(rng.poisson(per_pulse * pulses * knot.share), rng)
+                spots_m = track.at(when)
+                path_m = distance_m(spots_m, geometry.galvo_m) + distance_m(spots_m, place_m)
+                path_m += dist(place_m, geometry.detector_head_m)
+                times_s.append(geometry.electronics_delay_s + path_m / C_M_PER_S)
+                moments.append(when)
+        return np.concatenate(times_s), np.concatenate(moments)
+
+    def passing_the_gate_along(
+        self,
+        track: Track,
+        detector_spot_m: Spot,
+        geometry: BenchGeometry,
+        pulses: float,
+        rng: np.random.Generator,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw `passing_the_gate` while the laser spot goes its way, and when the pulses leave."""
+        if not (self.failed_fraction or self.failed_radius_m):
+            return np.empty(0), np.empty(0)
+        failing = np.flatnonzero([self.fails(tuple(spot), detector_spot_m) for spot in track.spots_m[1:]])
+        steps = len(track.spots_m) - 1
+        number = rng.poisson(self.failed_per_pulse * pulses * len(failing) / steps)
+        moments = (rng.choice(failing, number) + rng.random(number)) / steps if number else np.empty(0)
+        return direct_along_s(track.at(moments), geometry), moments
+
     def fails(self, spot_m: Spot, detector_spot_m: Spot) -> bool:
         """Return whether the gate of a channel fails at this laser spot."""
         x_c, y_c, _ = detector_spot_m
@@ -131,11 +167,21 @@ class FirstBounce:
             from_spot_m = dist(spot_m, place_m)
             path_m = there_m + from_spot_m + dist(place_m, geometry.detector_head_m)
             arrival_s = geometry.electronics_delay_s + path_m / C_M_PER_S
-            found.append((arrival_s, self.reflection_per_pulse / max(from_spot_m, 0.1) ** 2))
+            found.append((arrival_s, self._reflected(from_spot_m)))
         return found
+
+    def _reflected(self, from_spot_m: float) -> float:
+        """Return the detections a pulse of a reflection so far from the laser spot."""
+        return self.reflection_per_pulse / max(from_spot_m, 0.1) ** 2
 
 
 def direct_s(spot_m: Spot, geometry: BenchGeometry) -> float:
     """Return when light straight from the laser spot to the lens arrives [s after sync]."""
     path_m = dist(geometry.galvo_m, spot_m) + dist(spot_m, geometry.detector_head_m)
     return geometry.electronics_delay_s + path_m / C_M_PER_S
+
+
+def direct_along_s(spots_m: NDArray[np.float64], geometry: BenchGeometry) -> NDArray[np.float64]:
+    """Return `direct_s` (N,) of (N, 3) spots."""
+    path_m = distance_m(spots_m, geometry.galvo_m) + distance_m(spots_m, geometry.detector_head_m)
+    return np.asarray(geometry.electronics_delay_s + path_m / C_M_PER_S)

@@ -104,7 +104,7 @@ def passes(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):  # type: ignore[no-untyped-def]
     """Compare a uniform draw with the sensitivity, and work out the ringing only where it decides."""
     passing = np.empty(len(arrival), np.bool_)

@@ -30,7 +30,7 @@ def delays(
     return delays_s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _delay(delays, sigma, tail, fraction, rng):  # type: ignore[no-untyped-def]
     for i in range(len(delays)):
         delays[i] *= sigma

@@ -49,6 +49,17 @@ class MirrorMount:
         start = np.array([self.separation_m * tan(a_x), 0.0, 0.0])
         return turn @ start, turn @ (tan(a_x) / cos(a_y), tan(a_y), -1.0)
 
+    def rays(self, angles_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return `ray` of (n, 2) angles: starts (n, 3) and directions (n, 3)."""
+        a_x, a_y = (np.array(self.gain) * angles_rad + np.array(self.offset_rad)).T
+        tan_x, turned = np.tan(a_x), np.array(self.rotation).T
+        starts, directions = np.zeros((len(a_x), 3)), np.full((len(a_x), 3), -1.0)
+        directions[:, 0], directions[:, 1] = tan_x, np.tan(a_y)
+        if self.mirrors == 2:
+            starts[:, 0] = self.separation_m * tan_x
+            directions[:, 0] /= np.cos(a_y)
+        return starts @ turned, directions @ turned
+
 
 def rotated(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:
     """(3, 3) rotation first about x, then about y, then about z, right-handed."""

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from simulators.bench import Detections, LightState, Photons, Spot
+from simulators.bench import Detections, LightState, MovingPhotons, Photons, Spot
+from simulators.track import Track
 
 #: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
 #: proportional to the light; bright light, of which the hold-off hides much, takes more.
@@ -19,11 +21,20 @@ class Brightened:
     photons: Photons
     factor: float
 
+    def at(self, bench_s: float) -> Self:
+        """Return what is detected from a bench time on, of a scene that moves."""
+        photons = self.photons
+        return replace(self, photons=photons.at(bench_s) if isinstance(photons, MovingPhotons) else photons)
+
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> Detections:
         """Draw the detections of ``duration_s``."""
         return self.photons.detections(laser_spot_m, self._scaled(light), duration_s, rng)
+
+    def detections_along(self, track: Track, light: LightState, rng: np.random.Generator) -> Detections:
+        """Draw the detections while the laser spot goes its way."""
+        return self.photons.detections_along(track, self._scaled(light), rng)
 
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second."""

@@ -126,7 +126,7 @@ class Camera:
 
         The exposure is taken as short: a moving mirror is not smeared.
         """
-        spot_m = bench.geometry.laser_spot_m(bench.mirror.position(bench.clock.now_s()))
+        spot_m = bench.geometry.laser_spot_m(bench.position_rad)
         return self.image_of_spot(spot_m, bench.light.on_wall, rng)
 
     def image_of_spot(

@@ -18,6 +18,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "letter-plane": lettered.letter_plane,
     "letters-rd": lettered.letters_rd,
     "large-depth": lettered.large_depth,
+    "four": lettered.four,
     "office": office,
     "shelf": shelves.shelf,
     "bookshelf": shelves.bookshelf,

@@ -47,6 +47,11 @@ def letters_rd() -> Scene:
     return Scene("letters-rd", (near, far))
 
 
+def four() -> Scene:
+    """Return a 4, 1 m from the wall: one letter to be moved, legible by what is open in it."""
+    return Scene("four", (letter("4", centre_m=(0.0, 0.0, 1.0), height_m=0.7, width_m=0.55, stroke_m=0.12),))
+
+
 def large_depth() -> Scene:
     """Return letters from 0.8 m to 3 m, larger where farther: light falls as depth to the minus 4."""
     places = [

@@ -110,6 +110,13 @@ class Scene:
         """Return the same scene with this model for the lobes of all surfaces; see `Mesh`."""
         return Scene(self.name, tuple(replace(mesh, gloss=gloss) for mesh in self.meshes))
 
+    def moved(self, offset_m: Point) -> "Scene":
+        """Return the same scene, moved as a whole [m]."""
+        return Scene(
+            self.name,
+            tuple(replace(mesh, vertices_m=np.add(mesh.vertices_m, offset_m)) for mesh in self.meshes),
+        )
+
     def truth(self, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> "Truth":
         """Return the first surface along +z from the wall, at the points of two axes [m]."""
         from simulators.scenes.truth import first_surface

@@ -160,8 +160,14 @@ class ExtraBounces:
         """Return expected photons per m^2 at the detector spot for one that leaves the laser spot [1/m^2]."""
         return float(self.from_spot(laser_spot_m)[0].sum())
 
-    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw (number,) paths [m] of photons that arrive."""
+    def sample(
+        self,
+        laser_spot_m: Spot,
+        number: int,
+        rng: np.random.Generator,
+        from_m: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Draw (number,) paths [m] of photons that arrive; see `LightPaths` for ``from_m``."""
         if number == 0:
             return np.empty(0)
         _, side, _ = self._lit(laser_spot_m)
@@ -172,7 +178,7 @@ class ExtraBounces:
         inside = np.where(inside.sum(axis=1, keepdims=True) > 1, 1 - inside, inside)
         a, b, c = np.moveaxis(self.patches.corners_m[first], 1, 0)
         point = a + inside[:, :1] * (b - a) + inside[:, 1:] * (c - a)
-        leg_m = np.linalg.norm(point - np.array(laser_spot_m), axis=1)
+        leg_m = np.linalg.norm(point - (np.array(laser_spot_m) if from_m is None else from_m), axis=1)
         rows = np.stack([self._clusters.member[first], side[first]], axis=1)
         return leg_m + BIN_M * _random_bins(self._cumulative, rows, rng.random(number), rng.random(number))
 

@@ -21,8 +21,19 @@ class LightPaths(Protocol):
         """Return all light [1/m^2]."""
         ...
 
-    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Draw the paths (number,) of photons that arrive [m], in any order."""
+    def sample(
+        self,
+        laser_spot_m: Spot,
+        number: int,
+        rng: np.random.Generator,
+        from_m: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Draw the paths (number,) of photons that arrive [m], in any order.
+
+        Where each leaves the wall may be told by (number, 3) spots ``from_m`` near the laser spot, themselves
+        in random order: then the light goes where that of the laser spot goes, but each path is as long as
+        from there, and in their order.
+        """
         ...
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -77,17 +77,23 @@ class ThreeBounces:
         """Return expected photons per m^2 at the detector spot for one that leaves the laser spot [1/m^2]."""
         return float(self.from_spot(laser_spot_m)[0].sum())
 
-    def sample(self, laser_spot_m: Spot, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    def sample(
+        self,
+        laser_spot_m: Spot,
+        number: int,
+        rng: np.random.Generator,
+        from_m: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
         """Draw (number,) paths [m] of photons that arrive, each through its own point of a patch.
 
-        The paths come patch by patch.
+        The paths come patch by patch; see `LightPaths` for ``from_m``.
         """
         if number == 0:
             return np.empty(0)
-        spot = np.array(laser_spot_m, dtype=np.float64)
+        spots = np.array([laser_spot_m], dtype=np.float64) if from_m is None else from_m
         spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
         cumulative, corners = self.from_spot(laser_spot_m)[0].cumsum(), self.patches.corners_m
-        return _random_paths(cumulative, spacings, inside, corners, spot, self.detector_spot_m)
+        return _random_paths(cumulative, spacings, inside, corners, spots, self.detector_spot_m)
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all light per m^2 at the detector spot and its paths [m]: the same, patch by patch."""
@@ -154,7 +160,10 @@ def _path(first, point, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: ignore[no-untyped-def]
-    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each."""
+    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each.
+
+    ``first`` is (1, 3) for all, or (n, 3).
+    """
     paths, point = np.empty(len(inside)), np.empty(3)
     total = spacings.sum()  # sums of n + 1 exponentials, divided by the last sum, are n sorted uniforms
     k, reached = 0, 0.0
@@ -169,7 +178,7 @@ def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: 
         a = 1.0 - b - c
         for axis in range(3):
             point[axis] = a * corners[k, 0, axis] + b * corners[k, 1, axis] + c * corners[k, 2, axis]
-        paths[i] = _path(first, point, last)
+        paths[i] = _path(first[min(i, len(first) - 1)], point, last)
     return paths
 
 

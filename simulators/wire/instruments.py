@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Self
 
 from simulators.bench import Bench
+from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator, Timing
 from simulators.wire.laser import KatanaHead
@@ -24,6 +25,8 @@ class SimulatedInstruments:
         What they act on.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
+    wiring
+        What hangs on the DAQ board.
 
     Attributes
     ----------
@@ -33,14 +36,24 @@ class SimulatedInstruments:
         Backend for ``usb.core.find``; the detector is its only device.
     hhlib
         Object with the 44 HHLib functions as attributes.
+    daq
+        The DAQ board.
     """
 
-    def __init__(self, bench: Bench, *, timing: Timing | None = None, count_depth: int = 2**32 - 1) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        timing: Timing | None = None,
+        count_depth: int = 2**32 - 1,
+        wiring: DaqWiring | None = None,
+    ) -> None:
         self._bench = bench
         self._name = f"bench{next(_numbers)}"
         self.usb_backend = UsbBackend([SpadInstrument(bench)])
         self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
         self.hhlib = self._harp.functions
+        self.daq = SimulatedBoard(bench, wiring)
 
     def __enter__(self) -> Self:
         clock = self._bench.clock

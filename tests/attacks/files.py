@@ -70,6 +70,21 @@ def records_file(folder: Path) -> Path:
     return folder / "good.ptu"
 
 
+def older_records_file(folder: Path) -> Path:
+    from support.older_picoquant_files import hydraharp, in_t3
+    from support.picoquant_files import scan_events
+
+    (folder / "good.ht3").write_bytes(hydraharp(b"2.0", 3, records=in_t3(scan_events(3, 40), several=True)))
+    return folder / "good.ht3"
+
+
+def older_curves_file(folder: Path) -> Path:
+    from support.older_picoquant_files import thd
+
+    (folder / "good.thd").write_bytes(thd(np.random.default_rng(3).poisson(3.0, (3, 40))))
+    return folder / "good.thd"
+
+
 def read_scan(path: Path) -> None:
     from rig.acquire.acquisition import interrupted
     from rig.files import ScanFile
@@ -101,6 +116,15 @@ def import_records(path: Path) -> None:
     import_scan(path, path.with_suffix(".imported"))
 
 
+def import_older(path: Path) -> None:
+    from rig.importers import import_scan
+
+    plan = {"grid": (3, 1), "spacing_m": 0.1, "detector": "confocal"}
+    if path.suffix == ".ht3":
+        plan["point_marker"] = 1
+    import_scan(path, path.with_suffix(".imported"), **plan)
+
+
 #: By name: what makes a good file, and what reads any.
 PARSERS = {
     "scan": (scan_file, read_scan),
@@ -108,6 +132,8 @@ PARSERS = {
     "import": (matlab_file, import_any),
     "import-scan": (scan_file, import_any),
     "import-records": (records_file, import_records),
+    "import-older-records": (older_records_file, import_older),
+    "import-older-curves": (older_curves_file, import_older),
 }
 
 
@@ -123,7 +149,7 @@ def write_input(good: Path, target: Path, seed: int) -> None:
     """Write the file of a seed: even ones are mutated by bytes, odd ones by structure where it is HDF5."""
     if seed % 2 and good.suffix == ".h5":
         target.write_bytes(good.read_bytes())
-        with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError):
+        with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError):
             by_structure(target, seed)  # what the library does not write, it need not read
     else:
         target.write_bytes(by_bytes(good.read_bytes(), seed))

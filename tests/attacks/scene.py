@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from attacks.serial_url import protocol_attacked
 from attacks.taps import Tap, TappedLibrary, TappedUsb
+from drivers.daq.board import SharedBoard
 from drivers.hydraharp.library import HHLib
 from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
-from rig.acquire.engine import Event, Outcome
+from rig.acquire.events import Event, Outcome
 from rig.bench.simulated import simulated_bench
 from rig.devices.kinds import Wires
 from rig.files.scan import ScanFile
@@ -24,6 +25,7 @@ from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.bench import Bench
 from simulators.clock import BenchClock
+from simulators.wire.daq import SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.laser import KatanaHead
@@ -81,7 +83,10 @@ def attacked_rig(
         for device, firmware in (("galvo", galvo), ("laser", laser))
     }
     library = TappedLibrary(harp.functions, tap)
-    wires = Wires(addresses["galvo"], addresses["laser"], usb, lambda: HHLib(library), bench.clock)
+    board = SharedBoard(SimulatedBoard(bench))
+    wires = Wires(
+        addresses["galvo"], addresses["laser"], usb, lambda: HHLib(library), lambda _: board, bench.clock
+    )
     try:
         yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)
     finally:

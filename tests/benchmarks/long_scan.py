@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import Event, StepDone
+from rig.acquire.events import Event, StepDone
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState

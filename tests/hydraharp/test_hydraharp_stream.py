@@ -391,9 +391,10 @@ def test_a_caller_who_takes_nothing_ends_the_stream(monkeypatch):
     """No photon is dropped silently: what was read is whole, and then comes the error."""
     monkeypatch.setattr("drivers.hydraharp.reader.PATIENCE_S", 0.05)
     whole = records_of(random_bench(1e6))
-    simulator, stream = tagged(random_bench(1e6), queue_pieces=3)
+    bench = random_bench(1e6, clock=BenchClock(real_time=True))
+    simulator, stream = tagged(bench, queue_pieces=3)
     with stream:
-        stream.start(0.2)
+        stream.start(10.0)
         assert wait_until(
             SystemClock(), lambda: not simulator.instrument.running, timeout_s=10.0, every_s=0.01
         )
@@ -402,6 +403,54 @@ def test_a_caller_who_takes_nothing_ends_the_stream(monkeypatch):
     records = joined(read)
     assert len(read) == 3
     assert np.array_equal(records, whole[: len(records)])
+
+
+def test_a_clock_that_stands_still_waits_for_its_caller(monkeypatch):
+    monkeypatch.setattr("drivers.hydraharp.reader.PATIENCE_S", 0.05)
+    whole = records_of(random_bench(1e6))
+    _, stream = tagged(random_bench(1e6), queue_pieces=2)
+    with stream:
+        stream.start(0.2)
+        time.sleep(0.3)  # six times its patience
+        assert np.array_equal(joined(list(stream.pieces())), whole)
+
+
+def test_rates_and_warnings_while_it_measures():
+    """The library takes one call at a time: the thread that reads makes them, also while it waits."""
+    _, stream = tagged(random_bench(1e6), queue_pieces=2)
+    with stream:
+        before = stream.rates()
+        stream.start(0.5)
+        during = [(stream.rates(), stream.warnings()) for _ in stream.pieces()]
+        assert len(during) > 10
+        assert stream.rates().sync_hz == before.sync_hz
+    assert {rates.sync_hz for rates, _ in during} == {before.sync_hz}
+    ((sentence,),) = {warnings for _, warnings in during}
+    assert "above 5 % of the sync rate" in sentence
+
+
+def test_records_come_decoded_and_tell_how_far_they_are():
+    whole = records_of(random_bench(1e6))
+    _, stream = tagged(random_bench(1e6))
+    with stream:
+        stream.start(0.2)
+        words, tags, known_to = [], [], 0
+        for some in stream.records():
+            assert not len(some.batch.tag) or some.batch.tag.min() >= known_to
+            known_to = some.complete_to
+            words.append(some.words.copy())
+            tags.append(some.batch.tag.copy())
+    assert np.array_equal(np.concatenate(words), whole)
+    assert known_to > 1_990_000
+    assert np.all(np.diff(np.concatenate(tags)) >= 0)
+
+
+def test_who_waits_for_records_is_asked_while_none_come():
+    bench = Bench(clock=BenchClock(real_time=True))
+    _, stream = tagged(bench)
+    with stream:
+        stream.start(0.3)  # the laser is dark: neither photons nor sync pulses
+        assert sum(not len(some.words) for some in stream.records()) >= 3
 
 
 def test_a_slow_caller_loses_nothing():
@@ -505,10 +554,11 @@ def test_over_a_served_bench():
 
 
 def test_rates_and_warnings_before_the_start():
-    _, stream = tagged(random_bench(1e5), offset_s=20e-9)
+    _, stream = tagged(random_bench(1e6), offset_s=20e-9)
     with stream:
         assert stream.rates().sync_hz == 10e6
-        assert any("offset" in sentence for sentence in stream.warnings())
+        (sentence,) = stream.warnings()  # none on the offset: without it the bins asked for end too early
+        assert "above 5 % of the sync rate" in sentence
         assert stream.settings()["mode"] == "time-tagged"
         assert stream.settings()["markers"] == "M1, M2, M3, M4"
 

@@ -93,7 +93,7 @@ def test_another_device_at_the_address_is_not_mistaken(rig, name, address):
     rig.galvo_address, rig.laser_address = rig.laser_address, rig.galvo_address
     with pytest.raises(DeviceNotFoundError, match="another device"):
         getattr(rig, name)().__enter__()
-    assert rig.bench.mirror.target == (0.0, 0.0)
+    assert rig.bench.target_rad == (0.0, 0.0)
     assert not rig.bench.ever_emitted()
 
 

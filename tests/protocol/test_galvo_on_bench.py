@@ -23,7 +23,7 @@ def test_the_mirror_stands_where_it_was_pointed(rig):
     with rig.galvo() as mirror:
         mirror.point(x, y)
         mirror.wait_settled(timeout_s=0.1)
-        angles = rig.bench.mirror.position(rig.bench.clock.now_s())
+        angles = rig.bench.position_rad
     # Nine decimals of tan(50 degrees) on the wire: half of the last place is 0.6e-9.
     assert np.tan(angles) == pytest.approx((tan(x), tan(y)), abs=0.7e-9)
 
@@ -102,7 +102,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(rig):
 def test_the_mirror_is_at_rest_at_the_end(rig):
     with rig.galvo() as mirror:
         mirror.point(0.3, 0.2)
-    assert rig.bench.mirror.target == (0.0, 0.0)
+    assert rig.bench.target_rad == (0.0, 0.0)
 
 
 def test_the_mirror_stays_where_it_is_after_an_exception(rig):
@@ -112,12 +112,12 @@ def test_the_mirror_stays_where_it_is_after_an_exception(rig):
     def work():
         with rig.galvo() as mirror:
             mirror.point(0.3, 0.2)
-            aimed_at.append(rig.bench.mirror.target)
+            aimed_at.append(rig.bench.target_rad)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         work()
-    assert [rig.bench.mirror.target] == aimed_at != [(0.0, 0.0)]
+    assert [rig.bench.target_rad] == aimed_at != [(0.0, 0.0)]
 
 
 def test_unplugged_in_the_middle(rig):
@@ -147,7 +147,7 @@ def test_two_axes_outside_the_limits_of_the_board_are_trimmed_and_told(rig):
     """The driver's own check is passed by; the board says OU, and its status says trimmed."""
     rig.board.receive(b"XY=0.9;0.9\r\n")
     assert bytes(rig.board.output) == b"OU\r\n"
-    x, y = np.tan(rig.bench.mirror.target)
+    x, y = np.tan(rig.bench.target_rad)
     assert x == y == pytest.approx(0.5**0.5 * tan(radians(50)))
     with rig.galvo() as mirror, pytest.raises(RefusedError, match="trimmed"):
         mirror.wait_settled(timeout_s=1.0)
@@ -198,7 +198,7 @@ def test_over_a_real_serial_port_of_the_operating_system():
             mirror.wait_settled(timeout_s=1.0)
             with pytest.raises(LinkError, match="another program has it"):
                 OptotuneMirror(address, clock=SystemClock()).__enter__()
-        assert bench.mirror.target == (0.0, 0.0)
+        assert bench.target_rad == (0.0, 0.0)
     finally:
         os.close(theirs)
         thread.join(timeout=5.0)

@@ -131,7 +131,7 @@ def test_the_board_answers_every_line_with_one_line_of_its_protocol(data):
     for answer in answers:
         assert re.fullmatch(rb"OK|NO|OL|OU|[0-9A-F]{8}|MR-E-2 simulated", answer)
     # A position on the edge of the circle may exceed it by rounding.
-    assert hypot(*map(tan, bench.mirror.target)) <= tan(radians(50)) * (1 + 1e-12)
+    assert hypot(*map(tan, bench.target_rad)) <= tan(radians(50)) * (1 + 1e-12)
 
 
 @given(bytes_like(GALVO_WORDS))

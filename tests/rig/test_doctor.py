@@ -11,6 +11,7 @@ from rig.model.config import RigConfig
 from simulators.bench import Bench
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
+from support import nidaqmx_stand_in
 
 
 class Oscilloscope(SpadInstrument):
@@ -37,3 +38,29 @@ def test_the_detector_is_looked_for_as_a_scan_would(monkeypatch, instruments, ve
     assert finding.verdict == verdict
     assert words in finding.found
     assert (finding.remedy == "") == (verdict == "ok")
+
+
+def boards(galvo: dict, clock: str) -> list:
+    config = RigConfig.model_validate(
+        {"galvo": galvo, "laser": {"address": "sim://b"}, "point_clock": {"device": clock}}
+    )
+    return [one for one in examine(config, Path()) if one.what.startswith("DAQ board")]
+
+
+def test_the_board_of_galvo_and_point_clock_is_named():
+    with nidaqmx_stand_in.installed():
+        (both,) = boards({"kind": "analogue"}, "Dev1")
+        (clock,) = boards({"address": "sim://a"}, "Dev1")
+        _, other = boards({"kind": "analogue"}, "Dev9")
+    assert (both.what, both.verdict) == ("DAQ board Dev1", "ok")
+    assert both.found == "NI PCIe-6343, serial number 01A2B3C4 (simulated by NI-DAQmx)"
+    assert clock.what == "DAQ board Dev1"
+    assert (other.what, other.verdict) == ("DAQ board Dev9", "missing")
+    assert "-200220" in other.found
+
+
+def test_a_board_without_its_driver_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "nidaqmx", None)
+    (board,) = boards({"address": "sim://a"}, "Dev1")
+    assert board.verdict == "missing"
+    assert "pip install 'nlos-rig[nidaqmx]'" in board.remedy

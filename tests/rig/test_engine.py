@@ -10,16 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.hydraharp.device import Exposure, Rates
-from rig.acquire.engine import (
-    Devices,
-    Ended,
-    LineDone,
-    Outcome,
-    Phase,
-    PhaseChanged,
-    ScanEngine,
-    StepDone,
-)
+from rig.acquire.engine import Devices, ScanEngine
+from rig.acquire.events import Ended, LineDone, Outcome, Phase, PhaseChanged, StepDone
 from rig.errors import RefusedError
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan

@@ -23,7 +23,7 @@ import pytest
 from attacks.exchanges import FAULTS, Attacked
 from attacks.scene import attacked_rig, kept, scan, tiny_config, tiny_plan
 from attacks.taps import Fault
-from rig.acquire.engine import StepDone
+from rig.acquire.events import StepDone
 from rig.acquire.log import log_of
 from rig.files.scan import ScanFile
 from support.hanging import HANGING

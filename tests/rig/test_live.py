@@ -16,7 +16,7 @@ from test_until import description
 from recon.accumulate import GrowingPicture
 from recon.window import Window
 from rig.acquire.acquisition import Watch, acquire
-from rig.acquire.engine import Ended, LightChanged, Noticed, Outcome, StepDone
+from rig.acquire.events import Ended, LightChanged, Noticed, Outcome, StepDone
 from rig.files import ScanFile
 from rig.live import feed as live_feed
 from rig.live.feed import LiveFeed, Outbox, folder_of

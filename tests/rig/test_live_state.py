@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig.acquire.engine import Ended, LightChanged, Noticed, Outcome, Phase, PhaseChanged, Ready
+from rig.acquire.events import Ended, LightChanged, Noticed, Outcome, Phase, PhaseChanged, Ready
 from rig.files.description import ScanDescription
 from rig.live import state as live_state
 from rig.live.messages import BlockBuilder, Gap

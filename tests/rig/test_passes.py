@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from test_engine import ScriptedRig
 
-from rig.acquire.engine import Ended, Outcome, Phase, PhaseChanged, Ready, ScanEngine, StepDone
+from rig.acquire.engine import ScanEngine
+from rig.acquire.events import Ended, Outcome, Phase, PhaseChanged, Ready, StepDone
 from rig.errors import DataFileError, RefusedError
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.model.config import built_in

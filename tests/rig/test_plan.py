@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import LimitError
 from rig.acquire.preflight import check
-from rig.errors import RefusedError
+from rig.errors import RefusedError, UsageError
 from rig.model.config import built_in, built_in_with
 from rig.model.plan import Grid, ScanPlan, Square
 from rig.model.pointing import Pointing
@@ -148,3 +148,24 @@ def progressive(columns, rows):
     return ScanPlan.grid(
         built_in(), columns=columns, rows=rows, spacing_m=0.01, skip_m=0.0, order="progressive"
     )
+
+
+def test_frames_visit_the_same_grid_again_and_again():
+    once = ScanPlan.grid(built_in(), columns=5, rows=4, skip_m=0.0)
+    plan = ScanPlan.grid(built_in(), columns=5, rows=4, skip_m=0.0, frames=3)
+    np.testing.assert_array_equal(plan.spots_m, np.tile(once.spots_m, (3, 1)))
+    assert [step.ends_line for step in plan.steps()] == 3 * [step.ends_line for step in once.steps()]
+    assert plan.duration_s(built_in()) == pytest.approx(3 * once.duration_s(built_in()))
+
+
+@pytest.mark.parametrize("frames", [0, 200_000])
+def test_frames_are_at_least_one_and_steps_bounded(frames):
+    with pytest.raises(UsageError, match=r"frames|5,000,000"):
+        ScanPlan.grid(built_in(), columns=10, rows=10, skip_m=0.0, frames=frames)
+
+
+def test_lines_may_be_farther_apart_than_positions():
+    plan = ScanPlan.grid(built_in(), columns=5, rows=4, spacing_m=0.01, row_spacing_m=0.08, skip_m=0.0)
+    assert plan.passes[0].positions.area_m == pytest.approx((0.04, 0.24))
+    assert np.ptp(plan.spots_m, axis=0) == pytest.approx([0.04, 0.24, 0.0])
+    np.testing.assert_allclose(np.diff(np.unique(plan.spots_m[:, 1].round(9))), 0.08)

@@ -10,6 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
+from rig.files.scan import ScanFile
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = ("--grid", "20x12", "--spacing", "5cm", "--exposure", "10ms")
 
@@ -256,3 +258,25 @@ def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
         assert 2338 <= done.sum() < 23_384  # a tenth was reported
         assert (np.diff(done.astype(int)) <= 0).all()  # measured from the first on, without gaps
         assert file["transients/counts"][int(done.sum()) - 1].sum() > 0
+
+
+def test_frames_are_planned_scanned_resumed_and_told(rig, tmp_path):
+    small = ("--grid", "4x3", "--spacing", "20cm", "--exposure", "10ms", "--frames", "3")
+    told = json.loads(rig("scan", *small, "--dry-run", "--json").out)
+    assert (told["frames"], told["positions"]) == (3, 36)
+    assert "3 of 12 positions" in rig("scan", *small, "--dry-run").out
+    done = rig("scan", *small, "--out", "a.h5")
+    assert done.code == 0, done.err
+    assert "3 of 3" in done.out
+    with ScanFile(tmp_path / "a.h5") as scan:
+        assert "36, 3 frames" in str(scan)
+    with h5py.File(tmp_path / "a.h5") as file:
+        counts = file["transients/counts"][()].reshape(3, 12, -1).sum(axis=2)
+    assert not np.array_equal(counts[0], counts[1])  # every visit draws its own photons
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["transients/done"][20:] = False
+        del file["stop"]
+    resumed = rig("resume", "a.h5")
+    assert resumed.code == 0, resumed.err
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["transients/done"][()].all()

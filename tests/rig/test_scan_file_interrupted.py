@@ -10,27 +10,55 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import h5py
 import numpy as np
 import pytest
 
 from rig.errors import DataFileError, RefusedError, UsageError
-from rig.files import ScanDescription, ScanFile, ScanWriter
+from rig.files import ScanDescription, ScanFile, ScanWriter, form_counts, form_photons
 from rig.files import content as content_module
 from rig.files import journal as journal_module
 from rig.files import writer as writer_module
 from rig.files.journal import journal_of
 
 POSITIONS, BINS, LINE = 40, 60, 7
+CHUNK_PHOTONS = 1024
 #: What a disk writes at once or not at all.
 PAGE = 4096
 #: Set to any word, these tests try everything; without it, samples.
 THOROUGH = bool(os.environ.get("RIG_TEST_THOROUGH"))
 
 
+@pytest.fixture(params=["histograms", "photons"], scope="module")
+def form(request):
+    """Each test writes files of either form."""
+    return request.param
+
+
+@pytest.fixture(autouse=True)
+def _written_within_lines(monkeypatch):
+    """Write each chunk as soon as it is whole, as far longer lines do."""
+    monkeypatch.setattr(form_photons, "GATHERED_CHUNKS", 1)
+
+
 def row(position):
     return np.random.default_rng([3, position]).poisson(2.0, BINS).astype("u4")
+
+
+def photons(position):
+    """The same photons one by one, as they came."""
+    bins = np.repeat(np.arange(BINS, dtype="u2"), row(position))
+    return np.random.default_rng([4, position]).permutation(bins)
+
+
+def add(writer, position):
+    if writer.tagged:
+        bins = photons(position)
+        writer.append_photons(bins, np.array([len(bins)]), 0.01)
+    else:
+        writer.append(row(position), 0.01)
 
 
 def measure(writer, done):
@@ -40,7 +68,7 @@ def measure(writer, done):
         while done < POSITIONS:
             if done in {3, 4, 5, 20}:
                 writer.note("a bin is full", done, done)
-            writer.append(row(done), 0.01)
+            add(writer, done)
             done += 1
             if done % LINE == 0:
                 writer.checkpoint()
@@ -50,9 +78,13 @@ def measure(writer, done):
         writer.close(status)
 
 
-def create(path):
-    laser_m = np.zeros((POSITIONS, 3))
-    return ScanWriter.create(path, ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0))
+def create(path, form):
+    description = ScanDescription(
+        np.zeros((POSITIONS, 3)), np.zeros((1, 3)), BINS, 4e-12, 0.0, tagged=form == "photons"
+    )
+    # the 4800 photons are of several chunks, as those of a scan are
+    with patch.object(form_photons, "CHUNK_PHOTONS", CHUNK_PHOTONS):
+        return ScanWriter.create(path, description)
 
 
 def measured_and_right(path):
@@ -82,7 +114,7 @@ def assert_right(path):
     assert not journal_of(path).exists()
     with h5py.File(path) as file:
         transients = file["transients"]
-        np.testing.assert_array_equal(transients["counts"][:, 0], [row(n) for n in range(POSITIONS)])
+        assert_all_there(transients)
         np.testing.assert_array_equal(transients["live_time_s"][()], np.full(POSITIONS, 0.01, "f4"))
         assert transients["done"][()].all()
         assert file["stop"].attrs["status"] == "complete"
@@ -92,10 +124,25 @@ def assert_right(path):
     return measured
 
 
+def assert_all_there(transients):
+    """The whole scan is in the file, as other programs read it."""
+    if "counts" in transients:
+        np.testing.assert_array_equal(transients["counts"][:, 0], [row(n) for n in range(POSITIONS)])
+        return
+    offset = np.cumsum([0, *(int(row(n).sum()) for n in range(POSITIONS))])
+    np.testing.assert_array_equal(transients["photon_offset"][()], offset)
+    np.testing.assert_array_equal(
+        transients["photons"][()], np.concatenate([photons(n) for n in range(POSITIONS)])
+    )
+
+
 class At:
     """Raises at the n-th executed line of what writes scan files; keeps the lines' places."""
 
-    FILES = (writer_module.__file__, journal_module.__file__, content_module.__file__)
+    FILES = tuple(
+        module.__file__
+        for module in (writer_module, journal_module, content_module, form_counts, form_photons)
+    )
 
     def __init__(self, number):
         self.number, self.places = number, []
@@ -114,9 +161,9 @@ class At:
         return self.line
 
 
-def interrupt_at(path, number):
+def interrupt_at(path, form, number):
     at = At(number)
-    writer = create(path)
+    writer = create(path, form)
     try:
         sys.settrace(at)
         measure(writer, 0)
@@ -128,8 +175,8 @@ def interrupt_at(path, number):
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files left to the collector
-def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path):
-    places = interrupt_at(tmp_path / "whole.h5", None)
+def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path, form):
+    places = interrupt_at(tmp_path / "whole.h5", form, None)
     assert_right(tmp_path / "whole.h5")
     first = {place: number for number, place in reversed(list(enumerate(places)))}
     last = {place: number for number, place in enumerate(places)}
@@ -138,7 +185,7 @@ def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path):
     kept = []
     for number in tried:
         path = tmp_path / f"{number}.h5"
-        interrupt_at(path, number)
+        interrupt_at(path, form, number)
         kept.append(assert_right(path))
         path.unlink()
     assert max(kept) == POSITIONS
@@ -199,10 +246,10 @@ class States:
 
 
 @pytest.fixture(scope="module")
-def states(tmp_path_factory):
+def states(tmp_path_factory, form):
     path = tmp_path_factory.mktemp("states") / "scan.h5"
     kept = States(path)
-    kept.writer = create(path)
+    kept.writer = create(path, form)
     # of what `create` wrote the journal alone was made permanent
     try:
         sys.settrace(kept)
@@ -248,7 +295,7 @@ def noted_or_not(path):
     """The scan goes on; what was noted in what was cut off is not known any more."""
     with ScanWriter.resume(path) as again:
         for position in range(again.appended, POSITIONS):
-            again.append(row(position), 0.01)
+            add(again, position)
     assert measured_and_right(path) == POSITIONS
 
 
@@ -269,13 +316,19 @@ def test_an_altered_chunk_is_not_measured_and_is_measured_again(states, tmp_path
     path, rng = tmp_path / "scan.h5", random.Random(4)
     whole = states.files[0].read_bytes()
     with h5py.File(states.files[0]) as file:
-        places = [file["transients/counts"].id.get_chunk_info(number) for number in range(3)]
+        chunks = file["transients"].get("counts", file["transients"].get("photons"))
+        places = [chunks.id.get_chunk_info(number) for number in range(chunks.id.get_num_chunks())]
+        ends = file["transients/photon_offset"][1:] if "photons" in file["transients"] else None
+    assert len(places) >= 3
     for number in range(30 if THOROUGH else 6):
         altered = bytearray(whole)
-        chunk = places[number % 3]
+        chunk = places[number % len(places)]
         altered[chunk.byte_offset + rng.randrange(chunk.size)] ^= 1 << rng.randrange(8)
         path.write_bytes(altered)
         first, last = chunk.chunk_offset[0], min(chunk.chunk_offset[0] + 16, POSITIONS) - 1
+        if ends is not None:  # the steps that have a photon in the chunk
+            begin = chunk.chunk_offset[0]
+            first, last = np.searchsorted(ends, [begin + 1, min(begin + CHUNK_PHOTONS, ends[-1])])
         with ScanFile(path) as scan:
             assert np.flatnonzero(scan.altered).tolist() == list(range(first, last + 1))
             assert f"positions {first} to {last} are not as they were written" in scan.doubts[0]
@@ -293,15 +346,15 @@ def test_an_altered_chunk_is_not_measured_and_is_measured_again(states, tmp_path
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="an open file's new name is found as Linux tells it")
-def test_a_file_moved_under_the_scan_ends_it_and_is_closed_where_it_is(tmp_path):
+def test_a_file_moved_under_the_scan_ends_it_and_is_closed_where_it_is(tmp_path, form):
     path, elsewhere = tmp_path / "scan.h5", tmp_path / "other" / "renamed.h5"
     elsewhere.parent.mkdir()
-    writer = create(path)
+    writer = create(path, form)
     for position in range(10):
-        writer.append(row(position), 0.01)
+        add(writer, position)
     writer.checkpoint()
     path.rename(elsewhere)
-    writer.append(row(10), 0.01)
+    add(writer, 10)
     with pytest.raises(DataFileError, match=r"was moved to .*renamed\.h5.*rig resume"):
         writer.checkpoint()
     writer.close("failed")
@@ -312,16 +365,16 @@ def test_a_file_moved_under_the_scan_ends_it_and_is_closed_where_it_is(tmp_path)
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not delete an open file")
 @pytest.mark.parametrize("also_the_journal", [False, True])
-def test_a_file_deleted_under_the_scan_is_saved_under_another_name(tmp_path, also_the_journal):
+def test_a_file_deleted_under_the_scan_is_saved_under_another_name(tmp_path, form, also_the_journal):
     path = tmp_path / "scan.h5"
-    writer = create(path)
+    writer = create(path, form)
     for position in range(10):
-        writer.append(row(position), 0.01)
+        add(writer, position)
     writer.checkpoint()
     path.unlink()
     if also_the_journal:
         journal_of(path).unlink()
-    writer.append(row(10), 0.01)
+    add(writer, 10)
     with pytest.raises(DataFileError, match=r"scan\.h5 was deleted.*saved as .*scan-saved\.h5"):
         writer.checkpoint()
     writer.close("failed")
@@ -330,13 +383,13 @@ def test_a_file_deleted_under_the_scan_is_saved_under_another_name(tmp_path, als
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no lock on the journal")
-def test_a_scan_that_is_being_written_is_read_up_to_its_last_checkpoint_and_not_taken_up(tmp_path):
+def test_a_scan_that_is_being_written_is_read_up_to_its_last_checkpoint_and_not_taken_up(tmp_path, form):
     path = tmp_path / "scan.h5"
-    with create(path) as writer:
+    with create(path, form) as writer:
         with ScanFile(path) as scan, pytest.raises(DataFileError, match="no measured position yet"):
             scan.capture()
         for position in range(20):
-            writer.append(row(position), 0.01)
+            add(writer, position)
             if position in {4, 17}:
                 writer.checkpoint()
                 assert measured_and_right(path) == position + 1
@@ -352,29 +405,29 @@ def test_a_scan_that_is_being_written_is_read_up_to_its_last_checkpoint_and_not_
         assert scan.done.sum() == 10
 
 
-def test_a_journal_without_its_file_is_a_scan(states, tmp_path):
+def test_a_journal_without_its_file_is_a_scan(states, tmp_path, form):
     path = tmp_path / "scan.h5"
     journal_of(path).write_bytes(next(held for held in reversed(states.kept) if None not in held)[1])
     with pytest.raises(UsageError, match=r"journal exists.*rig resume"):
-        create(path)
+        create(path, form)
     assert measured_and_right(path) == POSITIONS
     assert assert_right(path) == POSITIONS
 
 
-def in_a_process_of_its_own(fault, folder, numbers):
+def in_a_process_of_its_own(fault, folder, form, numbers):
     """Measure a file for each number, each with its fault; return the errors."""
     here = Path(__file__)
     code = f"import sys; sys.path.insert(0, {str(here.parent)!r}); import {here.stem} as t; "
-    code += f"t.measure_with(t.{fault.__name__}, {str(folder)!r}, {list(numbers)})"
+    code += f"t.measure_with(t.{fault.__name__}, {str(folder)!r}, {form!r}, {list(numbers)})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
-def measure_with(fault, folder, numbers):
+def measure_with(fault, folder, form, numbers):
     errors = []
     for number in numbers:
-        writer = create(Path(folder) / f"{number}.h5")
+        writer = create(Path(folder) / f"{number}.h5", form)
         try:
             measure(fault(writer, number), 0)
             errors.append("")
@@ -393,9 +446,10 @@ def limited(writer, number):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit on a file's size is Linux's here")
-def test_a_file_that_may_not_grow_ends_the_scan_with_what_was_measured(tmp_path):
-    limits = range(0, 20000, 100 if THOROUGH else 1000)
-    errors = in_a_process_of_its_own(limited, tmp_path, limits)
+def test_a_file_that_may_not_grow_ends_the_scan_with_what_was_measured(tmp_path, form):
+    most = {"histograms": 20_000, "photons": 40_000}[form]  # bytes that are enough for all
+    limits = range(0, most, most // (200 if THOROUGH else 20))
+    errors = in_a_process_of_its_own(limited, tmp_path, form, limits)
     kept = []
     for limit, error in zip(limits, errors, strict=True):
         path = tmp_path / f"{limit}.h5"
@@ -422,16 +476,18 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def measured_on_a_full_disk(path):
+def measured_on_a_full_disk(path, form):
     """Measure; return what went wrong."""
     try:
-        measure(create(path), 0)
+        measure(create(path, form), 0)
     except (UsageError, DataFileError) as error:
         return str(error)
     return ""
 
 
-def test_a_disk_that_is_full_at_any_level_loses_nothing_that_was_saved(small_disk, tmp_path, monkeypatch):
+def test_a_disk_that_is_full_at_any_level_loses_nothing_that_was_saved(
+    small_disk, tmp_path, form, monkeypatch
+):
     path, hog = small_disk / "scan.h5", small_disk / "hog"
     kept = []
     for free in range(28, 72, 4):
@@ -439,7 +495,7 @@ def test_a_disk_that_is_full_at_any_level_loses_nothing_that_was_saved(small_dis
         with monkeypatch.context() as patched:
             # as if another program filled the disk after each look at it
             patched.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=10**12))
-            error = measured_on_a_full_disk(path)
+            error = measured_on_a_full_disk(path, form)
             assert not error or "No space left" in error
             if "cannot create" in error:
                 assert [one.name for one in small_disk.iterdir()] == ["hog"]
@@ -472,14 +528,21 @@ class Unplugged:
     def __init__(self, writer, number):
         self.writer, self.left = writer, number
 
-    def append(self, counts, live_time_s):
+    def append(self, *step):
+        self.unplug()
+        self.writer.append(*step)
+
+    def append_photons(self, *step):
+        self.unplug()
+        self.writer.append_photons(*step)
+
+    def unplug(self):
         if self.left == 0:
             for path in (self.writer.path, journal_of(self.writer.path)):
                 named = str(path.resolve())
                 (ours,) = (n for n in Path("/proc/self/fd").iterdir() if os.path.realpath(n) == named)
                 os.dup2(os.open(path, os.O_RDONLY), int(ours.name))
         self.left -= 1
-        self.writer.append(counts, live_time_s)
 
     def __getattr__(self, name):
         return getattr(self.writer, name)
@@ -487,8 +550,8 @@ class Unplugged:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="open files are found as Linux names them")
 @pytest.mark.parametrize("number", [0, 10, 20, 23, 33, 39])
-def test_after_writing_failed_the_file_is_as_it_was_saved_last(tmp_path, number):
-    (error,) = in_a_process_of_its_own(Unplugged, tmp_path, [number])
+def test_after_writing_failed_the_file_is_as_it_was_saved_last(tmp_path, form, number):
+    (error,) = in_a_process_of_its_own(Unplugged, tmp_path, form, [number])
     assert re.search("cannot write .*Bad file descriptor.*rig resume", error)
     kept = assert_right(tmp_path / f"{number}.h5")
     # the last line's end; steps of a chunk that filled up since are there too, though nobody promised them
@@ -496,13 +559,15 @@ def test_after_writing_failed_the_file_is_as_it_was_saved_last(tmp_path, number)
 
 
 @pytest.mark.parametrize("looks", range(1, 8))
-def test_a_disk_that_fills_up_ends_the_scan_while_the_file_can_still_be_closed(tmp_path, monkeypatch, looks):
+def test_a_disk_that_fills_up_ends_the_scan_while_the_file_can_still_be_closed(
+    tmp_path, form, monkeypatch, looks
+):
     path, left = tmp_path / "scan.h5", iter(range(looks, -1000, -1))
     with monkeypatch.context() as patched:
         plenty, little = SimpleNamespace(free=10**12), SimpleNamespace(free=10**7)
         patched.setattr(shutil, "disk_usage", lambda folder: plenty if next(left) > 1 else little)
         with pytest.raises(DataFileError, match=r"only 10 MB free.*rig resume"):
-            measure(create(path), 0)
+            measure(create(path, form), 0)
         before = path.read_bytes()
         with pytest.raises(RefusedError, match="was not touched"):
             ScanWriter.resume(path)

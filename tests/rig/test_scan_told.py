@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Recorder
-from rig.acquire.engine import Ended, LineDone, Outcome, Phase, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, LineDone, Outcome, Phase, PhaseChanged, Ready, StepDone
 from rig.acquire.log import ScanLog, log_of
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.model.config import built_in

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from attacks.scene import attacked_rig, kept, scan, tiny_config, tiny_plan
-from rig.acquire.engine import Noticed, StepDone
+from rig.acquire.events import Noticed, StepDone
 
 CONFIG = tiny_config()
 #: Lines of 10 positions of 10 ms; the lie begins in the middle of the second.

@@ -10,7 +10,7 @@ import pytest
 
 from recon import defaults
 from recon.capture import ArrayHistograms, Capture
-from rig.acquire.engine import Ended, LineDone, Outcome, StepDone
+from rig.acquire.events import Ended, LineDone, Outcome, StepDone
 from rig.errors import UsageError
 from rig.files import ScanFile
 from rig.files.description import ScanDescription

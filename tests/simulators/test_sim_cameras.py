@@ -129,7 +129,7 @@ def test_a_camera_sees_where_the_mirror_really_points_and_whether_light_comes():
     bench.steer(-0.1, -0.05)
     bench.clock.sleep(0.5e-3)  # on its way
     middle, _ = brightest()
-    true = bench.geometry.laser_spot_m(bench.mirror.position(bench.clock.now_s()))
+    true = bench.geometry.laser_spot_m(bench.position_rad)
     assert middle == pytest.approx(LEFT.lens.project(np.array(true))[0], abs=1)
     bench.clock.sleep(0.1)
     end, _ = brightest()

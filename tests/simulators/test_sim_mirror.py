@@ -85,3 +85,51 @@ def test_the_past_can_be_asked_until_it_is_forgotten():
     mirror.forget_before(65e-3)
     assert [mirror.position(t) for t in (65e-3, 79e-3, 90e-3, 130e-3)] == before
     assert mirror.commands_between(0.0, 1.0) == pytest.approx([60e-3, 80e-3, 100e-3])
+
+
+def test_a_command_for_later_is_not_yet_the_target():
+    mirror = SteeringMirror()
+    mirror.follow([1.0, 2.0, 3.0], [(0.1, 0.0), (0.2, 0.0), (0.3, -0.1)])
+    assert [mirror.target(t) for t in (0.5, 1.0, 2.5, 9.0)] == [(0, 0), (0.1, 0), (0.2, 0), (0.3, -0.1)]
+    assert mirror.settled(0.5)
+    assert not mirror.settled(2.001)
+    assert mirror.settled(2.9)
+    assert mirror.known_from_s == 0.0
+
+
+def test_following_is_the_same_as_one_command_after_the_other():
+    rng = np.random.default_rng(0)
+    times_s, angles = 1e-3 * np.arange(1, 301), rng.uniform(-0.3, 0.3, (300, 2))
+    at_once, one_by_one = SteeringMirror(), SteeringMirror()
+    at_once.follow(times_s, angles)
+    for at_s, (x, y) in zip(times_s, angles, strict=True):
+        one_by_one.command(x, y, at_s)
+    asked_s = rng.uniform(1e-3, 0.3, 1000)  # always moving
+    places = at_once.positions(asked_s)
+    assert places == pytest.approx(np.array([one_by_one.position(t) for t in asked_s]), abs=1e-15)
+    assert len(np.unique(places[:, 0])) == 1000
+
+
+def test_a_command_drops_what_is_still_to_come():
+    mirror, other = SteeringMirror(), SteeringMirror()
+    mirror.follow([1.0, 1.001, 1.002], [(0.1, 0.0), (0.2, 0.0), (0.3, 0.0)])
+    mirror.command(-0.1, 0.1, 1.0015)
+    for at_s, x, y in ((1.0, 0.1, 0.0), (1.001, 0.2, 0.0), (1.0015, -0.1, 0.1)):
+        other.command(x, y, at_s)
+    asked_s = np.linspace(0.9, 1.1, 2001)
+    assert np.array_equal(mirror.positions(asked_s), other.positions(asked_s))
+    assert mirror.target(9.0) == (-0.1, 0.1)
+
+
+def test_many_commands_for_later_are_dropped_and_forgotten():
+    mirror = SteeringMirror()
+    mirror.follow(1.0 + 1e-3 * np.arange(30_000), np.tile([[0.1, 0.0], [0.0, 0.1]], (15_000, 1)))
+    mirror.drop_after(21.0005)
+    assert mirror.target(40.0) == (0.1, 0.0)
+    assert mirror.commands_between(20.9975, 40.0) == pytest.approx([20.998, 20.999, 21.0])
+    before = mirror.position(20.9991)
+    mirror.forget_before(20.999)
+    assert mirror.known_from_s == pytest.approx(20.999)
+    assert mirror.position(20.9991) == before
+    mirror.drop_after(0.0)  # the one in force is never dropped
+    assert mirror.target(40.0) == (0.0, 0.1)

@@ -25,7 +25,7 @@ FAULTS = {
 }
 
 
-def misaligned(seed: int = 0, signs=None, mirrors: int = 1) -> RigConfig:
+def misaligned(seed: int = 0, signs=None, mirrors: int = 1, kind: str = "optotune") -> RigConfig:
     """Everything is wrong at once; ``signs`` (16,) turns the directions round."""
     s = np.ones(16) if signs is None else signs
     misalignment = {
@@ -38,7 +38,7 @@ def misaligned(seed: int = 0, signs=None, mirrors: int = 1) -> RigConfig:
         "cable_delay": f"{3 * s[15]}ns",
     }
     simulation = {"seed": seed, "faults": FAULTS, "misalignment": misalignment}
-    galvo = {"mirrors": mirrors, "separation": "15mm"} if mirrors == 2 else {}
+    galvo = {"kind": kind, "mirrors": mirrors, "separation": "15mm" if mirrors == 2 else "0mm"}
     return built_in_with({"simulation": simulation, "galvo": galvo})
 
 

@@ -26,7 +26,7 @@ voxels of a plane are read at one moment, as in confocal data, the sum is taken 
 
 from collections.abc import Iterator
 from os import cpu_count
-from threading import local
+from threading import Lock, local
 
 import numpy as np
 from ducc0.fft import c2c, dct
@@ -51,9 +51,41 @@ class Workspace:
         quarter = (2, y.half + 1, x.half + 1)
         self.wave = np.empty(quarter, np.float32)
         self.step = np.empty(quarter, np.float32)
-        self.kernel = np.empty(quarter, np.float32)
+        self.kernel = self.own_kernel = np.empty(quarter, np.float32)
         self.spectrum = np.empty((y.folded, x.folded), np.complex64)
         self.rows = np.empty((len(y.first), x.folded), np.complex64)
+
+
+class Kernels:
+    """Transforms of the spherical wave that are kept for the next image on the same lattice and planes.
+
+    Parameters
+    ----------
+    most_bytes
+        Planes whose kernels do not fit into these have theirs computed anew each time.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._left_bytes, self._kept = most_bytes, dict[float, NDArray[np.float32]]()
+        self._lock = Lock()
+
+    def of_plane(self, z_m: float) -> NDArray[np.float32] | None:
+        """Return what was kept for a plane, (F, 2, y, x); None where nothing was."""
+        return self._kept.get(z_m)
+
+    def keep(self, z_m: float, kernels: list[NDArray[np.float32]]) -> None:
+        """Keep a plane's kernels, in order of frequency, if there is room."""
+        size = sum(one.nbytes for one in kernels)
+        with self._lock:
+            if size > self._left_bytes or z_m in self._kept:
+                return
+            self._left_bytes -= size
+        self._kept[z_m] = np.stack(kernels)
+
+    @property
+    def room(self) -> bool:
+        """Whether more may fit."""
+        return self._left_bytes > 0
 
 
 class LatticePropagator(Propagator):
@@ -73,6 +105,8 @@ class LatticePropagator(Propagator):
         How often the path from a laser spot to a voxel counts: once, or twice for confocal data.
     wall_bytes
         As of `ImagingProblem`.
+    kernels
+        Where the wave's transforms are kept for later images; None keeps none.
     """
 
     def __init__(
@@ -83,8 +117,10 @@ class LatticePropagator(Propagator):
         grid: VoxelGrid,
         round_trip_factor: int,
         wall_bytes: int = ImagingProblem.wall_bytes,
+        kernels: Kernels | None = None,
     ) -> None:
         self.band = band
+        self._kernels = kernels
         self._emitted = emitted
         self._shape = grid.shape[1:]
         self._round_trip_factor = round_trip_factor
@@ -96,6 +132,37 @@ class LatticePropagator(Propagator):
         for index in range(len(self._walls)):
             self._walls[index] = self._transform(index, cpu_count() or 1)
         self._threads = local()
+
+    def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return the wall's transforms of what lattice points emit, for `show`.
+
+        Parameters
+        ----------
+        sums
+            (aperture rows, aperture columns, F) complex64.
+
+        Returns
+        -------
+        ndarray
+            (F, lattice y, lattice x) complex64; those of several moments may be added up.
+        """
+        sums = sums * np.float32(1 / (self._y.length * self._x.length))
+        _, columns, many = sums.shape
+        # Column by column, and row by row: what is spread stays within the cache.
+        up = np.stack([_spread(self._y, sums[:, column]) for column in range(columns)], axis=1)
+        across = np.stack([_spread(self._x, row) for row in up])
+        walls = np.zeros((many, self._y.length, self._x.length), np.complex64)
+        walls[np.ix_(np.arange(many), self._y.wall, self._x.wall)] = np.moveaxis(across, 2, 0)
+        return c2c(walls, axes=(1, 2), out=walls, nthreads=1)
+
+    @property
+    def kernel_bytes(self) -> int:
+        """Size of a plane's kernels."""
+        return 8 * len(self.band) * (self._y.half + 1) * (self._x.half + 1)
+
+    def show(self, walls: NDArray[np.complex64]) -> None:
+        """Take other transforms of the wall, as of `transformed`, in place of what was emitted before."""
+        self._walls = walls
 
     def fields(self, z_m: float) -> Field:
         """Return the fields on the plane at depth `z_m`: (F, y, x) complex64."""
@@ -193,6 +260,13 @@ class LatticePropagator(Propagator):
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
+        kept = self._kernels.of_plane(z_m) if self._kernels else None
+        if kept is not None:
+            for index in reversed(range(len(self.band))):
+                work.kernel = kept[index]
+                yield index
+            return
+        work.kernel, made = work.own_kernel, []
         kernels.spherical_wave(
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
             np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
@@ -204,9 +278,13 @@ class LatticePropagator(Propagator):
         )
         for index in reversed(range(len(self.band))):
             dct(work.wave, axes=(1, 2), type=1, out=work.kernel, nthreads=1)
+            if self._kernels and self._kernels.room:
+                made.append(work.kernel.copy())
             yield index
             if index:
                 kernels.next_frequency(work.wave, work.step)
+        if self._kernels and len(made) == len(self.band):
+            self._kernels.keep(z_m, made[::-1])
 
     def _wall(self, index: int) -> NDArray[np.complex64]:
         """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""

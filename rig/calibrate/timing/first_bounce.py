@@ -69,7 +69,7 @@ class FirstBounceRoutine(Routine[K]):
         return [recorded(folder / name, plan, state, station, watch) for name in self.files]
 
 
-def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:
+def first_bounces(raw: Raw, *, gated: bool = False, min_counts: int = peaks.MIN_COUNTS) -> peaks.Peaks:
     """Find and fit the first bounce at each measured position.
 
     Raises CalibrationError if more than a few positions have no good peak, or the detector was gated though
@@ -88,6 +88,7 @@ def first_bounces(raw: Raw, *, gated: bool = False) -> peaks.Peaks:
         raw.edges_s,
         name=raw.label,
         max_per_pulse=MAX_GATED_PER_PULSE if gated else peaks.MAX_PER_PULSE,
+        min_counts=min_counts,
     )
 
 

@@ -119,6 +119,7 @@ def find(
     *,
     name: str,
     max_per_pulse: float = MAX_PER_PULSE,
+    min_counts: int = MIN_COUNTS,
     searched: slice = slice(None),
 ) -> Peaks:
     """Find and fit the one strong peak of each histogram.
@@ -138,6 +139,8 @@ def find(
         Of what is measured, for messages.
     max_per_pulse
         Most detections for each pulse.
+    min_counts
+        Fewest counts of a peak above the background.
     searched
         Bins in which the highest point is looked for.
     """
@@ -147,7 +150,9 @@ def find(
     for number, (histogram, each_pulses) in enumerate(zip(histograms, pulses, strict=True)):
         try:
             _refuse_saturated(histogram, each_pulses, max_per_pulse)
-            starts[number] = (searched.start or 0) + _highest(histogram[searched], width_s) - before
+            starts[number] = (
+                (searched.start or 0) + _highest(histogram[searched], width_s, min_counts) - before
+            )
             fits = 0 <= starts[number] <= histograms.shape[1] - size
             require(fits, "its peak is cut off by the end of the histogram")
         except CalibrationError as error:
@@ -178,7 +183,7 @@ def _refuse_saturated(histogram: Floats, pulses: float, max_per_pulse: float) ->
     )
 
 
-def _highest(histogram: Floats, width_s: float) -> int:
+def _highest(histogram: Floats, width_s: float, min_counts: int) -> int:
     """Return the bin of the one strong peak, or refuse what has none, or two."""
     width = max(round(SMOOTHED_S / width_s), 1)
     smooth = np.convolve(histogram, np.ones(width), "same")
@@ -189,8 +194,8 @@ def _highest(histogram: Floats, width_s: float) -> int:
     background = float(np.median(smooth))
     inside = float(histogram[around].sum()) - background / width * (around.stop - around.start)
     require(
-        inside >= MIN_COUNTS and smooth[peak] >= background + 8 * np.sqrt(background + 1),
-        f"it has no peak: {inside:.0f} counts above the background at its highest point, {MIN_COUNTS} are "
+        inside >= min_counts and smooth[peak] >= background + 8 * np.sqrt(background + 1),
+        f"it has no peak: {inside:.0f} counts above the background at its highest point, {min_counts} are "
         "the least. Measure longer, attenuate less, and check that the beam is not blocked and the detector "
         "runs free",
     )

@@ -16,6 +16,7 @@ from rig.model.calibrations.kinds import (
     DarkRates,
     GalvoModel,
     GateOpening,
+    MirrorLag,
     Response,
     TimeZero,
 )
@@ -48,6 +49,11 @@ class Calibrations:
     def time_zero(self) -> TimeZero | None:
         """When the pulse is on the wall."""
         return self._one(TimeZero)
+
+    @property
+    def lag(self) -> MirrorLag | None:
+        """By how much the mirror trails its command."""
+        return self._one(MirrorLag)
 
     @property
     def response(self) -> Response | None:

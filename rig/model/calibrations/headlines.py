@@ -1,7 +1,15 @@
 """A calibration in a line."""
 
 from rig.model.calibrations.base import Calibration
-from rig.model.calibrations.kinds import BinWidths, DarkRates, GalvoModel, GateOpening, Response, TimeZero
+from rig.model.calibrations.kinds import (
+    BinWidths,
+    DarkRates,
+    GalvoModel,
+    GateOpening,
+    MirrorLag,
+    Response,
+    TimeZero,
+)
 from rig.model.quantities import show, show_length
 
 
@@ -15,6 +23,11 @@ def headline(calibration: Calibration) -> str:
             return (
                 f"{show(found.electronics_delay_s, 's', 5)} of cable and electronics, "
                 f"rectified time known to {show(found.rectified_error_s, 's', 2)}"
+            )
+        case MirrorLag() as found:
+            return (
+                f"{show(found.lag_s, 's', 4)} ± {show(found.lag_error_s, 's', 2)} behind its command, "
+                f"at {found.speed_m_per_s:.3g} m/s along x"
             )
         case Response() as found:
             return f"{show(found.fwhm_s, 's', 3)} ± {show(found.fwhm_error_s, 's', 2)} wide at half maximum"

@@ -4,6 +4,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from rig.model.calibrations.base import Calibration
 from rig.model.delays import PathDelays
@@ -48,6 +49,28 @@ class TimeZero(Calibration):
         return PathDelays(
             np.array(self.laser_head_m), np.array(self.detector_head_m), self.electronics_delay_s
         )
+
+
+class MirrorLag(Calibration):
+    """By how much a mirror that moves trails its command."""
+
+    kind: ClassVar[str] = "lag"
+    belongs_to: ClassVar[tuple[str, ...]] = ("galvo", "point_clock")
+
+    lag_s: float = Field(ge=0)
+    lag_error_s: float
+    point_s: float
+    """Time of a point,"""
+    speed_m_per_s: float
+    """and speed of the spot along the lines, with which it was measured."""
+    chi2: float
+    """Mean square of what the fit leaves in its standard errors: about 1 where one lag explains all."""
+    positions: int
+    after_s: list[float]
+    lag_after_s: list[float]
+    """At these times after the first point of a line: the lag by itself, the traces of turns in it,"""
+    lag_after_error_s: list[float]
+    """and its standard error."""
 
 
 class GalvoModel(Calibration):
@@ -210,6 +233,6 @@ class BinWidths(Calibration):
 
 
 KINDS: dict[str, type[Calibration]] = {
-    each.kind: each for each in (GalvoModel, TimeZero, Response, DarkRates, GateOpening, BinWidths)
+    each.kind: each for each in (GalvoModel, TimeZero, MirrorLag, Response, DarkRates, GateOpening, BinWidths)
 }
 """By name, in the order in which they are measured: each may build on those before it."""

@@ -50,7 +50,7 @@ def _edges(clock: Nonlinearity) -> NDArray[np.float64]:
     return np.append(0.0, np.cumsum(clock.widths()))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _counted(times, edges):  # type: ignore[no-untyped-def]
     """Find each time's bin from where it would be were all bins equal: that is a few bins off at most."""
     counted, last = times.copy(), len(edges) - 2
@@ -98,7 +98,7 @@ class Timing:
         return Detections(pulse, time_s)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _live(pulse, time, period, dead_time):  # type: ignore[no-untyped-def]
     """Which events come at least ``dead_time`` after the last that was counted."""
     counted = np.ones(len(pulse), np.bool_)

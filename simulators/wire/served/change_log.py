@@ -40,7 +40,7 @@ class ChangeLog:
         self._known = values
 
     def _values(self) -> dict[str, str]:
-        light, (x_rad, y_rad) = self._bench.light, self._bench.mirror.target
+        light, (x_rad, y_rad) = self._bench.light, self._bench.target_rad
         return {
             "galvo mirror": f"{x_rad:.6f} {y_rad:.6f}",
             "laser power": f"{10 * light.power:.2f}",

@@ -1,0 +1,70 @@
+"""A scan of several frames, imaged frame by frame."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recon.capture import Histograms
+from recon.depth import compensate_falloff, front_view
+from recon.frames import FrameImager
+from rig.errors import UsageError
+from rig.files.scan import ScanFile
+from rig.files.volume import Volume, volume_by_planes
+
+
+def frame_times_s(scan: ScanFile) -> NDArray[np.float64]:
+    """Return when each whole frame began, as the plan has it, (T,)."""
+    assert scan.plan is not None
+    duration_s = scan.plan.exposure_total_s if scan.config is None else scan.plan.duration_s(scan.config)
+    return scan.whole_frames.astype(np.float64) * (duration_s / scan.frames)
+
+
+def check_frames(scan: ScanFile) -> None:
+    """Refuse a scan of fewer than two whole frames.
+
+    Raises
+    ------
+    UsageError
+        If so.
+    """
+    whole = len(scan.whole_frames) if scan.frames > 1 else 1
+    if whole < 2:
+        raise UsageError(
+            f"{scan.path} holds {'one whole frame' if whole else 'no whole frame'}, so that there is nothing "
+            "to film; scan with --frames, or leave --each-frame out"
+        )
+
+
+def film_frames(
+    frames: list[Histograms],
+    imager: FrameImager,
+    begun: Volume,
+    path: Path,
+    progress: Callable[[float], None],
+) -> NDArray[np.float32]:
+    """Image frame by frame into a volume file; return the front views, their fall-off undone, (T, y, x).
+
+    Parameters
+    ----------
+    frames
+        Counts of each frame.
+    imager
+        What images them.
+    begun
+        The volume file's value, with darkness for front views.
+    path
+        The volume file, which appears when all frames are in it.
+    progress
+        Called with the fraction that is done.
+    """
+    fronts = np.empty_like(begun.intensity)
+    with volume_by_planes(path, begun) as dataset:
+        for number, frame in enumerate(frames):
+            found = imager.image(frame)
+            dataset[number] = found.intensity
+            lifted = compensate_falloff(found.intensity, begun.z_m, found.falloff_power)
+            fronts[number] = front_view(lifted)
+            progress((number + 1) / len(frames))
+    return fronts
