@@ -94,21 +94,21 @@ def test_refusals_name_the_reason():
         fit_lag(replace(seen, arrival_s=seen.arrival_s + strays), TOLD, "drawn")
 
 
-def rig(folder, lag="800us", **scan):
+def rig(folder, lag="800us", kind="optotune", **scan):
     """The built-in rig with a slow mirror; its configuration does not know how slow."""
-    simulation = {"misalignment": {"mirror_lag": lag}}
     return built_in_with(
         {
-            "simulation": simulation,
+            "galvo": {"kind": kind},
+            "simulation": {"misalignment": {"mirror_lag": lag}},
             "calibration": {"folder": str(folder / "calibrations")},
             "scan": {"columns": 60, "rows": 8, "spacing": "3cm", **scan},
         }
     )
 
 
-@pytest.mark.parametrize(("lag", "lag_s"), [("800us", 0.8e-3), ("2ms", 2e-3)])
-def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(lag, lag_s, tmp_path):
-    config, routine = rig(tmp_path, lag), LagRoutine(rows=4)
+@pytest.mark.parametrize(("kind", "lag"), [("optotune", 0.8), ("optotune", 2.0), ("analogue", 0.3)])
+def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(kind, lag, tmp_path):
+    config, routine, lag_s = rig(tmp_path, f"{lag}ms", kind), LagRoutine(rows=4), 1e-3 * lag
     found = fitted(routine, config, measured(routine, config, None, tmp_path, Watch()))
     calibration = found.calibration
     assert abs(calibration.lag_s - lag_s) < 4 * calibration.lag_error_s
