@@ -46,7 +46,7 @@ from recon.window import Window
 #: Memory for transforms of the wave; planes beyond it take theirs anew in each frame.
 KERNEL_BYTES = 2**30
 #: Taking the wall's spectrum at one frequency takes as long as imaging so many planes at it.
-TAKING_PLANES = 8
+TAKING_PLANES = 6
 #: Depth blocks into which planes are cut at most.
 MOST_BLOCKS = 16
 

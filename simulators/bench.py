@@ -454,10 +454,11 @@ class Bench:
         ValueError
             If there is no tick, no time between two, or a mark of another input than the four.
         """
-        ticks = Ticks(np.asarray(marks, np.uint8), tick_s, self.clock.now_s() if start_s is None else start_s)
         if self.ticks_end_s > self.clock.now_s():
             self.stop_ticks()
         with self._lock:
+            begin_s = self.clock.now_s() if start_s is None else start_s
+            ticks = Ticks(np.asarray(marks, np.uint8), tick_s, begin_s)
             self._take_ticked(inf)  # nobody has taken these yet, but somebody may
             self._ticks = ticks
         for listener in self.tick_listeners:

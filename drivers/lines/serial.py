@@ -93,28 +93,31 @@ class SerialLine:
                 port.read(port.in_waiting)
             port.write(message)
 
-    def receive(self, asked: str) -> bytes:
+    def receive(self, asked: str, terminator: bytes | None = None) -> bytes:
         """Return one answer without its terminator.
 
         Parameters
         ----------
         asked
             The question, for messages.
+        terminator
+            Ends this answer, where it is another one than usual.
 
         Raises
         ------
         LinkError
             The wire broke, or no whole answer came in time.
         """
+        ends = terminator or self._terminator
         late = Timeout(self._timeout_s)  # so that a device that trickles bytes cannot hold us for ever
         with self._mapped(asked) as port:
-            while self._terminator not in self._unread and len(self._unread) < MAX_LINE_BYTES:
+            while ends not in self._unread and len(self._unread) < MAX_LINE_BYTES:
                 piece = port.read(port.in_waiting or 1)
                 self._unread += piece
                 if not piece or late.expired():
                     break
-        line, terminator, rest = self._unread.partition(self._terminator)
-        if terminator:
+        line, ended, rest = self._unread.partition(ends)
+        if ended:
             self._unread = rest
             return bytes(line)
         self.lost_step()

@@ -22,8 +22,10 @@ from rig.acquire.events import (
     StepDone,
 )
 from rig.acquire.log import ScanLog, log_of
+from rig.acquire.raw import RawRecords
 from rig.errors import DataFileError, RefusedError, UsageError
 from rig.files.description import ScanDescription
+from rig.files.records import beside
 from rig.files.scan import ScanFile
 from rig.files.writer import ScanWriter, finish
 from rig.model.config import RigConfig
@@ -60,11 +62,14 @@ class Watch:
         Asked between positions whether to stop; a text is the reason that the file will name.
     begun
         Told what a scan is, new or taken up again, before its first event.
+    records
+        Where the timing instrument's records of a new scan are kept, beside its file; None for nowhere.
     """
 
     consumers: Sequence[Consumer] = ()
     should_stop: Callable[[], bool | str] = lambda: False
     begun: Callable[[ScanDescription], None] = lambda description: None
+    records: Path | None = None
 
 
 class Recorder:
@@ -181,9 +186,12 @@ def record(
 ) -> ScanResult:
     """Run a plan on open devices, into a new scan file; ``operator`` is asked for what passes need."""
     watch, description = watch or Watch(), describe(plan, state, devices)
-    with ScanWriter.create(target, description) as writer:
+    with (
+        RawRecords(watch.records, description) as raw,
+        ScanWriter.create(target, description) as writer,
+    ):
         watch.begun(description)
-        return _run(plan, state, devices, writer, watch, operator)
+        return _run(plan, state, devices, writer, watch, raw, operator)
 
 
 def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:
@@ -236,6 +244,8 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
 def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
+    Where the instrument's records were kept beside it, those of what follows are kept in a file of their own.
+
     Raises
     ------
     drivers.errors.DeviceError
@@ -251,10 +261,14 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
     with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
-        watch = watch or Watch()
-        with ScanWriter.resume(target) as writer:
-            watch.begun(describe(plan, state, devices))
-            return _run(plan, state, devices, writer, watch, None)
+        watch, description = watch or Watch(), describe(plan, state, devices)
+        records = beside(target, again=True) if plan.continuous and beside(target).exists() else None
+        with (
+            ScanWriter.resume(target) as writer,
+            RawRecords(records, description, writer.appended) as raw,
+        ):
+            watch.begun(description)
+            return _run(plan, state, devices, writer, watch, raw)
 
 
 def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
@@ -283,7 +297,8 @@ def _run(
     devices: Devices,
     writer: ScanWriter,
     watch: Watch,
-    operator: Operator | None,
+    raw: RawRecords,
+    operator: Operator | None = None,
 ) -> ScanResult:
     recorder = Recorder(writer)
     log = ScanLog(log_of(writer.path), plan, writer.appended)
@@ -294,6 +309,10 @@ def _run(
         if isinstance(event, Ready):
             event = replace(event, warnings=(*event.warnings, *doubts))
             doubts.clear()  # said once
+        raw(event)
+        if problem := raw.problem():
+            step = min(writer.appended, writer.steps - 1)
+            consume(Noticed(problem, step, step))
         for consumer in everyone:
             consumer(event)
 

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig
+from rig.model.config import HydraHarpConfig, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -79,13 +79,11 @@ def _boards(config: RigConfig) -> Iterator[Finding]:
     from drivers.daq.nidaqmx_board import NidaqmxBoard
     from drivers.errors import DeviceError
 
-    uses: dict[str, list[str]] = {}
-    if isinstance(config.galvo, AnalogueGalvoConfig):
-        uses.setdefault(config.galvo.device, []).append("galvo")
-    if config.point_clock is not None:
-        uses.setdefault(config.point_clock.device, []).append("point clock")
-    for device, names in uses.items():
-        what = f"DAQ board {device} ({' and '.join(names)})"
+    for device, address in config.boards.items():
+        what = f"DAQ board {device}"
+        if address:
+            yield _served(f"served {what} at {address}", address)
+            continue
         try:
             yield Finding(what, "ok", SharedBoard(NidaqmxBoard(device)).identity())
         except DeviceError as error:

@@ -6,6 +6,7 @@ from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
+from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceNotFoundError, LinkError
 
 
@@ -54,6 +55,25 @@ def timing_at(address: str) -> Iterator[object]:
             yield harp.functions
         finally:
             harp.raise_pending()  # inside a C callback an exception is only an error code
+
+
+@contextmanager
+def board_at(address: str) -> Iterator[SharedBoard]:
+    """Give the DAQ board of a served bench.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If no bench is served there.
+    """
+    from simulators.wire.served.board import ServedBoard
+
+    with ExitStack() as stack:
+        try:
+            board = stack.enter_context(ServedBoard(address))
+        except OSError as problem:
+            raise _not_reached(f"served DAQ board at {address}", problem) from problem
+        yield SharedBoard(board)
 
 
 def _not_reached(what: str, problem: OSError) -> DeviceNotFoundError | LinkError:

@@ -5,9 +5,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.bench.simulated import simulated_bench, timing_faults
+from rig.bench.simulated import daq_wiring, simulated_bench, timing_faults
 from rig.errors import UsageError
-from rig.model.config import HydraHarpConfig, RigConfig, SimulationConfig
+from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -49,7 +49,7 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
-        server = stack.enter_context(BenchServer(bench, faults))
+        server = stack.enter_context(BenchServer(bench, faults, daq_wiring(config)))
         if write:
             ChangeLog(bench, write)
         yield server
@@ -96,6 +96,10 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
     and are guarded as such.
     """
     places = {"galvo": addresses.galvo, "laser": addresses.laser, "detector": addresses.detector}
+    if isinstance(config.galvo, AnalogueGalvoConfig):
+        places["galvo"] = addresses.timing  # the board's, too
+    if config.point_clock is not None:
+        places["point_clock"] = addresses.timing
     if isinstance(config.tcspc, HydraHarpConfig):  # a file that is played needs no bench
         places["tcspc"] = addresses.timing
     sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}

@@ -47,11 +47,11 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
     depth = simulation.faults.largest_count
     return bench, SimulatedInstruments(
-        bench, timing=timing_faults(config), count_depth=depth, wiring=_wiring(config)
+        bench, timing=timing_faults(config), count_depth=depth, wiring=daq_wiring(config)
     )
 
 
-def _wiring(config: RigConfig) -> "DaqWiring":
+def daq_wiring(config: RigConfig) -> "DaqWiring":
     """Return what hangs on the DAQ board."""
     from simulators.wire.daq import DaqWiring
 

@@ -37,7 +37,7 @@ def export(
     from rig.commands import console
     from rig.exporters import export
 
-    layout = export(source, target, rectified)
+    layout = export(source, target, rectified, console.warn)
     size_bytes = target.stat().st_size
     if as_json:
         console.print_json({"file": str(target), "layout": layout, "bytes": size_bytes})

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Live, Ptu
+from rig.commands.options import AsJson, Live
 
 
 def resume(
@@ -18,7 +18,6 @@ def resume(
         ),
     ] = None,
     live: Live = False,
-    ptu: Ptu = False,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -31,11 +30,11 @@ def resume(
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
     from rig.commands.consent import require_consent
-    from rig.commands.running import Onlookers, records_beside, run
+    from rig.commands.running import Onlookers, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    others = Onlookers(live=live, records=records_beside(scan, plan, again=True) if ptu else None)
+    others = Onlookers(live=live)
     run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, others)

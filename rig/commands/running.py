@@ -22,7 +22,6 @@ from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
-    from rig.acquire.raw_records import RawRecords
     from rig.image.until import Until
     from rig.live.feed import LiveFeed
 
@@ -39,13 +38,10 @@ class Onlookers:
         What may end it before its last position; that is no failure.
     live
         Whether it is shown while it runs.
-    records
-        What keeps the timing instrument's records.
     """
 
     until: "Until | None" = None
     live: bool = False
-    records: "RawRecords | None" = None
 
 
 def run(
@@ -84,7 +80,7 @@ def run(
             feed = _feed(target) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
-            lookers = [one for one in (others.records, until, feed) if one is not None]
+            lookers = [one for one in (until, feed) if one is not None]
             result = acquisition(_watch(console.ScanProgress(len(plan)), stop, lookers, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
@@ -97,8 +93,6 @@ def run(
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if until and until.trouble:
         console.warn(until.trouble)
-    if others.records:
-        _tell_records(others.records)
     if until and result.ended.outcome is Outcome.INTERRUPTED and result.ended.reason == until.reason():
         console.say(f"Ended as asked: {until.reason()}. {_safe(target, config)}")
         return
@@ -106,33 +100,10 @@ def run(
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
 
-def records_beside(target: Path, plan: ScanPlan, *, again: bool = False) -> "RawRecords":
-    """Return what keeps the records of a scan beside its file; ``again``: of one that is taken up again.
-
-    Raises
-    ------
-    UsageError
-        If the scan has no records, or there is such a file.
-    """
-    from rig.acquire.raw_records import RawRecords
-    from rig.files.records import beside
-
-    if not plan.continuous:
-        raise UsageError("--ptu keeps photons as records, which only a scan with --mode continuous has")
-    return RawRecords(beside(target, again=again))
-
-
-def _tell_records(records: "RawRecords") -> None:
-    if records.problem:
-        console.warn(records.problem)
-    elif records.path.exists():
-        console.say(f"Records: {records.path} ({records.path.stat().st_size / 1e6:.1f} MB)")
-
-
 def _watch(
     progress: console.ScanProgress,
     stop: StopRequest,
-    lookers: "Sequence[RawRecords | Until | LiveFeed]",
+    lookers: "Sequence[Until | LiveFeed]",
     until: "Until | None",
 ) -> Watch:
     def begun(description: ScanDescription) -> None:

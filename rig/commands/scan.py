@@ -1,6 +1,7 @@
 """``rig scan``: measure the relay wall."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,8 +98,9 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import Onlookers, records_beside, run
+    from rig.commands.running import Onlookers, run
     from rig.errors import UsageError
+    from rig.files.records import beside
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -122,6 +124,10 @@ def scan(
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    if ptu and not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
@@ -132,8 +138,15 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    others = Onlookers(ending, live, records_beside(target, plan) if ptu else None)
-    run(lambda watch: acquire(plan, state, target, watch), plan, target, as_json, needed, others)
+    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    run(
+        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        plan,
+        target,
+        as_json,
+        needed,
+        others,
+    )
 
 
 def _ending(rule: str, plan: "ScanPlan") -> "Until":

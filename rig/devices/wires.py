@@ -10,7 +10,7 @@ from drivers.daq.board import SharedBoard
 from drivers.daq.nidaqmx_board import NidaqmxBoard
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
-from rig.bench.reached import detector_at, timing_at
+from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.kinds import DETECTORS, LASERS, Wires
 from rig.model.config import HydraHarpConfig, RigConfig
 from rig.model.devices import GatedSpad, Laser
@@ -26,7 +26,13 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
             wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
         if isinstance(harp, HydraHarpConfig) and harp.address:
             wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
-        yield wires
+        served = {
+            device: stack.enter_context(board_at(address))
+            for device, address in config.boards.items()
+            if address
+        }
+        here = wires.daq
+        yield replace(wires, daq=lambda device: served[device] if device in served else here(device))
 
 
 def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractContextManager[Laser]:

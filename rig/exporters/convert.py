@@ -16,7 +16,12 @@ VOLUME_LAYOUTS: tuple[ModuleType, ...] = (npz, mat, vti, tiff)
 SCAN_LAYOUTS: tuple[ModuleType, ...] = (tal, transients_mat, ptu)
 
 
-def export(source: str | Path, target: str | Path, rectify: bool = False) -> str:
+def export(
+    source: str | Path,
+    target: str | Path,
+    rectify: bool = False,
+    tell: Callable[[str], None] = lambda sentence: None,
+) -> str:
     """Write a scan or volume file in another layout, whole or not at all.
 
     Parameters
@@ -27,6 +32,8 @@ def export(source: str | Path, target: str | Path, rectify: bool = False) -> str
         The file to make; its ending names the layout.
     rectify
         Whether a scan's time is to begin when the pulse is on the wall, for all positions.
+    tell
+        Told what a person must know of a scan that is not, or no longer, as its program left it.
 
     Returns
     -------
@@ -52,6 +59,8 @@ def export(source: str | Path, target: str | Path, rectify: bool = False) -> str
     else:
         with ScanFile(source) as scan:
             layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
+            for sentence in scan.doubts:
+                tell(sentence)
             _write(target, lambda partial: layout.write(partial, scan, rectify))
     return str(layout.NAME)
 

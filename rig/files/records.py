@@ -234,12 +234,20 @@ class PtuRecorder:
         with suppress(OSError):
             self._shut(-1)
 
-    def close(self, steps: int) -> None:
-        """Say that the scan is over, and that its first ``steps`` steps can be trusted."""
+    def close(self, steps: int | None) -> None:
+        """End the file; one without records goes.
+
+        Parameters
+        ----------
+        steps
+            How many steps of the scan can be trusted; None where it did not come to its end.
+        """
         if self.problem or self._file.closed:
             return
         try:
-            self._shut(steps - self._first)
+            self._shut(-1 if steps is None else steps - self._first)
+            if not self._sweeps:
+                self.path.unlink()
         except OSError as error:
             self.problem = f"{self.path.name} could not be closed in order: {error.strerror}"
 

@@ -75,7 +75,7 @@ def known_truth(path: Path, scan: ScanFile) -> str | None:
     scan
         The scan; a simulated one tells its scene.
     """
-    if h5py.is_hdf5(path):
+    if not scan.growing and h5py.is_hdf5(path):  # what a scan writes now has no truth
         with open_hdf5(path) as file, reading(path):
             truth = file.get("truth", {})
             if {"depth_m", "x_m", "y_m"} <= set(truth) or "geometry" in truth:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Where no marker follows for so many exposures, ticks without a marker follow: the point has its exposure.
 _GAP = 1.5
+#: More sync pulses than any scan has.
+_MOST = 2.0**50
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,12 @@ class Sweeps:
         pairs = head.numbers(SWEEPS)
         pairs = pairs[: len(pairs) // 2 * 2].reshape(-1, 2)
         pairs = pairs[pairs[:, 0] >= 0]
-        tag, step = pairs.T.astype(np.int64)
+        unit_s, lag_s = float(head.number("MeasDesc_GlobalResolution")), float(head.number(LAG))
         exposure_s = head.numbers(EXPOSURE)
+        sane = (pairs < _MOST).all() and unit_s > 0 and abs(lag_s) < _MOST * unit_s
+        if not sane or not ((exposure_s >= 0) & (exposure_s < _MOST * unit_s)).all():
+            raise DataFileError(f"{head.path}: its head has times that no scan has; it is damaged")
+        tag, step = pairs.T.astype(np.int64)
         if (np.diff(step) < 0).any() or (np.diff(tag) <= 0).any() or ((step < 0) | (step > points)).any():
             raise DataFileError(
                 f"{head.path}: the sweeps in its head do not follow one another; it is damaged"
@@ -67,14 +73,13 @@ class Sweeps:
             raise DataFileError(
                 f"{head.path}: its head has {len(exposure_s)} exposures for {points} points; it is damaged"
             )
-        rate_hz = 1 / float(head.number("MeasDesc_GlobalResolution"))
         steps = int(head.number(STEPS))
         return cls(
             tag,
             step,
             steps if 0 <= steps <= points else None,
-            round(float(head.number(LAG)) * rate_hz),
-            exposure_s * rate_hz if len(exposure_s) else np.full(points, np.inf),
+            round(lag_s / unit_s),
+            exposure_s / unit_s if len(exposure_s) else np.full(points, np.inf),
         )
 
     def points(
@@ -101,7 +106,7 @@ class Sweeps:
             told.append(f"the first {len(start):,} of {points:,} points are there")
         if self.trusted is None:
             told.append(
-                "nobody saw the end of these records: whether the laser emitted at the last is not known"
+                "these records did not see the scan's end: the last points may be such as do not count"
             )
         return start, stop, told
 
@@ -123,7 +128,7 @@ class Sweeps:
         return np.concatenate(parts)
 
     def _of_sweep(self, tag: NDArray[np.int64], mask: NDArray[np.uint8], first: int) -> NDArray[np.int64]:
-        """Return (n, 2) where the points of a sweep begin and end; one with no marker after it has no end."""
+        """Return (n, 2) where the points of a sweep begin and end; one that no marker follows is left out."""
         point = np.flatnonzero(mask[:-1] & 1 << POINT_MARKER - 1)[: len(self.exposure) - first]
         exposure = self.exposure[first : first + len(point)]
         begin, next_one = tag[point], tag[point + 1]

@@ -106,7 +106,7 @@ class Records:
         told = f"the file is cut off: it holds {there:,} whole records of {of}"
         return cls(head, _FORMATS[kind], there, True, (told,))
 
-    def batches(self, width_s: float) -> Iterator[tuple[Batch, NDArray[np.int64], int]]:
+    def batches(self, width_s: float) -> Iterator[tuple[Batch, NDArray[np.integer], int]]:
         """Yield decoded pieces, their photons alone, with each photon's bin and the number of sync pulses.
 
         A photon of T2 without a sync pulse before it has the bin -1.
@@ -118,10 +118,11 @@ class Records:
         """
         decoder, left, sync = _decoder(self.format), self.count, -1
         unit_s = 0.0 if self.format.is_t3 else self.head.number("MeasDesc_GlobalResolution")
-        with self.head.path.open("rb") as file:
+        buffer = np.empty(min(left, _PIECE), "<u4")
+        with self.head.path.open("rb", buffering=0) as file:
             file.seek(self.head.end)
             while left:
-                piece = np.fromfile(file, "<u4", min(left, _PIECE))
+                piece = buffer[: file.readinto(buffer[:left].data) // 4]
                 if not len(piece):
                     raise DataFileError(f"{self.head.path} has become shorter while it was read")
                 left -= len(piece)
@@ -130,7 +131,7 @@ class Records:
                 except DamagedRecordsError as error:
                     raise DataFileError(f"{self.head.path} is damaged: {error}") from None
                 if self.format.is_t3:
-                    yield batch, batch.dtime.astype(np.int64), 0
+                    yield batch, batch.dtime, 0
                 else:
                     bins = np.empty(batch.photons, np.int64)
                     sync = _after_sync(batch.tag, batch.channel, sync, max(1, round(width_s / unit_s)), bins)
@@ -274,19 +275,19 @@ def photons_before(records: Records, tags: NDArray[np.int64]) -> NDArray[np.int6
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _count(block, start, stop, begin, end, photons, low):  # type: ignore[no-untyped-def]
     """Count photons ``begin`` to ``end`` of a batch into the rows to which they belong."""
     bin_of, channel, channel_of = photons
-    row = 0
-    for i in range(begin, end):
-        while row < len(start) and stop[row] <= i:
-            row += 1
-        if row == len(start):
+    bins = block.shape[2]
+    for row in range(np.searchsorted(stop, begin, "right"), len(start)):
+        if start[row] >= end:
             return
-        column, place = channel_of[channel[i]], bin_of[i] - low
-        if i >= start[row] and column >= 0 and 0 <= place < block.shape[2]:
-            block[row, column, place] += 1
+        counts = block[row]
+        for i in range(max(begin, start[row]), min(end, stop[row])):
+            column, place = channel_of[channel[i]], np.int64(bin_of[i]) - low
+            if column >= 0 and 0 <= place < bins:
+                counts[column, place] += 1
 
 
 @njit(cache=True)

@@ -29,7 +29,7 @@ BLOCK_BYTES, BLOCK_S = 2**19, 0.25
 #: How long the last picture may take before the program ends without it.
 LAST_PICTURE_S = 60.0
 #: How long a view that is told to end may take.
-ENDING_S = 1.0
+ENDING_S = 10.0
 
 
 class Outbox:
@@ -245,15 +245,20 @@ class LiveFeed:
         try:
             if not self._pictured.wait(LAST_PICTURE_S):
                 self._fail("its last picture was not there in time")
-                process.kill()
+                self._end(process)
             self._tell_once()
             if not self._window:
                 process.wait(ENDING_S)
         except subprocess.TimeoutExpired:
-            process.kill()
+            self._end(process)
         except BaseException:  # Ctrl-C: nobody waits for it
-            process.kill()
+            self._end(process)
             raise
+
+    @staticmethod
+    def _end(process: "subprocess.Popen[bytes]") -> None:
+        process.kill()
+        process.wait()
 
 
 def folder_of(scan: Path) -> Path:

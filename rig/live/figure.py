@@ -1,7 +1,9 @@
 """How a scan that is under way is drawn: one figure, redrawn in place."""
 
+from bisect import bisect_right
 from collections.abc import Callable
 from datetime import datetime
+from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +14,7 @@ from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
 from recon.accumulate import Picture
-from recon.aperture import recognise
+from recon.aperture import Aperture, recognise
 from recon.errors import GeometryError
 from rig.live.state import Seen, Subject
 from rig.model.quantities import show, show_duration, show_length
@@ -31,6 +33,8 @@ PANEL_IN, TOP, BOTTOM = (2.76, 2.6), 0.815, 0.135
 GATE = ("gate opens", "gate closes")
 #: Percentiles of the counts that the colours span: a glint does not make all else dark.
 COUNTS_PERCENT = (1.0, 99.0)
+#: Behind words in a panel.
+NOTE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 2.0}
 #: Warnings that are shown, the newest.
 WARNINGS = 2
 #: Letters of a line at most.
@@ -164,7 +168,7 @@ class LiveFigure:
         margin_ns = 0.02 * (edges_ns[filled[-1] + 1] - edges_ns[filled[0]])
         low, high = edges_ns[filled[0]] - margin_ns, edges_ns[filled[-1] + 1] + margin_ns
         axes.set_xlim(low, high)
-        axes.set_ylim(0.7, 2 * seen.histogram.max())
+        axes.set_ylim(0.7, 10 * seen.histogram.max())  # room for words above the curve
         width_ps = (edges_ns[1] - edges_ns[0]) * 1e3
         axes.set_ylabel(f"photons in {width_ps:.3g} ps")
 
@@ -228,17 +232,41 @@ def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDA
         axes.set(aspect="equal", xlabel="x (m), as seen from the wall", ylabel="y (m)")
         draw: Callable[[NDArray[np.float64]], None] = dots.set_array
     else:
-        image = np.full((wall.y.count, wall.x.count), np.nan)
-        drawn = draw_front(axes, image, wall.x.coordinates_m, wall.y.coordinates_m, COUNT_COLOURS, scale)
+        empty = np.full((wall.y.count, wall.x.count), np.nan)
+        drawn = draw_front(axes, empty, wall.x.coordinates_m, wall.y.coordinates_m, COUNT_COLOURS, scale)
+        note = axes.text(0.02, 0.03, "", transform=axes.transAxes, size=9, bbox=NOTE)
 
         def draw(photons: NDArray[np.float64]) -> None:
             there = np.isfinite(photons)
-            image[:] = np.nan
-            image[wall.row[there], wall.column[there]] = photons[there]
-            drawn.set_array(image)
+            side = _side_of_a_square(subject.rounds, int(np.count_nonzero(there)))
+            drawn.set_array(_in_squares(wall, there, photons, side))
+            note.set_text(f"means of squares of {side} x {side} positions" if side > 1 else "")
+            note.set_visible(side > 1)
 
     axes.set_title("photons (grey: not measured)", size=11)
     return draw
+
+
+def _side_of_a_square(rounds: tuple[int, ...], measured: int) -> int:
+    """Return how many positions are in the side of a square that holds a measured one everywhere.
+
+    The last round of a progressive scan is the whole grid; each before it has half of its positions.
+    """
+    complete = max(bisect_right(rounds, measured) - 1, 0)
+    return int(2 ** ceil((len(rounds) - 1 - complete) / 2))
+
+
+def _in_squares(
+    wall: Aperture, there: NDArray[np.bool_], photons: NDArray[np.float64], side: int
+) -> NDArray[np.float64]:
+    """Return (rows, columns) the mean of what was measured in each square; NaN where nothing was."""
+    rows, columns = -(-wall.y.count // side), -(-wall.x.count // side)
+    square = (wall.row[there] // side) * columns + wall.column[there] // side
+    visits = np.bincount(square, minlength=rows * columns)
+    sums = np.bincount(square, photons[there], minlength=rows * columns)
+    means = np.divide(sums, visits, out=np.full(rows * columns, np.nan), where=visits > 0)
+    full = means.reshape(rows, columns).repeat(side, axis=0).repeat(side, axis=1)
+    return full[: wall.y.count, : wall.x.count]
 
 
 def _how_far(seen: Seen, subject: Subject) -> str:

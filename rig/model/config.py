@@ -76,6 +76,8 @@ class AnalogueGalvoConfig(_GalvoConfig):
     """A galvanometer pair that follows two voltages of an NI-DAQmx board, such as Thorlabs GVS012."""
 
     kind: Literal["analogue"] = "analogue"
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
     device: str = Field("Dev1", min_length=1)
     """The board's name in NI MAX; the point clock's, if both shall act together."""
     channels: tuple[str, str] = ("ao0", "ao1")
@@ -226,6 +228,8 @@ class DaqClockConfig(_Section):
     """A point clock: digital outputs of an NI-DAQmx board, which step the mirror and mark the points."""
 
     kind: Literal["daq"] = "daq"
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
     device: str = Field("Dev1", min_length=1)
     """The board's name in NI MAX."""
     markers: tuple[str, ...] = Field(
@@ -437,6 +441,12 @@ class RigConfig(_Section):
                 "their third number is above 0"
             )
         return self
+
+    @property
+    def boards(self) -> dict[str, str | None]:
+        """The DAQ boards that galvo and point clock are on: their names, and where they are served."""
+        users = (self.galvo if isinstance(self.galvo, AnalogueGalvoConfig) else None, self.point_clock)
+        return {one.device: one.address for one in users if one is not None}
 
     @property
     def serial_addresses(self) -> dict[str, str | None]:

@@ -19,8 +19,10 @@ from rig.files.volume import Volume
 from rig.show.sheet import COLOURS, stamp, video_amplitude, video_label
 from rig.show.volume import draw_front, parameters_line
 
-#: Frames shown in a second.
+#: Frames shown in a second, of light on its way.
 FRAMES_PER_S = 10
+#: Frames of a scan are shown as fast as they were taken, if that is not slower or faster than these a second.
+SLOWEST_PER_S, FASTEST_PER_S = 2, 25
 _DPI = 80
 _WIDTH_IN = 8.0
 #: Colours of a GIF, 256 in all: those of the scale, and greys for letters.
@@ -62,9 +64,17 @@ def save_video(volume: Volume, path: Path, compensation: str = "") -> None:
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
     try:
         with appearing(path) as partial:
-            write(partial, _frames(volume, compensation))
+            write(partial, _frames(volume, compensation), _per_s(volume))
     except OSError as error:
         raise DataFileError(f"cannot write the video {path}: {error}") from error
+
+
+def _per_s(volume: Volume) -> int:
+    """Return how many frames are shown in a second."""
+    assert volume.t_s is not None
+    if not volume.parameters.get("each_frame") or len(volume.t_s) < 2:
+        return FRAMES_PER_S
+    return int(np.clip(round(1 / float(np.diff(volume.t_s).min())), SLOWEST_PER_S, FASTEST_PER_S))
 
 
 def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
@@ -93,7 +103,7 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
         yield np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]]) -> None:
+def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], per_s: int) -> None:
     # Pillow's save() keeps all frames until the last; these two functions of it write one at a time.
     palette = _palette()
     with path.open("xb") as file:
@@ -102,7 +112,7 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]]) -> None:
             if number == 0:
                 header, _ = GifImagePlugin.getheader(frame.copy(), info={"loop": 0})
                 file.writelines(header)
-            file.writelines(GifImagePlugin.getdata(frame, duration=1000 // FRAMES_PER_S))
+            file.writelines(GifImagePlugin.getdata(frame, duration=1000 // per_s))
         file.write(b";")  # the trailer
 
 
@@ -115,10 +125,10 @@ def _palette() -> Image.Image:
     return image
 
 
-def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]]) -> None:
+def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], per_s: int) -> None:
     first = next(frames)
     size = f"{first.shape[1]}x{first.shape[0]}"
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(FRAMES_PER_S), "-i", "-"]
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(per_s), "-i", "-"]
     command = ["ffmpeg", "-loglevel", "error", "-y", *raw, "-pix_fmt", "yuv420p", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None

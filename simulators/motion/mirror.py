@@ -1,10 +1,10 @@
 """The steering mirror: a critically damped second-order servo that trails its command."""
 
 from itertools import pairwise
-from math import pi
+from math import exp, hypot, pi
+from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 #: Error below which the servo holds its target exactly [rad] (about 1 um on a wall 2.5 m away).
@@ -62,10 +62,18 @@ class SteeringMirror:
             return
         self.drop_after(float(times[0]))
         self._make_room(len(times))
-        times = np.maximum(times, self.known_from_s)
-        self._end = _append(
-            self._start_s, self._moves, self._end, times, np.asarray(angles_rad, np.float64), self._w
-        )
+        added = slice(self._end, self._end + len(times))
+        self._start_s[added] = np.maximum(times, self.known_from_s)
+        start_s, move = float(self._start_s[self._end - 1]), self._moves[self._end - 1].tolist()
+        moves = []
+        for at_s, (x, y) in zip(
+            self._start_s[added].tolist(), np.asarray(angles_rad, np.float64).tolist(), strict=True
+        ):
+            px, py, vx, vy = self._state(move, at_s - start_s)
+            start_s, move = at_s, [x, y, px - x, py - y, vx, vy]
+            moves.append(move)
+        self._moves[added] = moves
+        self._end = added.stop
 
     def drop_after(self, at_s: float) -> None:
         """Drop what is commanded for after a time."""
@@ -78,13 +86,20 @@ class SteeringMirror:
 
     def position(self, at_s: float) -> tuple[float, float]:
         """Return the angles [rad] at time ``at_s``."""
-        ((x, y),) = self.positions(np.array([at_s]))
-        return float(x), float(y)
+        number = max(self._after(at_s) - 1, self._first)
+        x, y, _, _ = self._state(self._moves[number].tolist(), max(at_s - float(self._start_s[number]), 0.0))
+        return x, y
 
     def positions(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the angles (n, 2) [rad] at each of (n,) times."""
         known = slice(self._first, self._end)
-        return np.asarray(_positions(self._start_s[known], self._moves[known], times_s, self._w))
+        number = np.maximum(np.searchsorted(self._start_s[known], times_s, "right") - 1, 0) + self._first
+        t = np.maximum(times_s - self._start_s[number], 0.0)
+        x, y, ex0, ey0, vx0, vy0 = self._moves[number].T
+        decay = np.exp(-self._w * t)
+        (ex, vx), (ey, vy) = (_axis(e, v, t, self._w, decay) for e, v in ((ex0, vx0), (ey0, vy0)))
+        still = (np.hypot(ex, ey) < HOLD) & (np.hypot(vx, vy) < HOLD * self._w)
+        return np.column_stack([x + np.where(still, 0.0, ex), y + np.where(still, 0.0, ey)])
 
     def settled(self, at_s: float) -> bool:
         """Whether the mirror stands on what is commanded by then."""
@@ -124,6 +139,15 @@ class SteeringMirror:
         """Drop moves that ended before ``at_s``; the one in force then is kept."""
         self._first = max(self._after(at_s) - 1, self._first)
 
+    def _state(self, move: list[float], t: float) -> tuple[float, float, float, float]:
+        """Return position and rate (x, y, v_x, v_y) a time after a move began."""
+        x, y, ex0, ey0, vx0, vy0 = move
+        decay = exp(-self._w * t)
+        (ex, vx), (ey, vy) = _axis(ex0, vx0, t, self._w, decay), _axis(ey0, vy0, t, self._w, decay)
+        if hypot(ex, ey) < HOLD and hypot(vx, vy) < HOLD * self._w:
+            return x, y, 0.0, 0.0
+        return x + ex, y + ey, vx, vy
+
     def _after(self, at_s: float) -> int:
         """Return the first move that begins after a time, or the end of all."""
         return self._first + int(np.searchsorted(self._start_s[self._first : self._end], at_s, "right"))
@@ -139,42 +163,8 @@ class SteeringMirror:
         self._first, self._end = 0, len(start_s)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _axis(error, rate, t, w):  # type: ignore[no-untyped-def]
-    """Error of an axis and its rate a time after they were these."""
-    decay = np.exp(-w * t)
+def _axis(error: Any, rate: Any, t: Any, w: float, decay: Any) -> tuple[Any, Any]:
+    """Return error and rate of an axis a time after they were these, of numbers or arrays."""
     slope = rate + w * error
-    return (error + slope * t) * decay, (slope - w * (error + slope * t)) * decay
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _state(move, t, w):  # type: ignore[no-untyped-def]
-    """Position and its rate (x, y, v_x, v_y) a time after a move began."""
-    ex, vx = _axis(move[2], move[4], t, w)
-    ey, vy = _axis(move[3], move[5], t, w)
-    if np.hypot(ex, ey) < HOLD and np.hypot(vx, vy) < HOLD * w:
-        return move[0], move[1], 0.0, 0.0
-    return move[0] + ex, move[1] + ey, vx, vy
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _append(start_s, moves, end, times, angles, w):  # type: ignore[no-untyped-def]
-    """Append moves, each from where the one before has come to; return the new end."""
-    for i in range(len(times)):
-        x, y, vx, vy = _state(moves[end - 1], max(times[i] - start_s[end - 1], 0.0), w)
-        move = moves[end]
-        start_s[end] = times[i]
-        move[0], move[1] = angles[i, 0], angles[i, 1]
-        move[2], move[3] = x - angles[i, 0], y - angles[i, 1]
-        move[4], move[5] = vx, vy
-        end += 1
-    return end
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _positions(start_s, moves, times, w):  # type: ignore[no-untyped-def]
-    places = np.empty((len(times), 2))
-    for i in range(len(times)):
-        k = max(np.searchsorted(start_s, times[i], "right") - 1, 0)
-        places[i, 0], places[i, 1], _, _ = _state(moves[k], max(times[i] - start_s[k], 0.0), w)
-    return places
+    now = error + slope * t
+    return now * decay, (slope - w * now) * decay

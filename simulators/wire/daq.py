@@ -17,12 +17,20 @@ NO_SUCH_CHANNEL = -200170
 NOT_ACCESSIBLE = -201003
 RESERVED = -50103
 TOO_FAST = -200332
+TOO_SLOW = -200331
 VOLTS_OUT_OF_RANGE = -200561
 WRONG_NUMBER_OF_CHANNELS = -200524
 LINES_NOT_BUFFERED = -201062
+NO_MEMORY = -50352
 
 #: An output's range [V].
 LARGEST_V = 10.0
+
+#: Fewest samples a second: far fewer than a clock that is divided down by 32 bits gives.
+SLOWEST_HZ = 0.01
+
+#: Where a galvo's stop holds its mirrors, to either side [degrees].
+STOP_DEG = 40.0
 
 #: Board's lines and channels: port 0 of an X Series board, and two of its analogue outputs.
 LINES = tuple(f"port0/line{number}" for number in range(32))
@@ -168,6 +176,8 @@ class SimulatedBoard:
             )
         if rate_hz > self.fastest_hz(analogue=bool(channels)):
             raise DaqFailure(TOO_FAST, "Sample rate is larger than the maximum sample rate of the device.")
+        if not rate_hz >= SLOWEST_HZ:
+            raise DaqFailure(TOO_SLOW, "Sample rate is smaller than the minimum sample rate of the device.")
         _require_range(volts)
         sample_s = (1 + self.clock_error) / rate_hz
         begin_s = self._bench.clock.now_s() + self.start_after_s
@@ -235,8 +245,9 @@ class SimulatedBoard:
 
     def _angles_rad(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return optical angles (..., 2) for the galvo's voltages: twice those by which its mirrors turn."""
+        mirrors_deg = np.clip(volts / np.array(self._wiring.volts_per_degree), -STOP_DEG, STOP_DEG)
         # contiguous: what is compiled for one order of memory would be compiled again for another
-        return np.ascontiguousarray(2 * np.radians(volts / np.array(self._wiring.volts_per_degree)))
+        return np.ascontiguousarray(2 * np.radians(mirrors_deg))
 
     def _require_plugged_in(self) -> None:
         if not self._plugged_in:

@@ -1,14 +1,16 @@
-"""The firmware of an Optotune MR-E-2 board in Simple mode, steering the bench's mirror.
+"""The firmware of an Optotune MR-E-2 board, steering the bench's mirror: Simple mode, and what both share.
 
 Source: Optotune MR-E-2 / MR-E-3 operation manual, as quoted by two independent drivers. Unconfirmed, and so a
 choice made here: which of OL and OU answers a position outside the unit circle (the axis that is cut most
-decides), and that leaving Pro mode is itself not answered.
+decides).
 """
 
 import re
 from math import atan, hypot, radians, tan
 
 from simulators.bench import Bench
+from simulators.wire.galvo_frames import FLAG
+from simulators.wire.galvo_pro import MEMORY, ProFirmware
 from simulators.wire.lines import LineFirmware
 
 HEAD_DISCONNECTED = 1 << 0
@@ -24,7 +26,6 @@ LATCHES = {1 << now: 1 << was for now, was in ((0, 8), (1, 9), (2, 10), (5, 11),
 #: Optical deflection of one unit of X or Y, as a tangent (MR-15-30: the unit circle is 50 degrees).
 TAN_PER_UNIT = tan(radians(50.0))
 
-LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
 REBOOT_S = 1.5
 
 _NUMBER = r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*"
@@ -40,6 +41,8 @@ class GalvoBoard(LineFirmware):
         Its mirror is steered, its clock is followed.
     identity
         The answer to GETID.
+    memory
+        How many samples the memory of patterns holds.
 
     Attributes
     ----------
@@ -49,7 +52,7 @@ class GalvoBoard(LineFirmware):
         So many of the next answers are lost, or arrive with a flipped bit.
     """
 
-    def __init__(self, bench: Bench, *, identity: str = "MR-E-2 simulated") -> None:
+    def __init__(self, bench: Bench, *, identity: str = "MR-E-2 simulated", memory: int = MEMORY) -> None:
         super().__init__(terminator=b"\r\n", longest=64)
         self.identity = identity
         self.faults = 0
@@ -62,6 +65,7 @@ class GalvoBoard(LineFirmware):
         self._trimmed = False
         self._latched = 0
         self._commanded = (0.0, 0.0)
+        self._pro = ProFirmware(bench, self._status, self._steer_trimmed, memory)
 
     def break_down(self, bits: int) -> None:
         """Let the status ``bits`` hold from now on, and be remembered by their latches."""
@@ -73,45 +77,45 @@ class GalvoBoard(LineFirmware):
         self.faults = 0
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the wire; in Pro mode only the frame that leaves it is understood."""
+        """Take bytes from the wire."""
         if self._bench.clock.now_s() < self._deaf_until_s:
             return
         if not self._pro_mode:
             super().receive(data)
             return
-        self._input += data
-        end = self._input.find(LEAVE_PRO_MODE)
-        if end < 0:
-            del self._input[: -len(LEAVE_PRO_MODE)]
-            return
-        after = bytes(self._input[end + len(LEAVE_PRO_MODE) :])
-        self._input.clear()
-        self._pro_mode, self._just_switched = False, True
-        super().receive(after)
+        answers, after = self._pro.receive(data)
+        for one in answers:
+            self.output += self._sent(one)
+        if after is not None:
+            self._pro_mode, self._just_switched = False, True
+            super().receive(after)
 
     def answer(self, line: bytes) -> bytes:
         """Return the answer to one command."""
         command = line.decode("ascii", "replace").strip()
         answer = self._obey(command)
-        if answer is None:
-            return b""
-        if self.drop_answers:
-            self.drop_answers -= 1
-            return b""
-        sent = answer.encode("ascii") + b"\r\n"
-        if self.garble_answers:
-            self.garble_answers -= 1
-            return bytes([sent[0] ^ 0x10]) + sent[1:]
-        return sent
+        return b"" if answer is None else self._sent(answer.encode("ascii") + b"\r\n")
 
     def junk(self) -> bytes:
         """Answer what is too long to be a command."""
         return b"NO\r\n"
 
+    def _sent(self, answer: bytes) -> bytes:
+        """Return what arrives of an answer."""
+        if self.drop_answers:
+            self.drop_answers -= 1
+            return b""
+        if self.garble_answers:
+            self.garble_answers -= 1
+            place = len(answer) // 2 if answer[0] == FLAG else 0  # a frame's content rather than its flag
+            return answer[:place] + bytes([answer[place] ^ 0x10]) + answer[place + 1 :]
+        return answer
+
     def _reboot(self) -> None:
         self._just_switched = self._trimmed = False
         self._latched = 0
         self._input.clear()
+        self._pro.simple()
         self._steer(0.0, 0.0)
         self._deaf_until_s = self._bench.clock.now_s() + REBOOT_S
 
@@ -133,6 +137,7 @@ class GalvoBoard(LineFirmware):
             return None
         if verb in ("GOPRO", "GOPROCRC"):
             self._pro_mode = True
+            self._pro.enter(*self._commanded)
             return "OK"
         move = _MOVE.fullmatch(command)
         return self._move(move) if move else "NO"
@@ -144,14 +149,20 @@ class GalvoBoard(LineFirmware):
         y = next((value for value in (both_y, only_y) if value is not None), y)
         # Squares of huge numbers overflow, and an edge point far away is the edge point of a nearer one.
         x, y = max(min(x, 1e9), -1e9), max(min(y, 1e9), -1e9)
+        self._pro.simple()
+        self._steer_trimmed(x, y)
+        if not self._trimmed:
+            return "OK"
+        return "OU" if (x if abs(x) >= abs(y) else y) > 0 else "OL"
+
+    def _steer_trimmed(self, x: float, y: float) -> None:
+        """Command the mirror to (x, y), or the nearest point of the unit circle."""
         radius = hypot(x, y)
         self._trimmed = radius > 1.0
-        if not self._trimmed:
-            self._steer(x, y)
-            return "OK"
-        self._latch(TRIMMED)
-        self._steer(x / radius, y / radius)
-        return "OU" if (x if abs(x) >= abs(y) else y) > 0 else "OL"
+        if self._trimmed:
+            self._latch(TRIMMED)
+            x, y = x / radius, y / radius
+        self._steer(x, y)
 
     def _steer(self, x: float, y: float) -> None:
         """Command the mirror to (x, y) in the board's units."""

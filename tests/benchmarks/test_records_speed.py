@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from drivers.hydraharp.records import T3, Batch, Decoder, Encoder
+from rig.files.picoquant import read_head
+from rig.importers.tagged import Records, blocks
+from support.picoquant_files import ptu
 
 PIECE = 131_072
 
@@ -68,4 +71,34 @@ def test_decoding(records, benchmark):
     print(
         f"\n{len(records):,} records: {rates[0]:.0f} million a second, ptufile {rates[1]:.0f} in the same "
         f"pieces (ratio {theirs_s / ours_s:.2f}), {rates[2]:.0f} at once (ratio {at_once_s / ours_s:.2f})"
+    )
+
+
+def test_histograms_of_a_file(records, benchmark, tmp_path):
+    """From a file on disk to a histogram of each input, beside ptufile's own function for it."""
+    ptufile = pytest.importorskip("ptufile", reason="ptufile is not installed: pip install 'nlos-rig[dev]'")
+    needed = {"Measurement_SubMode": 0, "TTResultFormat_BitsPerRecord": 32}  # by ptufile
+    needed |= {"TTResult_SyncRate": 10_000_000, "HW_InpChannels": 2, "MeasDesc_AcquisitionTime": 10_000}
+    path = ptu(tmp_path / "a.ptu", records, MeasDesc_Resolution=4e-12, **needed)
+    head = read_head(path)
+
+    def ours():
+        whole = (
+            np.zeros(1, np.int64),
+            np.array([len(records)]),
+        )  # one point, from the first photon to the last
+        return next(blocks(Records.of(head), 4e-12, (0, 1), range(25_000), whole))
+
+    def theirs():
+        with ptufile.PtuFile(path) as file:
+            return file.decode_histogram(dtype=np.uint32)
+
+    counts, other = ours(), np.asarray(theirs())
+    np.testing.assert_array_equal(counts[:, : other.shape[-1]], other)
+    benchmark.pedantic(ours, rounds=3)
+    ours_s, theirs_s = best_s(ours, 3), best_s(theirs, 3)
+    rates = [len(records) / seconds / 1e6 for seconds in (ours_s, theirs_s)]
+    print(
+        f"\n{len(records):,} records of a file to histograms: {rates[0]:.0f} million a second, ptufile "
+        f"{rates[1]:.0f} (ratio {theirs_s / ours_s:.2f})"
     )

@@ -52,10 +52,10 @@ def test_the_board_of_galvo_and_point_clock_is_named():
         (both,) = boards({"kind": "analogue"}, "Dev1")
         (clock,) = boards({"address": "sim://a"}, "Dev1")
         _, other = boards({"kind": "analogue"}, "Dev9")
-    assert (both.what, both.verdict) == ("DAQ board Dev1 (galvo and point clock)", "ok")
+    assert (both.what, both.verdict) == ("DAQ board Dev1", "ok")
     assert both.found == "NI PCIe-6343, serial number 01A2B3C4 (simulated by NI-DAQmx)"
-    assert clock.what == "DAQ board Dev1 (point clock)"
-    assert (other.what, other.verdict) == ("DAQ board Dev9 (point clock)", "missing")
+    assert clock.what == "DAQ board Dev1"
+    assert (other.what, other.verdict) == ("DAQ board Dev9", "missing")
     assert "-200220" in other.found
 
 

@@ -222,7 +222,7 @@ def test_a_real_ht3_is_decoded_as_by_others():
     [(batch, dtime, _)] = Records.of(head).batches(1e-12)
     assert (head.values["MeasDesc_Resolution"], batch.photons) == (4e-12, 32)
     # input, pulse and ps of the first three photons as libpicoquant decodes them
-    first = np.column_stack([batch.channel, batch.tag, 4 * dtime])[:3].tolist()
+    first = np.column_stack([batch.channel, batch.tag, 4 * dtime.astype(int)])[:3].tolist()
     assert first == [[0, 5425, 81_920], [3, 18_404, 69_612], [3, 24_332, 55_816]]
 
 

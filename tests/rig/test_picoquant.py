@@ -65,6 +65,17 @@ def test_a_point_ends_where_the_next_line_begins(tmp_path):
     np.testing.assert_array_equal(counts, [[1, 0, 0], [0, 0, 1]])  # dtime 8 came between lines
 
 
+def test_a_line_marker_alone_ends_a_line_that_began_with_a_point(tmp_path):
+    line = [(0, "marker", 3), (5, "photon", 7, 0), (10, "marker", 1), (15, "photon", 8, 0), (20, "marker", 2)]
+    events = [(0, "marker", 4), *line, (25, "photon", 9, 0)]
+    events += [(pulse + 50, *what) for pulse, *what in line]
+    given = GRID | {"grid": (2, 2), "line_marker": 2}
+    report = import_scan(ptu(tmp_path / "a.ptu", records_of(events)), tmp_path / "a.h5", **given)
+    _, counts = load(tmp_path / "a.h5")
+    np.testing.assert_array_equal(counts, [[1, 0, 0], [0, 1, 0]] * 2)  # dtime 9 came while the mirror turned
+    assert any("2 lines begin at markers" in line for line in report.assumed)
+
+
 def test_places_may_be_those_of_another_scan(tmp_path, events):
     import_scan(
         ptu(tmp_path / "a.ptu", records_of(events)), tmp_path / "first.h5", **GRID | {"detector": (0.2, -0.1)}

@@ -17,7 +17,7 @@ from rig.commands.recon import Camera, Solver
 from rig.errors import UsageError
 from rig.files import Volume, read_volume
 from rig.files.volume import volume_by_planes
-from rig.show.sheet import frames_figure, refocus_figure
+from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import save_video
 
 POINT = np.array([0.21, 0.13, 0.7])
@@ -120,8 +120,9 @@ def film(**changes):
     intensity = np.zeros((4, 8, 9), "f4")
     intensity[2, 6, 7] = 4.0
     intensity[3, 1, 1] = 1.0
+    changes = {"intensity": intensity} | changes
     axes = {"x_m": np.linspace(-0.8, 0.8, 9), "y_m": np.linspace(-0.7, 0.7, 8), "z_m": np.array([1.0, 1.1])}
-    return Volume(intensity, **({"t_s": 1e-9 * np.arange(4.0), "scan": "a.h5"} | axes | changes))
+    return Volume(**({"t_s": 1e-9 * np.arange(4.0), "scan": "a.h5"} | axes | changes))
 
 
 def test_a_gif_shows_each_frame_to_one_scale_as_the_camera_sees_it(tmp_path):
@@ -145,6 +146,28 @@ def test_a_gif_shows_each_frame_to_one_scale_as_the_camera_sees_it(tmp_path):
     assert dark[0] == pytest.approx(dark[1], abs=100)  # digits of the stamp
     assert dark[3] < dark[0] - 500
     assert os.listdir(tmp_path) == ["a.gif"]
+
+
+def test_a_video_of_light_begins_and_ends_where_the_light_does():
+    dark = np.zeros((20, 8, 9), "f4")
+    dark[[9, 12], 3, 3] = 1.0, 0.5
+    shown = lit(film(intensity=dark, t_s=1e-9 * np.arange(20.0)), margin=3)
+    np.testing.assert_allclose(shown.t_s, 1e-9 * np.arange(6.0, 16.0))
+    np.testing.assert_array_equal(shown.intensity, dark[6:16])
+    nothing = film(intensity=np.zeros_like(dark), t_s=1e-9 * np.arange(20.0))
+    assert lit(nothing) is nothing
+
+
+def test_a_video_that_was_not_told_its_moments_has_no_dark_ends(rig, scan, tmp_path):
+    done = rig("recon", scan, "--camera", "transient", "--video", "flash.gif", *AROUND)
+    assert done.code == 0, done.err
+    volume = read_volume(json.loads(done.out)["volume"])
+    bright = volume.intensity.max(axis=(1, 2)) * np.maximum(volume.t_s, 0) ** 4
+    seen = np.flatnonzero(np.sqrt(bright / bright.max()) >= 0.05)
+    with Image.open(tmp_path / "flash.gif") as film:
+        # a pulse, four frames, before the first light and after the last, as far as there are frames
+        first, last = max(0, seen[0] - 4), min(len(bright), seen[-1] + 5)
+        assert film.n_frames == last - first < len(bright)
 
 
 def test_an_mp4_is_left_to_ffmpeg(tmp_path, monkeypatch):

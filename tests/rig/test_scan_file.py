@@ -278,3 +278,27 @@ def test_time_tagged_without_bins_ends_with_the_last_photon(tmp_path):
     with ScanFile(path) as scan:
         assert scan.bins == 9
         assert dense(scan.capture()).tolist()[2] == [0, 0, 1, 0, 0, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("bins", "most"),
+    [
+        (6250, 0.82),  # all low bytes equally likely: they are stored plain, the high ones as 5 bits of 8
+        (60, 0.45),  # 6 bits of 8 for the low bytes, 1 of 8 for the high ones, which are all the same
+        (100_000, 0.60),  # bins of four bytes: two as they are, 1 bit of 8 for each of the others
+    ],
+)
+def test_photons_are_stored_so_that_hdf5_unpacks_them(tmp_path, bins, most):
+    rng = np.random.default_rng(3)
+    steps = [rng.integers(0, bins, size) for size in rng.integers(0, 90_000, 37)]
+    described = describe(bins=bins, tagged=True)
+    with ScanWriter.create(tmp_path / "a.h5", described) as writer:
+        for step in steps:
+            writer.append_photons(step.astype("u4" if bins > 2**16 else "u2"), np.array([len(step)]))
+        writer.close("complete")
+    with h5py.File(tmp_path / "a.h5") as file:
+        photons = file["transients/photons"]
+        np.testing.assert_array_equal(photons[()], np.concatenate(steps))
+        assert photons.id.get_storage_size() < most * photons.nbytes
+    with ScanFile(tmp_path / "a.h5") as scan:
+        assert not scan.altered.any()

@@ -37,6 +37,12 @@ def form(request):
     return request.param
 
 
+@pytest.fixture(autouse=True)
+def _written_within_lines(monkeypatch):
+    """Write each chunk as soon as it is whole, as far longer lines do."""
+    monkeypatch.setattr(form_photons, "GATHERED_CHUNKS", 1)
+
+
 def row(position):
     return np.random.default_rng([3, position]).poisson(2.0, BINS).astype("u4")
 

@@ -10,8 +10,8 @@ from support.served_bench import rig_command
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no lock on the journal")
 
-#: Long enough to be in the middle of: the simulated rig in one process needs about ten seconds.
-LONG = ("--grid", "60x50", "--spacing", "2cm", "--out", "a.h5")
+#: Long enough to be in the middle of: the simulated rig in one process needs about a minute.
+LONG = ("--grid", "180x130", "--spacing", "1cm", "--exposure", "10ms", "--out", "a.h5")
 
 
 @pytest.fixture(params=["", "FALSE"], ids=["HDF5 locks", "HDF5 does not lock"])
@@ -41,7 +41,28 @@ READERS = (
     ("plot", "a.h5", "--image", "raw.png"),
     ("export", "a.h5", "a.mat"),
     ("recon", "a.h5", "--voxel", "8cm", "--out", "v.h5", "--image", "v.png"),
+    ("compare", "a.h5", "--voxel", "8cm", "--out", "compared"),
 )
+
+
+def test_a_scan_that_runs_is_read_up_to_its_last_line(running, tmp_path):
+    scan, environment = running
+    positions = []
+    for arguments in READERS:
+        reader = a_second_program(arguments, tmp_path, environment)
+        assert scan.poll() is None, "the scan ended before it was read"
+        assert reader.returncode == 0, reader.stderr
+        assert "being written by a scan" in reader.stderr
+        with ScanFile(tmp_path / "a.h5") as file:
+            assert file.status == "running"
+            positions.append(int(file.done.sum()))
+    assert positions == sorted(positions)
+    assert positions[0] > 0
+    scan.kill()
+    scan.wait()
+    with ScanFile(tmp_path / "a.h5") as file:
+        assert file.status == "interrupted"
+        assert file.done.sum() >= positions[-1]
 
 
 def a_second_program(arguments, folder, environment):

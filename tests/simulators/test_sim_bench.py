@@ -1,5 +1,9 @@
 """The bench follows its mirror and its switches, and repeats itself from its seed."""
 
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -254,3 +258,65 @@ def test_a_mirror_follows_until_it_is_steered_or_stopped():
     bench.steer(-0.1, 0.0)
     bench.clock.sleep(9.0)
     assert bench.target_rad == (-0.1, 0.0)
+
+
+@pytest.fixture
+def eager_threads():
+    """Threads take turns a thousand times as often as usual."""
+    usual_s = sys.getswitchinterval()
+    sys.setswitchinterval(5e-6)
+    yield
+    sys.setswitchinterval(usual_s)
+
+
+class Blind:
+    """A detector that sees nothing."""
+
+    def detections(self, spot, light, duration_s, rng):
+        return no_detections()
+
+    def detections_along(self, track, light, rng):
+        return no_detections()
+
+
+def test_two_threads_may_use_the_bench(eager_threads):
+    """One follows what happens, one commands: no tick's mark is lost or comes twice, time never goes back."""
+    bench, over, ticks, stops = Bench([Blind()]), threading.Event(), [], []
+    bench.tick_listeners.append(ticks.append)
+    bench.stop_listeners.append(stops.append)
+
+    def follow():
+        taken, reached_s, last = [], 0.0, False
+        while not last:
+            last = over.is_set()
+            bench.clock.sleep(0.05e-3)
+            now_s = bench.clock.now_s()
+            assert now_s > reached_s
+            taken += bench.take_marks(now_s)
+            assert bench.syncs_between(reached_s, now_s)[-1].end_s == now_s
+            bench.detections(reached_s, now_s)
+            reached_s = now_s
+        return taken
+
+    def command():
+        for k in range(1000):
+            before_s = bench.clock.now_s()
+            bench.steer(0.001 * (k % 100), -0.05)
+            assert bench.target_rad == (0.001 * (k % 100), -0.05)
+            bench.follow(bench.clock.now_s() + 1e-5 * np.arange(50), np.full((50, 2), 0.01))
+            bench.change_light(lamp_hz=float(k))
+            assert bench.light.lamp_hz == k
+            bench.start_ticks(np.full(40, 1 + k % 15, np.uint8), 1e-5)
+            bench.clock.sleep(0.2e-3)
+            bench.stop_ticks()
+            assert bench.known_from_s <= bench.clock.now_s()
+            assert bench.clock.now_s() > before_s
+        over.set()
+
+    with ThreadPoolExecutor(2) as pool:
+        following, commanding = pool.submit(follow), pool.submit(command)
+        commanding.result()
+        taken = following.result()
+    came = [times_s[times_s <= stop_s] for times_s, stop_s in zip(ticks, stops, strict=True)]
+    assert [mark.at_s for mark in taken] == np.concatenate(came).tolist()
+    assert len(taken) > 20_000

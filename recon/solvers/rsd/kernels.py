@@ -110,11 +110,14 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
 def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
     """Interpolate (lattice rows, width) along its first axis into (rows, width)."""
     for j in range(len(first)):
-        for i in range(out.shape[1]):
-            out[j, i] = weights[j, 0] * lattice[first[j], i]
+        # Rows taken out first: so the compiler vectorises the loops over them.
+        target, source, weight = out[j], lattice[first[j]], weights[j, 0]
+        for i in range(len(target)):
+            target[i] = weight * source[i]
         for t in range(1, weights.shape[1]):
-            for i in range(out.shape[1]):
-                out[j, i] += weights[j, t] * lattice[first[j] + t, i]
+            source, weight = lattice[first[j] + t], weights[j, t]
+            for i in range(len(target)):
+                target[i] += weight * source[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
@@ -122,8 +125,9 @@ def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> Non
     """Take Horner's step, total <- total * step + field, the field interpolated along the rows."""
     for j in range(total.shape[0]):
         if weights.shape[1] == 1:
-            for i in range(total.shape[1]):
-                total[j, i] = total[j, i] * step[j, i] + rows[j, first[i]]
+            sums, turns, fields = total[j], step[j], rows[j]
+            for i in range(len(sums)):
+                sums[i] = sums[i] * turns[i] + fields[first[i]]
         else:
             for i in range(total.shape[1]):
                 field = weights[i, 0] * rows[j, first[i]]
@@ -145,9 +149,11 @@ def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT
 def spread_rows(rows: C64, first: INT, weights: F32, lattice: C64) -> None:
     """Add (rows, width) onto (lattice rows, width): the adjoint of `read_rows`."""
     for j in range(len(first)):
+        source = rows[j]
         for t in range(weights.shape[1]):
-            for i in range(rows.shape[1]):
-                lattice[first[j] + t, i] += weights[j, t] * rows[j, i]
+            target, weight = lattice[first[j] + t], weights[j, t]
+            for i in range(len(source)):
+                target[i] += weight * source[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -13,8 +13,10 @@ from types import TracebackType
 from typing import Self
 
 from simulators.bench import Bench
+from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
+from simulators.wire.served.board import BoardAnswers
 from simulators.wire.served.detector import DetectorLine
 from simulators.wire.served.terminal import Terminal
 from simulators.wire.served.timing import LONGEST, TimingAnswers, TimingFaults
@@ -34,7 +36,7 @@ class Addresses:
     galvo, laser, detector
         Pseudo-terminals.
     timing
-        Path of the socket for timing instruments.
+        Path of the socket for timing instruments, and for the DAQ board.
     """
 
     galvo: str
@@ -56,6 +58,8 @@ class BenchServer:
         What is served; its clock should run in real time.
     faults
         How timing instruments on it count.
+    wiring
+        What hangs on its DAQ board.
 
     Attributes
     ----------
@@ -63,9 +67,10 @@ class BenchServer:
         Where the devices are.
     """
 
-    def __init__(self, bench: Bench, faults: TimingFaults) -> None:
+    def __init__(self, bench: Bench, faults: TimingFaults, wiring: DaqWiring | None = None) -> None:
         self._bench = bench
-        self._answers = TimingAnswers(bench, faults)
+        self._faults = faults
+        self._board = SimulatedBoard(bench, wiring)
         self._selector = selectors.DefaultSelector()
         self._connections: set[_Connection] = set()
         self._head = KatanaHead(bench)
@@ -146,12 +151,14 @@ class BenchServer:
 
     def _accept(self) -> None:
         with suppress(OSError):  # it may have gone again already
-            connection = _Connection(self._listener.accept()[0], self._take)
+            board = BoardAnswers(self._board)
+            answers = TimingAnswers(self._bench, self._faults, {"board": board.tell})
+            connection = _Connection(self._listener.accept()[0], partial(self._take, answers), board.leave)
             self._connections.add(connection)
             self._serve(connection)
 
-    def _take(self, line: bytes) -> "Future[bytes]":
-        made = self._drawer.submit(self._answers.take(line))
+    def _take(self, answers: TimingAnswers, line: bytes) -> "Future[bytes]":
+        made = self._drawer.submit(answers.take(line))
         made.add_done_callback(lambda _: self._wake.send(b"\0"))
         return made
 
@@ -163,13 +170,14 @@ class BenchServer:
         except OSError:
             self._connections.discard(connection)
             connection.socket.close()
+            connection.leave()
             return
         if connection.events:
             self._selector.register(connection.socket, connection.events, partial(self._serve, connection))
 
 
 class _Connection:
-    """One timing instrument in another program; the server never waits for it.
+    """One timing instrument or DAQ board in another program; the server never waits for it.
 
     Parameters
     ----------
@@ -177,11 +185,19 @@ class _Connection:
         Its socket.
     take
         Takes a request and returns what makes the answer, which the workers do.
+    leave
+        Called when the program is gone.
     """
 
-    def __init__(self, accepted: socket.socket, take: "Callable[[bytes], Future[bytes]]") -> None:
+    def __init__(
+        self,
+        accepted: socket.socket,
+        take: "Callable[[bytes], Future[bytes]]",
+        leave: Callable[[], None],
+    ) -> None:
         accepted.setblocking(False)
         self.socket = accepted
+        self.leave = leave
         self._take = take
         self._received = bytearray()
         self._answer: Future[bytes] | None = None

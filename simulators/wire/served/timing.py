@@ -11,12 +11,14 @@ channel in turn, the pulses (int64) and the times (float64) of its photons, litt
     {"ask": "marks", "before_s": 12.41}                         {"marks": [[12.402, 1, 1e-05]]}
     {"ask": "detections", "start_s": 12.4, "stop_s": 12.41}     {"photons": [2314]}, then 2314 * 16 bytes
 
-What cannot be answered gives ``{"error": "..."}``. Times are the server's bench times.
+Requests to the DAQ board, on the same socket, are told in `board`. What cannot be answered gives
+``{"error": "..."}``. Times are the server's bench times.
 """
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from types import TracebackType
@@ -28,8 +30,8 @@ from simulators.bench import Bench, Channel, Detections, Mark, Syncs
 from simulators.wire.hydraharp import Nonlinearity, Timing
 from simulators.wire.served import NO_REQUEST
 
-#: Longest first line of a request or answer; each of a thousand channels takes about 100 bytes.
-LONGEST = 1 << 20
+#: Longest first line of a request or answer: the samples of 100,000 ticks of a DAQ board, see `board`.
+LONGEST = 1 << 22
 
 #: Longest wait for an answer [s]: drawing the photons of a long exposure takes a while.
 ANSWER_S = 60.0
@@ -57,11 +59,25 @@ class TimingFaults:
 
 
 class TimingAnswers:
-    """The served side: what the bench says to each request."""
+    """The served side: what the bench says to each request.
 
-    def __init__(self, bench: Bench, faults: TimingFaults) -> None:
+    Parameters
+    ----------
+    bench, faults
+        What is asked about.
+    others
+        What answers requests of other kinds, by what they ask.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        faults: TimingFaults,
+        others: Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]] | None = None,
+    ) -> None:
         self._bench = bench
         self._faults = faults
+        self._others = others or {}
 
     def take(self, line: bytes) -> Callable[[], bytes]:
         """Take a line as of now; return what makes the answer.
@@ -79,6 +95,8 @@ class TimingAnswers:
 
     def _tell(self, request: dict[str, Any]) -> dict[str, Any]:
         ask, bench = request["ask"], self._bench
+        if ask in self._others:
+            return self._others[ask](request)
         if ask == "bench":
             return {"channels": [asdict(channel) for channel in bench.channels], **asdict(self._faults)}
         if ask == "now":
@@ -172,6 +190,8 @@ class ServedBench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        with suppress(OSError):  # what was not sent to a server that is gone
+            self._stream.close()  # or it would keep the socket open
         self._socket.close()
 
     def sync_rate_hz(self) -> float:

@@ -1,114 +1,35 @@
-"""The Optotune MR-15-30 beam-steering mirror on its MR-E-2 or MR-E-3 board, in "Simple" ASCII mode.
+"""The Optotune MR-15-30 beam-steering mirror on its MR-E-2 or MR-E-3 board.
+
+It points in "Simple" ASCII mode, and follows a trajectory in binary "Pro" mode.
 
 Source: Optotune MR-E-2 / MR-E-3 operation manual as used by the maker's Python SDK and by two independent
 drivers; not yet run on the hardware.
 """
 
 import re
-from dataclasses import dataclass, replace
-from enum import IntFlag
-from math import hypot, isfinite, pi, radians, tan
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.clock import Clock
-from drivers.errors import DeviceNotFoundError, LimitError, LinkError, ProtocolError, RefusedError
+from drivers.errors import DeviceNotFoundError, LinkError, ProtocolError, RefusedError
 from drivers.leaving import leave
 from drivers.lines.serial import SerialLine
-
-#: One unit of X or Y is this tangent of the optical angle: the unit circle is 50 degrees optical.
-TAN_PER_UNIT = tan(radians(50.0))
+from drivers.optotune import registers
+from drivers.optotune.frames import FLAG
+from drivers.optotune.limits import OptotuneLimits
+from drivers.optotune.pro_mode import ProMode
+from drivers.optotune.status import FAULTS, LATCHED, MirrorStatus
 
 #: Takes a board from the binary "Pro" mode back to Simple mode: SET_COMM_MODE 0, checksum left out.
 LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
 
-
-class MirrorStatus(IntFlag):
-    """Bits of the answer to STATUS; ``WAS_`` bits stay until acknowledged."""
-
-    HEAD_DISCONNECTED = 1 << 0
-    HEAD_TEMPERATURE = 1 << 1
-    MIRROR_TEMPERATURE = 1 << 2
-    EEPROM_INVALID = 1 << 3
-    NOT_STABLE = 1 << 4
-    OUTPUT_LIMIT = 1 << 5
-    AVERAGE_OUTPUT_LIMIT = 1 << 6
-    TRIMMED = 1 << 7
-    WAS_DISCONNECTED = 1 << 8
-    WAS_HEAD_TEMPERATURE = 1 << 9
-    WAS_MIRROR_TEMPERATURE = 1 << 10
-    WAS_OUTPUT_LIMIT = 1 << 11
-    WAS_AVERAGE_OUTPUT_LIMIT = 1 << 12
-    WAS_TRIMMED = 1 << 13
-
-
-#: The mirror cannot be trusted to point anywhere.
-FAULTS = (
-    MirrorStatus.HEAD_DISCONNECTED
-    | MirrorStatus.HEAD_TEMPERATURE
-    | MirrorStatus.MIRROR_TEMPERATURE
-    | MirrorStatus.EEPROM_INVALID
-)
-LATCHED = (
-    MirrorStatus.WAS_DISCONNECTED
-    | MirrorStatus.WAS_HEAD_TEMPERATURE
-    | MirrorStatus.WAS_MIRROR_TEMPERATURE
-    | MirrorStatus.WAS_OUTPUT_LIMIT
-    | MirrorStatus.WAS_AVERAGE_OUTPUT_LIMIT
-    | MirrorStatus.WAS_TRIMMED
-)
-
 # asked thousands of times a second while the mirror settles; plain numbers are ten times as fast as flags
 _CANNOT_HOLD, _NOT_STABLE = int(FAULTS | MirrorStatus.TRIMMED), int(MirrorStatus.NOT_STABLE)
 _STATUS = re.compile(r"(0[xX])?[0-9a-fA-F]{1,8}")
-
-
-@dataclass(frozen=True)
-class OptotuneLimits:
-    """Where the beam may be steered to; can be asked without a mirror.
-
-    Attributes
-    ----------
-    max_angle_rad
-        Largest optical deflection to either side, for x and y.
-    device
-        Whose limits these are, for messages.
-    """
-
-    max_angle_rad: tuple[float, float] = (0.36, 0.28)
-    device: str = "steering mirror"
-
-    def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
-        """Raise `LimitError` unless the beam may be steered to these optical angles."""
-        self.units(angle_x_rad, angle_y_rad)
-
-    def units(self, angle_x_rad: float, angle_y_rad: float) -> tuple[float, float]:
-        """Return optical angles in the board's units: X and Y within the unit circle.
-
-        Raises
-        ------
-        LimitError
-            If they are outside the largest deflections, or outside the unit circle.
-        """
-        angles = (angle_x_rad, angle_y_rad)
-        for axis, angle, limit in zip("xy", angles, self.max_angle_rad, strict=True):
-            if not isfinite(angle) or abs(angle) > min(limit, pi / 2):
-                raise LimitError(
-                    self.device,
-                    f"point {axis} to {angle:.4f} rad",
-                    f"the limit is {limit:.4f} rad to either side",
-                    "Nothing was sent. Choose a smaller grid, or change the limit.",
-                )
-        # Adding zero turns -0.0 into 0.0, so that the wire never carries "-0.000000000".
-        x, y = (round(tan(angle) / TAN_PER_UNIT, 9) + 0.0 for angle in angles)
-        if hypot(x, y) > 1.0:
-            raise LimitError(
-                self.device,
-                f"point to ({angle_x_rad:.4f}, {angle_y_rad:.4f}) rad",
-                f"that is {hypot(x, y):.3f} of the mirror's range",
-                "Nothing was sent. Choose a smaller grid.",
-            )
-        return x, y
 
 
 class OptotuneMirror:
@@ -156,6 +77,8 @@ class OptotuneMirror:
         self._expected_identity = expected_identity
         self._poll_interval_s = poll_interval_s
         self._target_rad = (0.0, 0.0)
+        self._pro: ProMode | None = None
+        self._positions = 0
         self.identity = ""
 
     def __enter__(self) -> Self:
@@ -179,6 +102,8 @@ class OptotuneMirror:
     def point(self, angle_x_rad: float, angle_y_rad: float) -> None:
         """Steer the beam to these optical angles (right and up, facing the wall), without waiting.
 
+        It ends a trajectory.
+
         Parameters
         ----------
         angle_x_rad, angle_y_rad
@@ -194,11 +119,66 @@ class OptotuneMirror:
             No answer, or none that makes sense.
         """
         x, y = self.limits.units(angle_x_rad, angle_y_rad)
+        if self._pro:
+            self._stand_still(self._pro, x, y)
         # Nine decimals are about 1 nrad, and 31 bytes of the 64 that the board takes.
         answer = self._line.ask(f"XY={x:.9f};{y:.9f}")
         if answer != "OK":
             self._not_ok(f"point to XY={x:.9f};{y:.9f}", answer)
         self._target_rad = (angle_x_rad, angle_y_rad)
+
+    @property
+    def longest_trajectory(self) -> int:
+        """How many positions `trajectory` takes at most."""
+        return self.limits.longest_trajectory
+
+    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+        """Load positions that the mirror takes one after the other, one at each rising edge of its trigger.
+
+        It goes to the first at once, and stays at the last; `point` ends it at any time. Until then the board
+        is in Pro mode, where its status can be asked for as before.
+
+        Parameters
+        ----------
+        angles_rad
+            (n, 2) optical angles, as of `point`; all are checked before anything is sent.
+        tick_s
+            Time between two edges.
+
+        Raises
+        ------
+        LimitError
+            A position is outside the limits, or there are too many, or the edges come too fast.
+        RefusedError
+            The board answered with an error.
+        LinkError, ProtocolError
+            No answer, or none that makes sense; also if what is read back is not what was sent.
+        """
+        samples = self.limits.trajectory_units(angles_rad, tick_s).astype(np.float32)
+        self.point(*angles_rad[0].tolist())
+        answer = self._line.ask("GOPRO")
+        if answer != "OK":
+            self._not_ok("GOPRO", answer)
+        self._pro = ProMode(self._line)
+        # whether a pattern ends with or before its end is unconfirmed: the last sample is there twice
+        memory = np.concatenate([np.append(axis, axis[-1]) for axis in samples.T])
+        self._upload(self._pro, memory)
+        for axis in (0, 1):
+            first = axis * len(memory) // 2
+            self._set_and_check(
+                self._pro,
+                {
+                    registers.pattern(axis, registers.UNIT): registers.XY,
+                    registers.pattern(axis, registers.START): first,
+                    registers.pattern(axis, registers.END): first + len(samples),
+                    registers.pattern(axis, registers.CYCLES): 1,
+                    registers.pattern(axis, registers.EXTERNAL_TRIGGER): registers.RISING_EDGE,
+                },
+            )
+        running = {registers.pattern(axis, registers.RUN): 1 for axis in (0, 1)}
+        followed = {registers.input_of(axis): registers.pattern_unit(axis) for axis in (0, 1)}
+        self._set_and_check(self._pro, running | followed)
+        self._positions = len(samples)
 
     def wait_settled(self, timeout_s: float) -> None:
         """Return when two looks at the status, one poll interval apart, find the mirror stable.
@@ -238,7 +218,12 @@ class OptotuneMirror:
         return MirrorStatus(self._status_word())
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """Return the last accepted position (this mode has no read-back), the limits and the status."""
+        """Return the last accepted position (there is no read-back), the limits and the status.
+
+        While a trajectory is loaded the position is its first; how many positions it has, and at which of
+        them the mirror is, come with it.
+        """
+        followed = {"trajectory_positions": self._positions, "trajectory_index": self._index()}
         return {
             "identity": self.identity,
             "angle_x_rad": self._target_rad[0],
@@ -246,9 +231,50 @@ class OptotuneMirror:
             "max_angle_x_rad": self.limits.max_angle_rad[0],
             "max_angle_y_rad": self.limits.max_angle_rad[1],
             "status": int(self.status()),
+            **(followed if self._pro else {}),
         }
 
+    def _upload(self, pro: ProMode, samples: NDArray[np.float32]) -> None:
+        """Fill the memory of patterns, and hold what is read back against it."""
+        some, vector = registers.SAMPLES_A_FRAME, registers.PATTERN_MEMORY
+        pieces = [(first, samples[first : first + some].tolist()) for first in range(0, len(samples), some)]
+        for first, piece in pieces:
+            pro.set_vector(vector, first, piece)
+        for first, piece in pieces:
+            told = list(pro.vector(vector, first, len(piece)))
+            if told != piece:
+                self._reads_otherwise(f"keep samples {first} to {first + len(piece) - 1}", told)
+
+    def _set_and_check(self, pro: ProMode, values: dict[int, int]) -> None:
+        pro.set(values)
+        for register, value in values.items():
+            told = pro.value(register)
+            if told != value:
+                self._reads_otherwise(f"set register {register:04X} to {value}", told)
+
+    def _reads_otherwise(self, asked: str, told: object) -> None:
+        raise ProtocolError(
+            self._line.name, asked, f"it reads back {told}", "Check the cable; the command may be repeated."
+        )
+
+    def _index(self) -> int:
+        return self._pro.value(registers.pattern(0, registers.INDEX)) if self._pro else 0
+
+    def _stand_still(self, pro: ProMode, x: float, y: float) -> None:
+        """End a trajectory at a position, and go back to Simple mode."""
+        # in this order the axes never follow anything that has not been set
+        places = {registers.static_xy(axis): value for axis, value in enumerate((x, y))}
+        followed = {registers.input_of(axis): registers.static_input(axis) for axis in (0, 1)}
+        stopped = {registers.pattern(axis, registers.RUN): 0 for axis in (0, 1)}
+        pro.set(places | followed | stopped)
+        pro.leave()
+        self._pro, self._positions = None, 0
+        if (answer := self._start()) != "OK":
+            self._not_ok("START after Pro mode", answer)
+
     def _status_word(self) -> int:
+        if self._pro:
+            return self._pro.value(registers.STATUS)
         answer = self._line.ask("STATUS")
         if not _STATUS.fullmatch(answer):
             self._not_ok("tell its STATUS", answer)
@@ -261,16 +287,19 @@ class OptotuneMirror:
             answer = "nothing"
         if answer == "OK":
             return
-        # Silence or garbage: the board was left in Pro mode.
-        self._line.lost_step()
-        self._line.send(LEAVE_PRO_MODE)
-        self._line.lost_step()
-        try:
-            answer = self._start()
-        except LinkError as problem:
-            raise self._not_a_mirror("START", problem.answered) from problem
-        if answer != "OK":
-            raise self._not_a_mirror("START", f"{answer!r} came")
+        # Silence or garbage: the board was left in Pro mode, perhaps in the middle of a frame. The first flag
+        # ends that frame; a board that does not also begin a frame with it understands the second attempt.
+        for ended in (b"", bytes([FLAG])):
+            self._line.lost_step()
+            self._line.send(ended + LEAVE_PRO_MODE)
+            self._line.lost_step()
+            try:
+                answer, problem = self._start(), None
+            except LinkError as silence:
+                answer, problem = silence.answered, silence
+            if answer == "OK":
+                return
+        raise self._not_a_mirror("START", answer if problem else f"{answer!r} came") from problem
 
     def _start(self) -> str:
         answer = self._line.ask("START")
