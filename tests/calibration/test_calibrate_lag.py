@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch, acquire
+from rig.calibrate.raw import reading
 from rig.calibrate.routine import changed
 from rig.calibrate.run import fitted, measured
 from rig.calibrate.timing.lag import LagRoutine, Swept, fit_lag, swept
@@ -120,10 +121,11 @@ def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(kind, lag,
     setup = routine.setup(config)
     plan = ScanPlan.grid(setup, rows=4, exposure_s=1e-3, skip_m=0.0, motion="continuous")
     acquire(plan, RigState.resolve(setup), tmp_path / "next.h5")
-    with ScanFile(tmp_path / "next.h5") as scan:
-        assert scan.state.mirror_lag_s == calibration.lag_s
-        assert "lag" in scan.calibrations.in_words()
-    again = fit_lag(seen := swept([tmp_path / "next.h5"]), scan.state.delays, "next")
+    with reading([tmp_path / "next.h5"]) as (scans, passes):
+        assert scans[0].state.mirror_lag_s == calibration.lag_s
+        assert "lag" in scans[0].calibrations.in_words()
+        seen, delays = swept(scans, passes)
+    again = fit_lag(seen, delays, "next")
     assert seen.taken_s == calibration.lag_s
     assert abs(again.lag_s - seen.taken_s) < 4 * np.hypot(again.error_s, calibration.lag_error_s)
 
