@@ -6,7 +6,7 @@ its own, for whatever draws it, in another thread too.
 """
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 
 import numpy as np
@@ -34,8 +34,8 @@ class Subject:
 
     Attributes
     ----------
-    name, rig, exposure_s, order
-        The scan file's name, the rig's, the exposure of a step, and the order of the steps.
+    name, rig, exposure_s, order, motion
+        The scan file's name, the rig's, exposure and order of the steps, and how the mirror moves.
     steps, channels
         How many there are.
     laser_m
@@ -57,6 +57,7 @@ class Subject:
     rig: str
     exposure_s: float
     order: str
+    motion: str
     steps: int
     channels: int
     laser_m: NDArray[np.float64]
@@ -80,6 +81,7 @@ class Subject:
             rig=state.config.name if state else "",
             exposure_s=one.exposure_s,
             order=getattr(one.positions, "order", "list"),
+            motion=one.motion,
             steps=description.steps,
             channels=description.channel_count,
             laser_m=description.laser_m,
@@ -245,7 +247,7 @@ class LiveState:
 
     def _warn(self, said: Noticed) -> None:
         before = self._warnings.pop(said.sentence, said)  # the newest come last
-        self._warnings[said.sentence] = Noticed(said.sentence, min(before.first, said.first), said.last)
+        self._warnings[said.sentence] = replace(said, first=min(before.first, said.first))
         while len(self._warnings) > WARNINGS:
             del self._warnings[next(iter(self._warnings))]
 
