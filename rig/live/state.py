@@ -24,6 +24,8 @@ from rig.model.devices import Rates
 HISTOGRAM_BINS = 1500
 #: Moments at which the rate is kept at most; neighbours are put together when there are more.
 MOMENTS = 400
+#: Least exposure of a moment, as a part of the usual.
+ENOUGH = 0.25
 #: Warnings that are kept, the newest.
 WARNINGS = 20
 
@@ -172,11 +174,15 @@ class RateHistory:
         self._sums[number] += photons, live_s
 
     def curve(self) -> tuple[NDArray, NDArray]:
-        """Return times in seconds, and photons a second of exposure, where something was measured."""
-        there = self._sums[:, 1] > 0
+        """Return times in seconds, and photons a second of exposure, where enough was measured.
+
+        A moment with few positions says more of these than of the rate, and is left out.
+        """
+        photons, live_s = self._sums.T
+        measured = live_s[live_s > 0]
+        there = live_s > (ENOUGH * np.median(measured) if len(measured) else 0)
         times_s = (np.arange(len(self._sums)) + 0.5) * self._width_s
-        photons, live_s = self._sums[there].T
-        return times_s[there], photons / live_s
+        return times_s[there], photons[there] / live_s[there]
 
 
 class LiveState:
