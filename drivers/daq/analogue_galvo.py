@@ -7,6 +7,7 @@ Such a galvo has no data interface: nobody can ask where it is. So it is waited 
 specification, and where it is said to be is where it was sent.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 from types import TracebackType
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.daq.board import MOST_SAMPLES, SharedBoard
+from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import SAMPLES_PER_TICK
 from drivers.errors import LimitError, LinkError, RefusedError
 from drivers.leaving import leave
@@ -43,10 +44,6 @@ class AnalogueLimits:
     max_angle_rad: tuple[float, float] = (0.36, 0.28)
     volts_per_degree: tuple[float, float] = (0.5, 0.5)
     device: str = "analogue galvo"
-
-    def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
-        """Raise `LimitError` unless the beam may be steered to these optical angles."""
-        self.volts(np.array([angle_x_rad, angle_y_rad]))
 
     def volts(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages (..., 2) of optical angles (..., 2).
@@ -118,8 +115,6 @@ class AnalogueGalvo:
         How many positions a trajectory has at most.
     """
 
-    longest_trajectory = MOST_SAMPLES // SAMPLES_PER_TICK
-
     def __init__(
         self,
         board: SharedBoard,
@@ -131,6 +126,7 @@ class AnalogueGalvo:
     ) -> None:
         self.limits = replace(limits or AnalogueLimits(), device=f"analogue galvo on {board.name}")
         self.identity = ""
+        self.longest_trajectory = board.most_samples // SAMPLES_PER_TICK
         self._board = board
         self._channels = channels
         self._clock = clock
@@ -200,7 +196,12 @@ class AnalogueGalvo:
         if wait_s > 0:
             self._clock.sleep(wait_s)
 
-    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+    def trajectory(
+        self,
+        angles_rad: NDArray[np.float64],
+        tick_s: float,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Load positions that the mirrors take one after the other, one at each tick of the point clock.
 
         They go to the first at once, and stay at the last; `point` ends it at any time.
@@ -211,6 +212,8 @@ class AnalogueGalvo:
             (n, 2) optical angles; all are checked before anything is sent.
         tick_s
             Time between two ticks.
+        meanwhile
+            Not called: they are kept in memory until the point clock starts.
 
         Raises
         ------
