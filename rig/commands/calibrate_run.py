@@ -95,11 +95,11 @@ def _facts(content: dict[str, Any]) -> dict[str, str]:
     """Return what was found, the long lists left out."""
     from rig.model.quantities import show
 
-    units = {"_s": "s", "_hz": "Hz", "_m": "m", "_rad": "rad"}
+    units = {"_m_per_s": "m/s", "_s": "s", "_hz": "Hz", "_m": "m", "_rad": "rad"}
     facts = {}
     for name, value in content.items():
-        unit = next((unit for suffix, unit in units.items() if name.endswith(suffix)), "")
-        label = name.removesuffix("_" + name.rsplit("_", 1)[-1]) if unit else name
+        suffix, unit = next((one for one in units.items() if name.endswith(one[0])), ("", ""))
+        label = name.removesuffix(suffix)
         if isinstance(value, float):
             facts[label.replace("_", " ")] = show(value, unit, 4) if unit else f"{value:.4g}"
         elif isinstance(value, int | str):

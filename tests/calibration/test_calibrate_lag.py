@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rig.acquire.acquisition import Watch, acquire
+from rig.calibrate.raw import reading
 from rig.calibrate.routine import changed
 from rig.calibrate.run import fitted, measured
 from rig.calibrate.timing.lag import LagRoutine, Swept, fit_lag, swept
@@ -94,21 +95,21 @@ def test_refusals_name_the_reason():
         fit_lag(replace(seen, arrival_s=seen.arrival_s + strays), TOLD, "drawn")
 
 
-def rig(folder, lag="800us", **scan):
+def rig(folder, lag="800us", kind="optotune", **scan):
     """The built-in rig with a slow mirror; its configuration does not know how slow."""
-    simulation = {"misalignment": {"mirror_lag": lag}}
     return built_in_with(
         {
-            "simulation": simulation,
+            "galvo": {"kind": kind},
+            "simulation": {"misalignment": {"mirror_lag": lag}},
             "calibration": {"folder": str(folder / "calibrations")},
             "scan": {"columns": 60, "rows": 8, "spacing": "3cm", **scan},
         }
     )
 
 
-@pytest.mark.parametrize(("lag", "lag_s"), [("800us", 0.8e-3), ("2ms", 2e-3)])
-def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(lag, lag_s, tmp_path):
-    config, routine = rig(tmp_path, lag), LagRoutine(rows=4)
+@pytest.mark.parametrize(("kind", "lag"), [("optotune", 0.8), ("optotune", 2.0), ("analogue", 0.3)])
+def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(kind, lag, tmp_path):
+    config, routine, lag_s = rig(tmp_path, f"{lag}ms", kind), LagRoutine(rows=4), 1e-3 * lag
     found = fitted(routine, config, measured(routine, config, None, tmp_path, Watch()))
     calibration = found.calibration
     assert abs(calibration.lag_s - lag_s) < 4 * calibration.lag_error_s
@@ -120,10 +121,11 @@ def test_measured_lag_is_that_of_the_mirror_and_the_next_scan_uses_it(lag, lag_s
     setup = routine.setup(config)
     plan = ScanPlan.grid(setup, rows=4, exposure_s=1e-3, skip_m=0.0, motion="continuous")
     acquire(plan, RigState.resolve(setup), tmp_path / "next.h5")
-    with ScanFile(tmp_path / "next.h5") as scan:
-        assert scan.state.mirror_lag_s == calibration.lag_s
-        assert "lag" in scan.calibrations.in_words()
-    again = fit_lag(seen := swept([tmp_path / "next.h5"]), scan.state.delays, "next")
+    with reading([tmp_path / "next.h5"]) as (scans, passes):
+        assert scans[0].state.mirror_lag_s == calibration.lag_s
+        assert "lag" in scans[0].calibrations.in_words()
+        seen, delays = swept(scans, passes)
+    again = fit_lag(seen, delays, "next")
     assert seen.taken_s == calibration.lag_s
     assert abs(again.lag_s - seen.taken_s) < 4 * np.hypot(again.error_s, calibration.lag_error_s)
 

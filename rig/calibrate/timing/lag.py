@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.raw import origin, reading
+from rig.calibrate.raw import Raw, origin, reading
 from rig.calibrate.routine import Routine, changed, recorded
 from rig.calibrate.timing.first_bounce import first_bounces, free_running, mirror_rad
+from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
 from rig.model.calibrations.kinds import MirrorLag
 from rig.model.config import RigConfig
@@ -60,8 +61,8 @@ class Swept:
     spots_m, speed_m_per_s
         (N, 3) commanded spots, and how fast the command moves them.
     begins_s, ends_s
-        (N,) when the time of each point began after its line's first tick, and ended before the line's end,
-        both as the mirror was taken to trail.
+        (N,) when the photons of each point began after its line's first tick, and ended before its last
+        point's end.
     arrival_s, error_s
         (N,) when first bounces arrived, and standard errors.
     reach_m
@@ -87,10 +88,10 @@ class Swept:
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     def even(self, lag_s: float) -> NDArray[np.bool_]:
-        """(N,) where the mirror moved evenly, were this its lag: no trace of a turn is left or comes."""
+        """(N,) where the mirror moved evenly, were this its lag: one turn is settled, the next to come."""
         tiny_s = 1e-3 * self.point_s
         settled = self.begins_s >= SETTLED_LAGS * lag_s - tiny_s
-        return np.asarray(settled & (self.ends_s >= self.taken_s - lag_s - tiny_s))
+        return np.asarray(settled & (self.ends_s >= -tiny_s))
 
     def places_m(self, lag_s: float) -> Floats:
         """(N, 3) where the mirror was in the mean, were this its lag."""
@@ -285,8 +286,8 @@ class LagRoutine(Routine[MirrorLag]):
 
     def fit(self, files: Sequence[Path], state: RigState) -> MirrorLag:
         """Return the lag; see `fit_lag`."""
-        with reading(files) as (scans, _):
-            seen, delays = swept(files), _state(scans[0]).delays
+        with reading(files) as (scans, passes):
+            seen, delays = swept(scans, passes)
             found = fit_lag(seen, delays, str(files[0]))
             along = lag_along(seen, found, delays)
             return MirrorLag(
@@ -305,8 +306,8 @@ class LagRoutine(Routine[MirrorLag]):
 
     def figure(self, files: Sequence[Path], found: MirrorLag) -> Figure:
         """Draw what the lag does to arrivals there and back, what the fit leaves, and the lag along lines."""
-        with reading(files) as (scans, _):
-            seen, delays = swept(files), _state(scans[0]).delays
+        with reading(files) as (scans, passes):
+            seen, delays = swept(scans, passes)
         fit = fit_lag(seen, delays, str(files[0]))
         without_s = fit.arrivals_s(seen, seen.taken_s, delays)
         odd_ps, left_ps = (
@@ -344,40 +345,31 @@ class LagRoutine(Routine[MirrorLag]):
         return figure
 
 
-def swept(files: Sequence[Path]) -> Swept:
-    """Read first bounces along the lines of one scan.
+def swept(scans: Sequence[ScanFile], passes: Sequence[Raw]) -> tuple[Swept, PathDelays]:
+    """Read first bounces along the lines of one scan, and the path delays that are to be expected.
 
-    Raises CalibrationError if there is more than one file, or its mirror stopped at each point.
+    Raises CalibrationError if there is more than one pass, or its mirror stopped at each point.
     """
-    with reading(files) as (scans, passes):
-        scan, raw = scans[0], passes[0]
-        plan, state = scan.plan, _state(scan)
-        require(len(passes) == 1, f"{len(passes)} passes: the lag is measured in one, lag.h5")
-        require(
-            plan is not None and plan.continuous,
-            f"{raw.label} was measured with a mirror that stops at each position: it cannot tell a lag",
+    (scan, *_), (raw, *_) = scans, passes
+    plan, state = scan.plan, scan.state
+    require(len(passes) == 1, f"{len(passes)} passes: the lag is measured in one, lag.h5")
+    if plan is None or state is None or not plan.continuous:
+        raise CalibrationError(
+            f"{raw.label} was measured with a mirror that stops at each position: it cannot tell a lag"
         )
-        assert plan is not None
-        found, angles = first_bounces(raw, min_counts=MIN_COUNTS), mirror_rad(raw)
-        point_s = plan.passes[0].exposure_s
-        paths = Trajectories(plan, angles, raw.config.galvo.turn_time_s)
-        speed, begins_s, ends_s = np.zeros_like(raw.laser_m), *np.zeros((2, len(angles)))
-        for line in (line for sweep in paths.sweeps(range(len(plan))) for line in sweep.lines):
-            steps, at_s = slice(line.steps.start, line.steps.stop), (line.ticks - line.ticks[0]) * point_s
-            require(
-                len(at_s) > 1, f"{raw.label} has lines of one position: the mirror does not move along them"
-            )
-            speed[steps] = np.gradient(raw.laser_m[steps], at_s, axis=0)
-            begins_s[steps] = at_s + state.mirror_lag_s
-            ends_s[steps] = at_s[-1] - at_s - state.mirror_lag_s
-        at = found.index
-        return Swept(
-            raw.laser_m[at], speed[at], begins_s[at], ends_s[at], found.centre_s, found.centre_error_s,
-            float(np.abs(raw.laser_m).max()), state.mirror_lag_s, point_s,
-        )  # fmt: skip
-
-
-def _state(scan: ScanFile) -> RigState:
-    state = scan.state
-    assert state is not None  # else its passes would have been refused
-    return state
+    found, angles = first_bounces(raw, min_counts=MIN_COUNTS), mirror_rad(raw)
+    point_s, taken_s = plan.passes[0].exposure_s, state.mirror_lag_s
+    paths = Trajectories(plan, angles, raw.config.galvo.turn_time_s)
+    speed, begins_s, ends_s = np.zeros_like(raw.laser_m), *np.zeros((2, len(angles)))
+    for line in (line for sweep in paths.sweeps(range(len(plan))) for line in sweep.lines):
+        steps, at_s = slice(line.steps.start, line.steps.stop), (line.ticks - line.ticks[0]) * point_s
+        require(len(at_s) > 1, f"{raw.label} has lines of one position: the mirror does not move along them")
+        speed[steps] = np.gradient(raw.laser_m[steps], at_s, axis=0)
+        begins_s[steps] = at_s + taken_s
+        ends_s[steps] = at_s[-1] - at_s - taken_s
+    at, reach_m = found.index, float(np.abs(raw.laser_m).max())
+    seen = Swept(
+        raw.laser_m[at], speed[at], begins_s[at], ends_s[at], found.centre_s, found.centre_error_s,
+        reach_m, taken_s, point_s,
+    )  # fmt: skip
+    return seen, state.delays
