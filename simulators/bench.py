@@ -501,7 +501,13 @@ class Bench:
         )
 
     def warm_up(self) -> None:
-        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits."""
+        """Draw a little light and throw it away, so that what has to be compiled is before anybody waits.
+
+        A mirror is moved for the same reason, but not the bench's.
+        """
+        moved = SteeringMirror()
+        moved.command(0.1, 0.1, 0.0)
+        moved.settled(1.0)
         way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
         wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
         for photons in self.photons:

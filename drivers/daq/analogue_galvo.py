@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.daq.board import MOST_SAMPLES, SharedBoard
+from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import SAMPLES_PER_TICK
 from drivers.errors import LimitError, LinkError, RefusedError
 from drivers.leaving import leave
@@ -43,10 +43,6 @@ class AnalogueLimits:
     max_angle_rad: tuple[float, float] = (0.36, 0.28)
     volts_per_degree: tuple[float, float] = (0.5, 0.5)
     device: str = "analogue galvo"
-
-    def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
-        """Raise `LimitError` unless the beam may be steered to these optical angles."""
-        self.volts(np.array([angle_x_rad, angle_y_rad]))
 
     def volts(self, angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages (..., 2) of optical angles (..., 2).
@@ -118,8 +114,6 @@ class AnalogueGalvo:
         How many positions a trajectory has at most.
     """
 
-    longest_trajectory = MOST_SAMPLES // SAMPLES_PER_TICK
-
     def __init__(
         self,
         board: SharedBoard,
@@ -131,6 +125,7 @@ class AnalogueGalvo:
     ) -> None:
         self.limits = replace(limits or AnalogueLimits(), device=f"analogue galvo on {board.name}")
         self.identity = ""
+        self.longest_trajectory = board.most_samples // SAMPLES_PER_TICK
         self._board = board
         self._channels = channels
         self._clock = clock

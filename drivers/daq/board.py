@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, RefusedError
 
-#: Samples that are played at one go: 5 million ticks, and 200 MB of levels and voltages.
+#: Samples that fit into a computer's buffer with ease: 5 million ticks, and 200 MB of levels and voltages.
 MOST_SAMPLES = 10_000_000
 
 #: What NI-DAQmx's error codes mean (`nidaqmx.error_codes` has their names). UNCONFIRMED is which of the
@@ -34,6 +34,11 @@ class Board(Protocol):
     @property
     def name(self) -> str:
         """What messages call it, e.g. ``DAQ board Dev1``."""
+        ...
+
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
         ...
 
     def identity(self) -> str:
@@ -118,6 +123,11 @@ class SharedBoard:
     def name(self) -> str:
         """What messages call it."""
         return self._board.name
+
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
+        return self._board.most_samples
 
     def identity(self) -> str:
         """Ask who it is; this and all others raise `drivers.errors.DeviceError` if the board refuses."""
@@ -206,11 +216,9 @@ class SharedBoard:
         """Turn what the board's driver raises into an error of ours."""
         try:
             yield
-        except DeviceError:
-            raise
         except Exception as problem:
             code = getattr(problem, "error_code", None)
-            if not isinstance(code, int):
+            if not isinstance(code, int):  # an error of ours, or a defect
                 raise
             raise _meaning(self.name, asked, code, str(problem)) from problem
 

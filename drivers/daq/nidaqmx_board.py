@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.daq.board import MOST_SAMPLES
 from drivers.errors import DeviceNotFoundError
 from drivers.leaving import leave
 
@@ -45,6 +46,11 @@ class NidaqmxBoard:
     def name(self) -> str:
         """What messages call it."""
         return f"DAQ board {self._device}"
+
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
+        return MOST_SAMPLES
 
     def identity(self) -> str:
         """Ask who it is."""

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.daq.board import MOST_SAMPLES, SharedBoard
+from drivers.daq.board import SharedBoard
 from drivers.errors import LimitError, LinkError
 from drivers.leaving import leave
 
@@ -152,7 +152,7 @@ class DaqPointClock:
 
     def _check(self, marks: NDArray[np.uint8], tick_s: float) -> None:
         """Raise `LimitError` unless the board can give these pulses."""
-        most = MOST_SAMPLES // SAMPLES_PER_TICK
+        most = self._board.most_samples // SAMPLES_PER_TICK
         shortest_s = SAMPLES_PER_TICK / self._fastest_hz
         marked = int(np.bitwise_or.reduce(marks, axis=None))
         if marks.ndim != 1 or not 0 < len(marks) <= most:

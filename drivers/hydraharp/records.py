@@ -22,7 +22,7 @@ those of version 2.
         batch.tag, batch.dtime, batch.channel           a row for each photon
         batch.marker_tag, batch.marker_mask, batch.marker_photon        a row for each marker record
 
-Not implemented: the records of PicoHarp 300 and of older TimeHarps, whose fields are others.
+The records of a PicoHarp 300 and of older TimeHarps have other fields, and are not read here.
 """
 
 from dataclasses import dataclass

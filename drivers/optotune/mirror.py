@@ -7,6 +7,7 @@ drivers; not yet run on the hardware.
 """
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -267,7 +268,8 @@ class OptotuneMirror:
         followed = {registers.input_of(axis): registers.static_input(axis) for axis in (0, 1)}
         stopped = {registers.pattern(axis, registers.RUN): 0 for axis in (0, 1)}
         pro.set(places | followed | stopped)
-        pro.leave()
+        with suppress(LinkError):  # whether this is answered is unconfirmed; START tells whether it was done
+            pro.leave()
         self._pro, self._positions = None, 0
         if (answer := self._start()) != "OK":
             self._not_ok("START after Pro mode", answer)

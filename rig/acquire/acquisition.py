@@ -33,6 +33,7 @@ from rig.model.devices import Exposure, Operator
 from rig.model.photons import TaggedExposure
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from rig.model.sweep import planned_duration_s
 
 #: What is left open where the program ended between the last position and its end.
 UNSEEN_END = (
@@ -279,7 +280,7 @@ def _begin_s(plan: ScanPlan, state: RigState, measured: int) -> float:
     """
     if len(np.unique(plan.spots_m, axis=0)) == len(plan):
         return 0.0
-    return plan.duration_s(state.config) * measured / len(plan)
+    return planned_duration_s(plan, state) * measured / len(plan)
 
 
 def _end(target: Path) -> ScanResult:

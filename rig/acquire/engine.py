@@ -302,14 +302,15 @@ class ScanEngine:
             self._state.mirror_lag_s,
         )
         devices = SweepDevices(galvo, clock, tagger, self._devices.clock)
-        began, self._beside, failed = self._done, 0, 0
+        began, self._beside = self._done, 0
+        failed: list[int] = []  # the steps with which lines began that failed, one after the other
         while self._done < steps.stop and not self._should_stop():
-            here = self._done
             self._devices.laser.beat(ASKING_LEASE_S)
-            sweep = next(paths.sweeps(range(here, steps.stop), galvo.longest_trajectory))
+            sweep = next(paths.sweeps(range(self._done, steps.stop), galvo.longest_trajectory))
             reason = self._follow(sweep, devices, timing)
-            failed = failed + 1 if reason and self._done == here else 0
-            if failed == TRIES:
+            failed = [one for one in (*failed, self._done) if one == self._done] if reason else []
+            if len(failed) == TRIES:
+                self._vouch()  # for the lines before it
                 raise DoubtError(f"a line failed {TRIES} times. {reason}")
         self._tell_beside(began)
 

@@ -12,7 +12,7 @@ from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
-from rig.model.sweep import Trajectories
+from rig.model.sweep import Trajectories, planned_duration_s
 
 #: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
 BYTES_PER_PHOTON = 0.85
@@ -61,10 +61,12 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
     angles_rad = state.pointing.angles_rad(plan.spots_m)
     if plan.continuous:
         paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
-        duration_s = sum(paths.duration_s(number) for number in range(len(plan.passes)))
-        return Estimate(bins, bin_width_s, in_memory, on_disk, paths.farthest_rad(), duration_s)
-    x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
-    return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad), plan.duration_s(state.config))
+        farthest_rad = paths.farthest_rad()
+    else:
+        x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
+        farthest_rad = x_rad, y_rad
+    duration_s = planned_duration_s(plan, state)
+    return Estimate(bins, bin_width_s, in_memory, on_disk, farthest_rad, duration_s)
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
@@ -97,7 +99,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     limits = timing_limits(state.config)
     limits.check_histogram(found.bins, found.bin_width_s)
     for one in plan.passes:
-        limits.check_exposure(one.exposure_s)
+        if one.motion == "step":  # otherwise the point clock ticks, of which the instrument knows nothing
+            limits.check_exposure(one.exposure_s)
     free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(

@@ -25,7 +25,14 @@ READ_BACK_S = 2.0
 LOOK_S = 0.2
 
 #: What moves by itself, or is watched elsewhere.
-DRIFTING = {"angle_x_rad", "angle_y_rad", "temperature_c", "status"}
+DRIFTING = {
+    "angle_x_rad",
+    "angle_y_rad",
+    "temperature_c",
+    "status",
+    "trajectory_index",
+    "trajectory_positions",
+}
 
 #: By how much a number that is read back may differ, relative: of the sync rate, of a measured bias, of
 #: everything else that was set.

@@ -10,11 +10,7 @@ from rig.errors import UsageError
 from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
-    from simulators.bench import Bench
     from simulators.wire.served.server import Addresses, BenchServer
-
-#: Length of the exposures that are drawn before anybody asks [s].
-REHEARSAL_S = 1e-3
 
 
 @contextmanager
@@ -45,7 +41,7 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
     with ExitStack() as stack:
         write = stack.enter_context(_appending(log)) if log else None
         bench = simulated_bench(config, real_time=True)
-        _rehearse(bench)
+        bench.warm_up()
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
@@ -76,17 +72,6 @@ def _appending(log: Path) -> Iterator[Callable[[str], None]]:
         raise failed(problem) from None
     with file:
         yield write
-
-
-def _rehearse(bench: "Bench") -> None:
-    """Let each channel draw a few photons, so that what is compiled is compiled before anybody waits."""
-    import numpy as np
-
-    from simulators.bench import LightState
-
-    light = LightState(emitting=True, biased=True, gated=True)
-    for photons in bench.photons:
-        photons.detections((0.5, 0.5, 0.0), light, REHEARSAL_S, np.random.default_rng(0))
 
 
 def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:

@@ -78,7 +78,7 @@ def compare(
         voxel_m=parse(voxel, "length") if voxel else None,
     )
     for file in files:
-        check_comparable(file)
+        check_comparable(file, console.warn)
     sheets, keep = _places(files, out)
     found = []
     for file, sheet in zip(files, sheets, strict=True):

@@ -239,7 +239,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
         )
         return
     width_m, height_m = grid.area_m
-    frame_s = plan.duration_s(config) / one.frames
+    frame_s = found.duration_s / one.frames
     frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
     lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)

@@ -34,7 +34,7 @@ def serve(
         bool, typer.Option("--json", help="No change: the result is one JSON document anyway.")
     ] = False,
 ) -> None:
-    """Serve the simulated galvo, laser and detector to other programs, until Ctrl-C or SIGTERM.
+    """Serve the simulated galvo, laser, detector and DAQ board to other programs, until Ctrl-C or SIGTERM.
 
     Their addresses are printed as one JSON document. Galvo and laser are pseudo-terminals, which any program
     opens as a serial port. Time is real time. A program that ends or is killed changes nothing: the laser

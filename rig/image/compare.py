@@ -234,7 +234,7 @@ def low_pass_sigma_s(pulse: VirtualPulse) -> float:
     return half / (pulse.carrier_rad_per_s + half / pulse.sigma_s)
 
 
-def check_comparable(file: Path) -> None:
+def check_comparable(file: Path, tell: Callable[[str], None] = lambda sentence: None) -> None:
     """Refuse what is no capture, before anything is computed.
 
     Raises
@@ -252,7 +252,9 @@ def check_comparable(file: Path) -> None:
             f"{read_volume(file).scan or 'which it does not name'}"
         )
     if _is_scan(file):
-        ScanFile(file).close()
+        with ScanFile(file) as scan:
+            for sentence in scan.doubts:
+                tell(sentence)
 
 
 def _is_scan(file: Path) -> bool:

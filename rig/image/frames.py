@@ -12,12 +12,15 @@ from recon.frames import FrameImager
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes
+from rig.model.sweep import planned_duration_s
 
 
 def frame_times_s(scan: ScanFile) -> NDArray[np.float64]:
     """Return when each whole frame began, as the plan has it, (T,)."""
     assert scan.plan is not None
-    duration_s = scan.plan.exposure_total_s if scan.config is None else scan.plan.duration_s(scan.config)
+    duration_s = (
+        scan.plan.exposure_total_s if scan.state is None else planned_duration_s(scan.plan, scan.state)
+    )
     return scan.whole_frames.astype(np.float64) * (duration_s / scan.frames)
 
 

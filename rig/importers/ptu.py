@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rig.importers.tagged import Records, Survey
 
 NAME = "PicoQuant records"
-SIGN = ".ptu, .ht2, .ht3, .pt2 or .pt3 with records of a HydraHarp, MultiHarp or PicoHarp 300, T2 or T3"
+SIGN = ".ptu, .ht2, .ht3, .pt2 or .pt3 with records (T2 or T3) of a HydraHarp, its kin, or a PicoHarp 300"
 PARTS = ("TTResultFormat_TTTRRecType", "TTResult_NumberOfRecords")
 
 #: A gap between markers of so many usual ones lacks some.

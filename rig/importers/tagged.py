@@ -40,12 +40,17 @@ class PicoHarpFormat:
     is_t3: bool
 
 
-#: Record types by their number in the head; 07 at their end are those of MultiHarp and its kin.
+#: Record types by their number in the head (the vendor's demos), which ends with the instrument: 03 PicoHarp
+#: 300, 04 HydraHarp, 05 and 06 TimeHarp 260, 07 MultiHarp and PicoHarp 330.
 _FORMATS: dict[int, RecordFormat | PicoHarpFormat] = {
     0x00010204: T2_VERSION_1,
     0x00010304: T3_VERSION_1,
     0x01010204: T2,
     0x01010304: T3,
+    0x00010205: T2,
+    0x00010305: T3,
+    0x00010206: T2,
+    0x00010306: T3,
     0x00010207: T2,
     0x00010307: T3,
     0x00010203: PicoHarpFormat(is_t3=False),
@@ -96,7 +101,7 @@ class Records:
         if kind not in _FORMATS:
             raise DataFileError(
                 f"{head.path} holds records of the type {kind:#010x}, which are not those of a HydraHarp, a "
-                "MultiHarp or a PicoHarp 300; this program does not know their fields"
+                "MultiHarp, a TimeHarp 260 or a PicoHarp 300; this program does not know their fields"
             )
         said, there = int(head.number("TTResult_NumberOfRecords")), (head.size - head.end) // 4
         if 0 < said <= there:

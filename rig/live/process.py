@@ -73,7 +73,7 @@ class Worker:
         self.state = LiveState(Subject.of(begun.scan.name, begun.description))
         self._imaging: Imaging | None = None
         self._fresh = False  # photons that no image shows yet
-        self._next_s = 0.0
+        self._next_s = self._took_s = 0.0  # when the next image is due, and how long the newest took
         self._caught_up_s = -CATCH_UP_S
         self.done = threading.Event()
 
@@ -106,7 +106,8 @@ class Worker:
             if message is None:
                 return False
             self._take(message)
-        if self._fresh and time.monotonic() >= self._next_s:
+        behind_s = 0.0 if self._inbox.empty() else self._took_s  # then half of the time is for photons
+        if self._fresh and time.monotonic() >= self._next_s + behind_s:
             self._picture()
         return True
 
@@ -126,9 +127,9 @@ class Worker:
         assert self._imaging is not None
         began_s = time.monotonic()
         self.state.show(self._imaging.coarse.picture())
-        took_s = time.monotonic() - began_s
+        self._took_s = time.monotonic() - began_s
         self._fresh = False
-        self._next_s = began_s + max(PICTURE_S, (1 + REST) * took_s)
+        self._next_s = began_s + max(PICTURE_S, (1 + REST) * self._took_s)
 
     def _catch_up(self) -> None:
         """Read what was measured and not sent from the scan file, as far as it is there."""

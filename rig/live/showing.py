@@ -53,6 +53,7 @@ class Showing:
         else:
             figure = self._window
         self._live = LiveFigure(figure, state.subject)
+        figure.canvas.mpl_connect("close_event", lambda event: self._close())
         self._failed = False
 
     def run(self) -> None:
@@ -95,13 +96,17 @@ class Showing:
             self._done.wait(duration_s)
             return
         while self._window is not None and time.monotonic() < until_s:
-            if not _is_open(self._window):
-                if not self._done.is_set():
-                    say(f"trouble its window was closed; pictures are still written to {self._folder}")
-                self._window = None
-                return
-            self._window.canvas.flush_events()
+            try:
+                self._window.canvas.flush_events()
+            except Exception:  # each kit has its own for a window that is gone
+                self._close()
             time.sleep(PUMP_S)
+
+    def _close(self) -> None:
+        """Go on without a window."""
+        if self._window is not None and not self._done.is_set():
+            say(f"trouble its window was closed; pictures are still written to {self._folder}")
+        self._window = None
 
 
 def _window() -> Figure | None:
@@ -118,9 +123,3 @@ def _window() -> Figure | None:
         except Exception:  # each kit fails in its own way where it is not installed or finds no display
             continue
     return None
-
-
-def _is_open(figure: Figure) -> bool:
-    import matplotlib.pyplot as plt
-
-    return bool(plt.fignum_exists(figure.number))

@@ -97,6 +97,8 @@ class AnalogueGalvoConfig(_GalvoConfig):
 
     @model_validator(mode="after")
     def _within_the_range(self) -> "AnalogueGalvoConfig":
+        if self.channels[0] == self.channels[1]:
+            raise ValueError(f"channels: x and y are both {self.channels[0]}; give each its own")
         for axis, scale in zip("xy", self.volts_per_degree, strict=True):
             volts = degrees(getattr(self, f"max_angle_{axis}_rad") / 2) * abs(scale)
             if not 0 < volts <= 10 * (1 + 1e-9):  # 40 degrees at 0.5 V are just allowed
@@ -424,6 +426,17 @@ class RigConfig(_Section):
             twice = sorted({value for value in values if values.count(value) > 1})
             if twice:
                 raise ValueError(f"channels: two have the {what} {twice[0]}; give each its own")
+        return self
+
+    @model_validator(mode="after")
+    def _galvo_and_clock_share_a_board(self) -> "RigConfig":
+        if isinstance(self.galvo, AnalogueGalvoConfig) and self.point_clock is not None:
+            galvo, clock = ((one.device, one.address) for one in (self.galvo, self.point_clock))
+            if galvo != clock:
+                raise ValueError(
+                    f"point_clock.device is {clock[0]}, galvo.device is {galvo[0]}: an analogue galvo and "
+                    "its point clock have to be on the same board, which plays both by one clock"
+                )
         return self
 
     @model_validator(mode="after")

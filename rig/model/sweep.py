@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rig.errors import RefusedError
 from rig.model.plan import Grid, ScanPlan
+from rig.model.state import RigState
 
 POINT, LINE, FRAME = 1, 2, 4
 
@@ -273,3 +274,12 @@ def _turning(line: _Laid, after: _Laid) -> NDArray[np.float64]:
     s = (np.arange(1, ticks) / ticks)[:, None]
     hermite = (2 * s**3 - 3 * s**2 + 1) * start + (3 * s**2 - 2 * s**3) * stop
     return np.asarray(hermite + ticks * ((s**3 - 2 * s**2 + s) * v0 + (s**3 - s**2) * v1))
+
+
+def planned_duration_s(plan: ScanPlan, state: RigState) -> float:
+    """Estimate how long a scan takes on hardware, in either mode."""
+    if not plan.continuous:
+        return plan.duration_s(state.config)
+    angles_rad = state.pointing.angles_rad(plan.spots_m)
+    paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
+    return sum(paths.duration_s(number) for number in range(len(plan.passes)))

@@ -23,8 +23,12 @@ WRONG_NUMBER_OF_CHANNELS = -200524
 LINES_NOT_BUFFERED = -201062
 NO_MEMORY = -50352
 
-#: An output's range [V].
+#: An output's range, and its smallest step: 16 bits [V].
 LARGEST_V = 10.0
+STEP_V = 2 * LARGEST_V / 2**16
+
+#: Samples that it plays at one go.
+MOST_SAMPLES = 10_000_000
 
 #: Fewest samples a second: far fewer than a clock that is divided down by 32 bits gives.
 SLOWEST_HZ = 0.01
@@ -103,6 +107,8 @@ class SimulatedBoard:
         How long after the first that second pulse comes; a ringing cable takes microseconds.
     start_after_s
         Time from the call that starts to the first sample.
+    calls_until_unplugged
+        After so many more calls its plug is pulled; None: it stays in.
     buffered_lines
         Whether it can play lines; many small boards cannot.
     """
@@ -114,6 +120,7 @@ class SimulatedBoard:
         self.double_marks: set[int] = set()
         self.double_after_s = 2e-6
         self.start_after_s = START_S if bench.clock.real_time else START_JUMPING_S
+        self.calls_until_unplugged: int | None = None
         self.buffered_lines = True
         self._bench = bench
         self._wiring = wiring or DaqWiring()
@@ -130,10 +137,14 @@ class SimulatedBoard:
         """Plug it in again."""
         self._plugged_in = True
 
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
+        return MOST_SAMPLES
+
     def identity(self) -> str:
         """Tell who it is."""
-        if not self._plugged_in:
-            raise DaqFailure(NO_SUCH_DEVICE, "Device identifier is invalid.")
+        self._require_plugged_in(DaqFailure(NO_SUCH_DEVICE, "Device identifier is invalid."))
         return "NI PCIe-6343 simulated, serial number 51A01ED5"
 
     def fastest_hz(self, *, analogue: bool) -> float:
@@ -238,20 +249,25 @@ class SimulatedBoard:
             self._volts[CHANNELS.index(channel)] = volts[-1, column]
         if self._wiring.channels is not None and set(self._wiring.channels) <= set(channels):
             columns = [channels.index(one) for one in self._wiring.channels]
-            changes = np.append(
-                True, (np.diff(volts, axis=0) != 0).any(axis=1)
-            )  # a held voltage is one command
+            # a held voltage is one command
+            changes = np.append(True, (np.diff(volts, axis=0) != 0).any(axis=1))
             self._bench.follow(times_s[changes], self._angles_rad(volts[changes][:, columns]))
 
     def _angles_rad(self, volts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return optical angles (..., 2) for the galvo's voltages: twice those by which its mirrors turn."""
-        mirrors_deg = np.clip(volts / np.array(self._wiring.volts_per_degree), -STOP_DEG, STOP_DEG)
+        given_v = STEP_V * np.round(volts / STEP_V)
+        mirrors_deg = np.clip(given_v / np.array(self._wiring.volts_per_degree), -STOP_DEG, STOP_DEG)
         # contiguous: what is compiled for one order of memory would be compiled again for another
         return np.ascontiguousarray(2 * np.radians(mirrors_deg))
 
-    def _require_plugged_in(self) -> None:
+    def _require_plugged_in(self, otherwise: DaqFailure | None = None) -> None:
+        if self.calls_until_unplugged is not None:
+            if self.calls_until_unplugged == 0:
+                self.unplug()
+            else:
+                self.calls_until_unplugged -= 1
         if not self._plugged_in:
-            raise DaqFailure(NOT_ACCESSIBLE, "Device cannot be accessed.")
+            raise otherwise or DaqFailure(NOT_ACCESSIBLE, "Device cannot be accessed.")
 
     def _require(self, names: Sequence[str], known: Sequence[str], columns: int) -> None:
         self._require_plugged_in()

@@ -14,6 +14,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,6 +34,8 @@ DISK = 128 << 20
 PAGE = 4096
 PLAN = ("--grid", "24x16", "--spacing", "5cm", "--exposure", "2ms")
 PATIENCE_S = 120.0
+#: How a scan file holds its photons.
+FORMS = ("histograms", "photons")
 
 
 @dataclass
@@ -158,10 +161,10 @@ def small_disk(folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def recorded(folder: Path) -> "writing.States":
+def recorded(folder: Path, form: str) -> "writing.States":
     """Write a scan file, and keep what both files held after each line of what writes them."""
     kept = writing.States(folder / "scan.h5")
-    kept.writer = writing.create(folder / "scan.h5")
+    kept.writer = writing.create(folder / "scan.h5", form)
     try:
         sys.settrace(kept)
         writing.measure(kept.writer, 0)
@@ -170,10 +173,10 @@ def recorded(folder: Path) -> "writing.States":
     return kept
 
 
-def power_cuts(number: int, folder: Path) -> Row:
+def power_cuts(number: int, folder: Path, form: str) -> Row:
     """Cut the power at any line; each page on the disk may be as any write since the last sync left it."""
-    states, path, rng = recorded(folder), folder / "cut.h5", random.Random(7)
-    row = Row("power cut at any line of what writes, pages on the disk in any order")
+    states, path, rng = recorded(folder, form), folder / "cut.h5", random.Random(7)
+    row = Row(f"{form}: power cut at any line of what writes, pages on the disk in any order")
     for turn in range(number):
         moment = turn % len(states.kept)
         _put(path, states.after_a_power_cut(moment, rng))
@@ -181,10 +184,10 @@ def power_cuts(number: int, folder: Path) -> Row:
     return row
 
 
-def cut_journals(number: int, folder: Path) -> Row:
+def cut_journals(number: int, folder: Path, form: str) -> Row:
     """Cut journal and file at any length."""
-    states, path, rng = recorded(folder), folder / "cut.h5", random.Random(8)
-    row = Row("journal and file cut at any length")
+    states, path, rng = recorded(folder, form), folder / "cut.h5", random.Random(8)
+    row = Row(f"{form}: journal and file cut at any length")
     whole, journal = next(one for one in reversed(states.kept) if None not in one)
     for _ in range(number):
         length = rng.randrange(len(states.kept[0][1]), len(journal))
@@ -193,10 +196,10 @@ def cut_journals(number: int, folder: Path) -> Row:
     return row
 
 
-def flipped_bits(number: int, folder: Path) -> Row:
+def flipped_bits(number: int, folder: Path, form: str) -> Row:
     """Flip a bit of the journal."""
-    states, path, rng = recorded(folder), folder / "cut.h5", random.Random(9)
-    row = Row("a bit of the journal flipped")
+    states, path, rng = recorded(folder, form), folder / "cut.h5", random.Random(9)
+    row = Row(f"{form}: a bit of the journal flipped")
     whole, journal = next(one for one in reversed(states.kept) if None not in one)
     for _ in range(number):
         flipped = bytearray(journal)
@@ -217,14 +220,14 @@ def _judge_cut(row: Row, path: Path) -> None:
         row.first.append(str(problem))
 
 
-def interrupts(number: int, folder: Path) -> Row:
+def interrupts(number: int, folder: Path, form: str) -> Row:
     """Interrupt at any executed line of what writes."""
-    row = Row("an interrupt at any executed line of what writes")
-    places = writing.interrupt_at(folder / "whole.h5", None)
+    row = Row(f"{form}: an interrupt at any executed line of what writes")
+    places = writing.interrupt_at(folder / "whole.h5", form, None)
     for at in random.Random(10).sample(range(len(places)), min(number, len(places))):
         path = folder / "cut.h5"
         _put(path, [None, None])
-        writing.interrupt_at(path, at)
+        writing.interrupt_at(path, form, at)
         row.judge(path, 0)
     return row
 
@@ -242,7 +245,7 @@ def _rig(*arguments: object) -> "subprocess.CompletedProcess[str]":
     )
 
 
-ATTACKS: tuple[Callable[[int, Path], Row], ...] = (power_cuts, cut_journals, flipped_bits, interrupts)
+ATTACKS: tuple[Callable[[int, Path, str], Row], ...] = (power_cuts, cut_journals, flipped_bits, interrupts)
 
 
 def main() -> None:
@@ -253,10 +256,10 @@ def main() -> None:
     given = parser.parse_args()
     print(HEAD)
     rows = []
-    for attack in (*ATTACKS, full_disks):
+    tries = [partial(attack, given.number, form=form) for form in FORMS for attack in ATTACKS]
+    for attack in (*tries, partial(full_disks, given.step)):
         with TemporaryDirectory(prefix="rig-attacks-") as folder:
-            number = given.step if attack is full_disks else given.number
-            rows.append(attack(number, Path(folder)))
+            rows.append(attack(folder=Path(folder)))
             print(rows[-1], flush=True)
             for said in rows[-1].first[:3]:
                 print(said[:300], file=sys.stderr)

@@ -1,6 +1,6 @@
 """Attacks on programs that scan: a signal at a random moment, judged by what the served devices did.
 
-PYTHONPATH=tests python -m attacks.signals --number 60 [--first 0]
+PYTHONPATH=tests python -m attacks.signals --number 60 [--first 0] [--mode continuous]
 """
 
 import json
@@ -24,8 +24,11 @@ from rig.errors import DataFileError
 from rig.files import ScanFile
 from support.served_bench import Served, rig_command, served
 
-#: What is scanned: 96 positions, about a second of light.
-PLAN = ("--grid", "12x9", "--spacing", "15cm", "--exposure", "10ms", "--yes")
+#: What is scanned, by mode: 96 positions, and 792; one and three seconds of light.
+PLANS = {
+    "step": ("--grid", "12x9", "--spacing", "15cm", "--exposure", "10ms", "--yes"),
+    "continuous": ("--mode=continuous", "--grid=40x20", "--spacing=4cm", "--exposure=4ms", "--yes"),
+}
 
 #: Longest wait for a program's end, and for darkness after it.
 PATIENCE_S = 60.0
@@ -119,11 +122,14 @@ class Bench:
         The server.
     folder
         Where scans are made.
+    mode
+        How they are made.
     """
 
-    def __init__(self, running: Served, folder: Path) -> None:
+    def __init__(self, running: Served, folder: Path, mode: str = "step") -> None:
         self._bench = running
         self._folder = folder
+        self._plan = PLANS[mode]
         self._environment = {**os.environ, "RIG_STATE": str(folder / "state")}
         began_s = time.monotonic()
         whole = self._start(folder / "whole.h5")
@@ -166,7 +172,7 @@ class Bench:
         return run
 
     def _start(self, path: Path) -> "subprocess.Popen[bytes]":
-        command = rig_command("scan", "--config", self._bench.config, *PLAN, "--out", path)
+        command = rig_command("scan", "--config", self._bench.config, *self._plan, "--out", path)
         return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -247,10 +253,10 @@ class Bench:
 
 
 @contextmanager
-def bench() -> Iterator[Bench]:
+def bench(mode: str = "step") -> Iterator[Bench]:
     """Serve a bench, in a folder that is gone afterwards."""
     with TemporaryDirectory(prefix="rig-attacks-") as folder, served(Path(folder)) as running:
-        yield Bench(running, Path(folder))
+        yield Bench(running, Path(folder), mode)
 
 
 def table(runs: list[Run]) -> str:
@@ -286,9 +292,10 @@ def main() -> None:
     parser = ArgumentParser(description="Hit scans with signals at random moments; print a table.")
     parser.add_argument("--number", type=int, default=len(HITS), help="how many scans")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
+    parser.add_argument("--mode", choices=list(PLANS), default="step", help="of the scans")
     given = parser.parse_args()
     runs = []
-    with bench() as attacked:
+    with bench(given.mode) as attacked:
         for number in range(given.first, given.first + given.number):
             runs.append(attacked.attack(number))
             print(json.dumps({"number": number, **vars(runs[-1])}), file=sys.stderr, flush=True)

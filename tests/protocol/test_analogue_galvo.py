@@ -18,12 +18,12 @@ from rig.model import devices
 from rig.model.config import built_in_with
 from simulators.bench import Bench
 from simulators.motion.mirror import SteeringMirror
-from simulators.wire.daq import DaqWiring, SimulatedBoard
+from simulators.wire.daq import STEP_V, DaqWiring, SimulatedBoard
 
 LINES = PulseLines(("port0/line0", "port0/line1", "port0/line2"))
 
-#: What numbers of 16 digits make of an angle on its way to volts and back [rad].
-ROUNDING = 1e-15
+#: Half a step of the board's outputs (16 bits of 20 V) as an angle of the beam, at 0.5 V a degree [rad].
+ROUNDING = 2 * radians(STEP_V / 2 / 0.5) * 1.001
 
 
 class Desk:
@@ -111,9 +111,9 @@ def test_an_angle_outside_is_refused_unsent(desk, angles):
 
 def test_more_than_ten_volts_are_refused_unsent():
     limits = AnalogueLimits((radians(45), radians(45)), (0.5, 0.5))
-    limits.check(radians(40), 0.0)
+    assert limits.volts(np.radians([40.0, -40.0])) == pytest.approx([10.0, -10.0])
     with pytest.raises(LimitError, match=r"point by 10\.03 V.*10 V to either side"):
-        limits.check(radians(40.1), 0.0)
+        limits.volts(np.radians([40.1, 0.0]))
 
 
 @pytest.mark.parametrize(
@@ -295,9 +295,11 @@ def test_a_rig_with_an_analogue_galvo_opens_and_tells_it():
             "unknown key 'galvo.volts_pre_degree'; did you mean 'volts_per_degree'",
         ),
         ({"adress": "/dev/ttyACM0"}, "unknown key 'galvo.adress'"),
+        ({"channels": ["ao1", "ao1"]}, r"galvo: channels: x and y are both ao1"),
+        ({"device": "Dev2"}, r"point_clock\.device is Dev1, galvo\.device is Dev2: .* on the same board"),
     ],
 )
-def test_a_wrong_scale_is_refused(galvo, why):
+def test_a_wrong_section_is_refused(galvo, why):
     with pytest.raises(ConfigError, match=why):
         built_in_with({"galvo": {"kind": "analogue", **galvo}})
 

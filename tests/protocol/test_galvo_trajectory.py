@@ -4,12 +4,19 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.errors import LimitError, LinkError, ProtocolError, RefusedError
+from drivers.lines.serial import SerialLine
 from drivers.optotune import OptotuneLimits
 from drivers.optotune.frames import framed, parsed
+from drivers.optotune.pro_mode import ProMode
 from drivers.optotune.registers import static_xy
+from simulators.clock import BenchClock
 from simulators.wire import galvo as board_bits
+from simulators.wire import galvo_frames
+from simulators.wire.serial_url import protocol_sim
 
 TICK_S = 1e-3
 W = 2 * np.pi * 400.0
@@ -231,6 +238,60 @@ def test_what_cannot_be_followed_is_refused_unsent(rig, angles, tick_s, words):
 def test_the_longest_trajectory_of_a_board_is_known_without_it():
     assert OptotuneLimits().longest_trajectory == 8191
     assert OptotuneLimits(memory_samples=100).longest_trajectory == 49
+
+
+def test_a_board_that_leaves_pro_mode_without_a_word_will_do(rig):
+    """Whether it answers is unconfirmed."""
+    receive = rig.board.receive
+
+    def receiving(data):
+        if data == framed(0x06, bytes(2)):
+            rig.board.drop_answers = 1
+        receive(data)
+
+    rig.board.receive = receiving
+    with rig.galvo() as mirror:
+        mirror.trajectory(way(5), TICK_S)
+        mirror.point(0.1, 0.1)
+        mirror.wait_settled(timeout_s=0.1)
+    assert rig.bench.target_rad == (0.0, 0.0)
+
+
+NOISE = st.binary(max_size=40) | st.builds(
+    lambda command, payload: galvo_frames.answer(command, payload),
+    st.sampled_from([0x11, 0x91, 0x12, 0x92, 0x15]),
+    st.binary(max_size=12),
+)
+
+
+@given(st.lists(NOISE, max_size=4))
+def test_whatever_a_board_in_pro_mode_says_is_an_answer_or_a_device_error(pieces):
+    class Noise:
+        """Says the same to everything."""
+
+        def __init__(self):
+            self.output = bytearray()
+
+        def receive(self, data):
+            self.output += b"".join(pieces)
+
+    clock = BenchClock()
+    address = protocol_sim.attach("test/noise", Noise(), clock)
+    line = SerialLine(address, device="mirror", baudrate=9600, terminator=b"\r\n", timeout_s=0.01)
+    try:
+        line.open()
+        pro = ProMode(line)
+        for ask in (
+            lambda: pro.value(0x1007),
+            lambda: pro.vector(0x2600, 0, 3),
+            lambda: pro.set({0x4000: 1}),
+        ):
+            try:
+                ask()
+            except (LinkError, ProtocolError, RefusedError):
+                continue
+    finally:
+        protocol_sim.detach(address)
 
 
 def asked(board, command, payload):

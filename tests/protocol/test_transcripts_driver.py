@@ -1,8 +1,9 @@
 """The drivers against what the manuals say, byte by byte, with no simulator in sight."""
 
 from contextlib import contextmanager
-from math import atan, radians
+from math import atan, radians, tan
 
+import numpy as np
 import pytest
 import serial
 
@@ -56,6 +57,16 @@ def test_mirror_session(play):
         mirror.wait_settled(timeout_s=0.1)
         # Three looks at the status, one poll interval of 1 ms between them.
         assert clock.now_s() == pytest.approx(2e-3)
+
+
+def test_mirror_follows_a_trajectory(play):
+    units = np.array([[0.25, 0.125], [-0.25, 0.0]])
+    with (
+        play(read_transcript("galvo_trajectory.txt")) as address,
+        OptotuneMirror(address, clock=StepClock()) as mirror,
+    ):
+        mirror.trajectory(np.arctan(units * tan(radians(50))), 1e-3)
+        assert mirror.status() == MirrorStatus.NOT_STABLE
 
 
 def test_mirror_leaves_pro_mode_and_acknowledges_past_errors(play):

@@ -51,7 +51,7 @@ def test_the_board_of_galvo_and_point_clock_is_named():
     with nidaqmx_stand_in.installed():
         (both,) = boards({"kind": "analogue"}, "Dev1")
         (clock,) = boards({"address": "sim://a"}, "Dev1")
-        _, other = boards({"kind": "analogue"}, "Dev9")
+        (other,) = boards({"address": "sim://a"}, "Dev9")
     assert (both.what, both.verdict) == ("DAQ board Dev1", "ok")
     assert both.found == "NI PCIe-6343, serial number 01A2B3C4 (simulated by NI-DAQmx)"
     assert clock.what == "DAQ board Dev1"

@@ -2,6 +2,7 @@
 
 import struct
 import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from rig.importers.recognise import recognise
 from rig.importers.source import open_source
 from rig.importers.tagged import Records
 from support import older_picoquant_files as older
-from support.picoquant_files import counts_of, scan_events
+from support.picoquant_files import counts_of, ptu, scan_events
 from support.published import published
 from support.scan_files import load
 
@@ -82,6 +83,25 @@ def test_records_come_back_photon_for_photon(name, data, tmp_path_factory):
     np.testing.assert_array_equal(counts, counts_of(events, range(low, low + counts.shape[1])))
     assert capture.bin_width_s == pytest.approx(16e-12, rel=1e-6)  # float32 in a PicoHarp's head
     np.testing.assert_allclose(capture.first_bin_s, low * 16e-12, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "write"),
+    [
+        (0x00010303, older.in_picoharp_t3),
+        (0x00010203, older.in_picoharp_t2),
+        *[(kind, partial(older.in_t3, several=True)) for kind in (0x00010305, 0x00010306, 0x00010307)],
+    ],
+)
+def test_unified_files_have_the_same_records(tmp_path, kind, write):
+    events = scan_events(3, 40)
+    words = np.frombuffer(write(events), "<u4")
+    changes = {"TTResultFormat_TTTRRecType": kind, "MeasDesc_GlobalResolution": 4e-12}
+    source = ptu(tmp_path / "a.ptu", words, **changes)
+    t2 = {"bin_width_s": 16e-12} if kind == 0x00010203 else {}
+    import_scan(source, tmp_path / "a.h5", **RECORDS | t2)
+    counts = load(tmp_path / "a.h5")[1]
+    np.testing.assert_array_equal(counts, counts_of(events, range(100, 100 + counts.shape[1])))
 
 
 @pytest.mark.parametrize("name", CURVES)

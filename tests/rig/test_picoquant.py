@@ -180,7 +180,7 @@ def test_t2_photons_are_counted_after_the_last_sync_pulse(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda path: put_tag(path, "TTResultFormat_TTTRRecType", 0x00010303), "type 0x00010303"),
+        (lambda path: put_tag(path, "TTResultFormat_TTTRRecType", 0x00010308), "type 0x00010308"),
         (lambda path: path.write_bytes(path.read_bytes()[:100]), "ends within its head"),
         (
             lambda path: path.write_bytes(path.read_bytes().replace(b"MeasDesc_Reso", b"MeasDesc_Redo")),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.daq.board import SharedBoard
-from drivers.errors import LinkError, RefusedError
+from drivers.errors import DeviceError, LinkError, RefusedError
 from drivers.hydraharp.library import HHLib
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
@@ -26,10 +26,13 @@ PLAN = ScanPlan.grid(
 
 
 @contextmanager
-def rig():
+def rig(unplugged_after: int | None = None, benches: list | None = None):
     """Open the devices of a rig; give them with its bench and its board."""
     bench, instruments = simulated_instruments(CONFIG)
     bench.warm_up()
+    instruments.daq.calls_until_unplugged = unplugged_after
+    if benches is not None:
+        benches.append(bench)
     with instruments:
         board = SharedBoard(instruments.daq)
         wires = Wires(
@@ -122,6 +125,24 @@ def test_a_board_that_is_unplugged_ends_the_scan_in_the_dark(tmp_path):
     with ScanFile(tmp_path / "scan.h5") as scan:
         assert scan.status == "failed"
         assert not scan.done.all()
+
+
+@pytest.mark.parametrize("calls", range(21))
+def test_a_plug_that_is_pulled_at_any_call_ends_in_the_dark(tmp_path, calls):
+    """Of 20 calls; the last four are made when all is measured."""
+    benches, told = [], "nothing failed"
+    try:
+        with rig(calls, benches) as (devices, _, _):
+            scanned(tmp_path, devices).close()
+    except DeviceError as error:
+        told = str(error)
+    assert "DAQ board Dev1" in told or calls > 15
+    (bench,) = benches
+    assert not bench.light.emitting
+    assert not bench.light.biased
+    if (path := tmp_path / "scan.h5").exists():
+        with ScanFile(path) as scan:
+            assert scan.status in ("failed", "complete")
 
 
 def test_a_board_that_cannot_play_lines_is_told_and_nothing_is_measured(tmp_path):

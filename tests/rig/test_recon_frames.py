@@ -91,8 +91,8 @@ def test_far_depths_are_averaged(rig, scan):
     row = front[np.abs(averaged.y_m - 0.1).argmin()]
     seen = row[[np.abs(averaged.x_m - place[0]).argmin() for place in PLACES]]
     assert (seen[1:] > 10 * seen[0]).all()
-    # Each place has a third of the amplitude that it had in its own frame, and two neighbours 20 cm aside, two
-    # resolution cells lambda z / d: sidelobes of a tenth each, in or out of phase.
+    # Each place has a third of the amplitude that it had in its own frame, and two neighbours 20 cm aside,
+    # two resolution cells lambda z / d: sidelobes of a tenth each, in or out of phase.
     alone = [float(frame[2:].max()) for frame in fresh.intensity[1:]]
     assert np.sqrt(seen[1:]) == pytest.approx(np.sqrt(alone) / 3, rel=0.25)
 

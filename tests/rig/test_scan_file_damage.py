@@ -7,34 +7,40 @@ import sys
 import textwrap
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import h5py
 import numpy as np
 import pytest
 
 from rig.errors import DataFileError
-from rig.files import ScanDescription, ScanFile, ScanWriter
+from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 
 ROOT = Path(__file__).parents[2]
 POSITIONS, BINS, LINE = 600, 400, 25
+#: Many chunks in 600 positions of 200 photons each.
+CHUNK_PHOTONS = 4096
 
 #: A writer without end in sight: a line of positions between checkpoints, each line told on stdout.
 WRITER = textwrap.dedent(
     f"""
     import sys
     import numpy as np
-    from rig.files import ScanDescription, ScanWriter
+    from rig.files import ScanDescription, ScanWriter, form_photons
 
     def row(position):
         return np.random.default_rng([7, position]).poisson(0.5, {BINS}).astype("u4")
 
-    path, mode = sys.argv[1:]
+    path, mode, form = sys.argv[1:]
     if mode == "create":
         laser_m = np.zeros(({POSITIONS}, 3))
         laser_m[:, 0] = np.arange({POSITIONS})
-        description = ScanDescription(laser_m, np.zeros((1, 3)), {BINS}, 4e-12, 0.0)
+        description = ScanDescription(
+            laser_m, np.zeros((1, 3)), {BINS}, 4e-12, 0.0, tagged=form == "photons"
+        )
+        form_photons.CHUNK_PHOTONS = {CHUNK_PHOTONS}
         writer = ScanWriter.create(path, description)
     else:
         writer = ScanWriter.resume(path)
@@ -53,9 +59,9 @@ def row(position):
     return np.random.default_rng([7, position]).poisson(0.5, BINS).astype("u4")
 
 
-def kill_while_writing(path, mode, lines, delay_s):
+def kill_while_writing(path, mode, form, lines, delay_s):
     """Run the writer and kill it some microseconds after a line; return the lines that it told."""
-    arguments = [sys.executable, "-c", WRITER, str(path), mode]
+    arguments = [sys.executable, "-c", WRITER, str(path), mode, form]
     with subprocess.Popen(
         arguments, cwd=ROOT, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)}
     ) as run:
@@ -72,11 +78,13 @@ def kill_while_writing(path, mode, lines, delay_s):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
-@pytest.mark.parametrize("seed", range(6))
-def test_a_killed_writer_leaves_no_wrong_row_and_can_be_resumed(tmp_path, seed):
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("form", ["histograms", "photons"])
+def test_a_killed_writer_leaves_no_wrong_row_and_can_be_resumed(tmp_path, form, seed):
     rng = np.random.default_rng(seed)
     path = tmp_path / "scan.h5"
-    promised = (kill_while_writing(path, "create", int(rng.integers(2, 12)), rng.uniform(0, 3e-3)) - 1) * LINE
+    lines = kill_while_writing(path, "create", form, int(rng.integers(2, 12)), rng.uniform(0, 3e-3))
+    promised = (lines - 1) * LINE
     for _ in range(2):
         with ScanFile(path) as scan:
             assert scan.status == "interrupted"
@@ -86,27 +94,41 @@ def test_a_killed_writer_leaves_no_wrong_row_and_can_be_resumed(tmp_path, seed):
             for where, block in scan.capture().histograms.blocks():
                 for position, counts in zip(done[where], block, strict=True):
                     np.testing.assert_array_equal(counts, row(position))
-        lines = kill_while_writing(path, "resume", int(rng.integers(1, 6)), rng.uniform(0, 3e-3))
+        lines = kill_while_writing(path, "resume", form, int(rng.integers(1, 6)), rng.uniform(0, 3e-3))
         promised = len(done) // 16 * 16 + max(0, lines - 2) * LINE
     with ScanWriter.resume(path) as writer:
         while writer.appended < POSITIONS:
             writer.append(row(writer.appended), 0.01)
     with ScanFile(path) as scan:
+        assert scan.tagged == (form == "photons")
         assert scan.status == "complete"
         (whole,) = [block for _, block in scan.capture().histograms.blocks()]
     np.testing.assert_array_equal(whole, [row(position) for position in range(POSITIONS)])
 
 
-@pytest.fixture(scope="module")
-def healthy(tmp_path_factory):
-    path = tmp_path_factory.mktemp("healthy") / "scan.h5"
+def good(folder, *, tagged):
+    path = folder / "scan.h5"
     laser_m = np.random.default_rng(5).normal(size=(40, 3))
     plan = ScanPlan.grid(built_in(), columns=40, rows=1, skip_m=0.0)
-    description = ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0, plan=plan)
-    with ScanWriter.create(path, description) as writer:
+    description = ScanDescription(laser_m, np.zeros((1, 3)), BINS, 4e-12, 0.0, plan=plan, tagged=tagged)
+    with (
+        patch.object(form_photons, "CHUNK_PHOTONS", CHUNK_PHOTONS),
+        ScanWriter.create(path, description) as writer,
+    ):
         for position in range(40):
             writer.append(row(position), 0.01)
     return path
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    return good(tmp_path_factory.mktemp("healthy"), tagged=False)
+
+
+@pytest.fixture(scope="module", params=["histograms", "photons"])
+def either(request, tmp_path_factory):
+    """A file of either form."""
+    return good(tmp_path_factory.mktemp("either"), tagged=request.param == "photons")
 
 
 def read_all(path):
@@ -117,8 +139,8 @@ def read_all(path):
         return np.concatenate(blocks), scan.laser_m
 
 
-def test_a_file_cut_at_any_length_is_refused(healthy, tmp_path):
-    content = healthy.read_bytes()
+def test_a_file_cut_at_any_length_is_refused(either, tmp_path):
+    content = either.read_bytes()
     path = tmp_path / "cut.h5"
     lengths = {0, 1, 8, 96, 512, 2048, len(content) - 1} | set(range(100, len(content), len(content) // 60))
     for length in lengths:
@@ -127,8 +149,8 @@ def test_a_file_cut_at_any_length_is_refused(healthy, tmp_path):
             read_all(path)
 
 
-def test_a_damaged_file_never_ends_in_a_traceback(healthy, tmp_path):
-    content = healthy.read_bytes()
+def test_a_damaged_file_never_ends_in_a_traceback(either, tmp_path):
+    content = either.read_bytes()
     path = tmp_path / "damaged.h5"
     rng = np.random.default_rng(11)
     refused = []

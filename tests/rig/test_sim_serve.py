@@ -101,6 +101,22 @@ def sums(histograms):
     return histograms.sum(), histograms.sum(1), np.add.reduceat(histograms.sum(0), np.arange(0, 15_000, 500))
 
 
+def test_a_mirror_that_never_stops_is_scanned_too(rig, tmp_path):
+    """An analogue galvo and the point clock, both on the served board: markers and voltages go together."""
+    analogue = tmp_path / "analogue.toml"
+    analogue.write_text('[galvo]\nkind = "analogue"\n[point_clock]\n[simulation]\nscene = "empty"\n')
+    sweep = ("--mode", "continuous", "--grid", "12x5", "--spacing", "2cm", "--exposure", "5ms")
+    with served(tmp_path, "--config", analogue) as bench:
+        config = load(bench.config)
+        assert config.point_clock.address == config.galvo.address == bench.told["timing"]
+        done = rig("scan", "--config", bench.config, *sweep, "--out", "swept.h5", "--json", "--yes")
+        assert done.code == 0, done.err
+    with ScanFile(tmp_path / "swept.h5") as scan:
+        assert scan.done.all()
+        assert scan.devices["galvo"]["identity"].startswith("analogue galvo")
+        assert scan.devices["point_clock"]["identity"].startswith("NI PCIe-6343 simulated")
+
+
 def test_light_that_another_program_switches_off_is_missing_in_the_counts(bench):
     exposure_s = 0.6
     times = {}

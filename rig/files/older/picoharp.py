@@ -1,9 +1,10 @@
 """Heads of a PicoHarp 300: ``.pt2``, ``.pt3`` (records) and ``.phd`` (histograms), format 2.0.
 
-Sources: the fields and their order are those of libpicoquant (T. Bischof, ``ph_v20.h``) and of phconvert's
-reader of ``.pt3``, which agree. A ``.phd`` proves the part that all three share, and the curves. UNCONFIRMED
-by a file: what follows in ``.pt2`` and ``.pt3``. A board always has four routing inputs, whatever its head
-says (libpicoquant).
+Sources: the fields and their order are those of libpicoquant (T. Bischof, ``ph_v20.h``) and of
+phconvert's reader of ``.pt3``, which agree. A ``.phd`` proves the part that all three share, and the
+curves. A board always has four routing inputs, whatever its head says (libpicoquant). UNCONFIRMED by a
+file: what follows in ``.pt2`` and ``.pt3``, and that offsets count picoseconds (libpicoquant; in the file
+all are zero, and those of the other instruments count nanoseconds).
 """
 
 from typing import Any
@@ -17,7 +18,7 @@ VERSIONS = ("2.0",)
 
 _MAIN = table(
     *CREATED,
-    *integers("curves bits routing boards active mode submode range offset_ns"),
+    *integers("curves bits routing boards active mode submode range offset_ps"),
     *integers("acquisition_ms stop_at stop_on_overflow restart logarithmic"),
     ("pad", "<i4", (4,)),
     *DISPLAY,
@@ -37,7 +38,7 @@ _CURVE = table(
     *integers("index recorded"),
     ("model", "S16"),
     ("version", "S8"),
-    *integers("serial sync_divider zero_0_mv level_0_mv zero_1_mv level_1_mv offset_ns routing external"),
+    *integers("serial sync_divider zero_0_mv level_0_mv zero_1_mv level_1_mv offset_ps routing external"),
     *integers("mode submode"),
     ("pad", "<f4", (3,)),
     ("range", "<i4"),
@@ -67,7 +68,7 @@ def read(fields: Fields, version: str) -> dict[str, Any]:
         curves = fields.rows(_CURVE, int(main["curves"]), "curve")
         width_s = curves["resolution_ns"] * 1e-9
         return histogram_tags(
-            int(main["bits"]), curves["place"], curves["bins"], width_s, curves["offset_ns"]
+            int(main["bits"]), curves["place"], curves["bins"], width_s, curves["offset_ps"] * 1e-3
         )
     if mode not in _TYPES or not len(boards):
         raise fields.damaged(f"mode {mode} (0, 2 and 3 are known) and {len(boards)} boards")

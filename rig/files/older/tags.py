@@ -36,7 +36,7 @@ def histogram_tags(
     place: NDArray[np.integer],
     bins: NDArray[np.integer],
     width_s: NDArray[np.floating],
-    offset_ns: NDArray[np.integer],
+    offset_ns: NDArray[Any],
 ) -> dict[str, Any]:
     """Return the tags of histograms.
 

@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.wire.daq import NO_MEMORY, NOT_ACCESSIBLE, DaqFailure, SimulatedBoard
-from simulators.wire.served.timing import LONGEST, ServedBench
+from simulators.wire.served.timing import ServedBench
 
-#: Samples that are unpacked at most, as many as the program's driver plays.
-MOST_SAMPLES = 10_000_000
+#: Samples that a request takes, two for each tick: 2 MB of voltages that are all different.
+MOST_SAMPLES = 200_000
 
 _Value = TypeVar("_Value", bool, float)
 
@@ -106,6 +106,11 @@ class ServedBoard:
     ) -> None:
         self._bench.__exit__(kind, error, trace)
 
+    @property
+    def most_samples(self) -> int:
+        """How many samples it plays at one go."""
+        return MOST_SAMPLES
+
     def identity(self) -> str:
         """Ask who it is."""
         return str(self._ask("identity"))
@@ -132,7 +137,7 @@ class ServedBoard:
     ) -> float:
         """Play, soon; return the rate that it takes itself to have."""
         packed = {"levels": _packed(levels.astype(_LEVEL)), "volts": _packed(volts.astype(_VOLT))}
-        if sum(map(len, packed.values())) > LONGEST - 4096:  # beside them are names
+        if len(levels) > MOST_SAMPLES:
             raise DaqFailure(NO_MEMORY, "Not enough memory to perform the requested operation.")
         return float(
             self._ask(

@@ -15,6 +15,8 @@ class ChangeLog:
         12.553 laser emission 1                     0 or 1
         12.655 detector bias 1                      0 or 1
 
+    The positions of a trajectory, which the mirror takes by itself, are not told.
+
     The time is that of the bench, in seconds from when it was built. The state in which the log begins is not
     told.
 

@@ -1,0 +1,76 @@
+"""Pictures of the live view, from scans that are complete: what it showed at some parts of their time.
+
+    python docs/figures/live.py SCAN.h5 PART PICTURE.png [PART PICTURE.png]...
+
+Photons go through the same state, image and figure as in ``rig scan --live``; the hours are made up.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from rig.acquire.engine import Ended, LightChanged, Outcome, Phase, PhaseChanged
+from rig.files import ScanFile
+from rig.files.description import ScanDescription
+from rig.live.figure import LiveFigure
+from rig.live.process import STEPS_AT_ONCE, Imaging, block_of
+from rig.live.state import LiveState, Subject
+from rig.show.volume import save
+
+BEGAN_S = 1_800_000_000.0  # seconds since 1970
+OVERHEAD = 1.3  # time of a step in exposures
+
+
+def described(scan):
+    """Return what was known of a scan before its first photon."""
+    gate = scan.state.gate
+    return ScanDescription(
+        laser_m=scan.laser_m,
+        detector_m=scan.detector_m,
+        bins=scan.bins,
+        bin_width_s=scan.bin_width_s,
+        first_bin_s=scan.first_bin_s,
+        delays=scan.delays,
+        channels=scan.channels,
+        plan=scan.plan,
+        state=scan.state,
+        fade_from_s=scan.fade_from_s,
+        gate_start_s=gate and gate.delay_s,
+        gate_stop_s=gate and gate.delay_s + gate.width_s,
+        instrument_response_s=scan.instrument_response_s,
+    )
+
+
+def draw(scan, stages):
+    """Draw the view at parts of the scan, {part: picture}."""
+    state = LiveState(Subject.of(scan.path.name, described(scan)))
+    imaging, figure = Imaging(state.subject), Figure()
+    FigureCanvasAgg(figure)
+    view, left = LiveFigure(figure, state.subject), sorted(stages)
+    state(PhaseChanged(Phase.EXPOSING))
+    state(LightChanged(True, "2027-01-15T08:00:00+00:00"))
+    for first in range(0, scan.steps, STEPS_AT_ONCE):
+        stop = min(first + STEPS_AT_ONCE, scan.steps)
+        when_s = BEGAN_S + stop * OVERHEAD * state.subject.exposure_s
+        block = replace(block_of(scan, range(first, stop)), when_s=when_s)
+        state(block)
+        imaging.add(block)
+        if left and stop >= left[0] * scan.steps:
+            end = stop == scan.steps
+            if end:
+                state(LightChanged(False, f"2027-01-15T08:{int(when_s - BEGAN_S) // 60:02d}:59+00:00"))
+                state(Ended(Outcome.COMPLETE, stop, "all positions measured"))
+            state.show(imaging.full.picture() if end else imaging.coarse.picture(), final=end)
+            view.update(state.seen())
+            save(figure, stages[left.pop(0)])
+
+
+if __name__ == "__main__":
+    with ScanFile(sys.argv[1]) as opened:
+        draw(
+            opened,
+            {float(part): Path(name) for part, name in zip(sys.argv[2::2], sys.argv[3::2], strict=True)},
+        )
