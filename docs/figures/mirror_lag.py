@@ -95,9 +95,9 @@ def draw(folder: Path, picture: Path) -> None:
 
 
 def along_a_line(lag_s: float, point_s: float) -> np.ndarray:
-    """(points,) where the mirror is, in the mean of a point's time, ahead of the point [m], below zero behind it.
+    """(points,) how far the mirror is ahead of each point in the mean of its time [m]; behind it: below zero.
 
-    The time is later than the point's ticks by the lag. It is the second line of a scan.
+    That time is later than the point's ticks by the lag. It is the second line of a scan.
     """
     config = built_in()
     state = RigState(config)
