@@ -156,6 +156,26 @@ def require_room(path: Path, size: int) -> None:
         )
 
 
+def keep_as_it_is(path: Path, target: Path) -> bool:
+    """Make a file of what is in a scan's journal now, while the scan goes on; return whether there is one.
+
+    Raises
+    ------
+    DataFileError
+        If it cannot be read, or there is no room for the file.
+    """
+    journal = open_journal(path, alone=False)
+    if journal is None:
+        return False
+    try:
+        rebuild(journal, target)
+    except (OSError, RuntimeError) as error:
+        raise DataFileError(f"cannot keep what {path} holds now as {target}: {error}") from error
+    finally:
+        journal.close()
+    return True
+
+
 def for_reading(journal: Journal, path: Path) -> h5py.File:
     """Return a file made from the journal, in a temporary place that goes with it.
 

@@ -38,6 +38,7 @@ from rig.errors import DataFileError, RigError, UsageError, printable
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.files.check import open_hdf5, plain
 from rig.files.journal import journal_of
+from rig.files.mend import keep_as_it_is
 from rig.files.volume import is_volume
 from rig.image.low_pass import low_passed
 from rig.image.measures import measure
@@ -201,7 +202,7 @@ def compare(
         If the phasor field cannot image it.
     """
     with TemporaryDirectory() as folder, _opened(file, Path(folder)) as scan:
-        truth = truth or known_truth(file, scan)
+        truth = truth or known_truth(scan.path if _is_scan(file) else file, scan)
         work, reason = _matched(scan, request)
         grid = work.grid
         truth_m = true_depth(truth, grid.x_m, grid.y_m) if truth else None
@@ -271,10 +272,12 @@ def _is_scan(file: Path) -> bool:
 def _opened(file: Path, folder: Path) -> Iterator[ScanFile]:
     """Open a scan, or what is imported as one into a folder."""
     check_comparable(file)
-    path = file
+    path, own = file, folder / f"{file.stem}.h5"
     if not _is_scan(file):
-        path = folder / f"{file.stem}.h5"
+        path = own
         import_scan(file, path)
+    elif keep_as_it_is(file, own):  # all methods are to see the same, however long each takes
+        path = own
     with ScanFile(path) as scan:
         yield scan
 
