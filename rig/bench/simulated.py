@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from simulators.wire.daq import DaqWiring
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
+    from simulators.wire.laser_head import LaserHead
 
 #: By how much the mirror of each kind trails its command [s] (unconfirmed). A galvanometer of 2.5 kHz is
 #: within a thousandth of a small step in 0.6 ms; the GVS011's specification is 0.4 ms, to an unsaid fraction.
@@ -47,8 +48,20 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
     depth = simulation.faults.largest_count
     return bench, SimulatedInstruments(
-        bench, timing=timing_faults(config), count_depth=depth, wiring=daq_wiring(config)
+        bench,
+        laser=laser_head(config),
+        timing=timing_faults(config),
+        count_depth=depth,
+        wiring=daq_wiring(config),
     )
+
+
+def laser_head(config: RigConfig) -> "type[LaserHead]":
+    """Return the simulated laser of the configured kind."""
+    from simulators.wire.laser import Katana08Head, KatanaHead
+
+    heads: dict[str, type[LaserHead]] = {"katana": KatanaHead, "katana-08hp": Katana08Head}
+    return heads[config.laser.kind]
 
 
 def daq_wiring(config: RigConfig) -> "DaqWiring":
@@ -307,7 +320,7 @@ def _light(config: RigConfig) -> "LightState":
     spad, laser = config.detector, config.laser
     return LightState(
         emitting=True,
-        power=laser.power_setpoint / 10,
+        power=laser.fraction_of_full,
         repetition_hz=laser.repetition_hz,
         biased=True,
         gated=spad.gated,

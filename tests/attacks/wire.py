@@ -22,6 +22,7 @@ from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
 from drivers.hydraharp.stream import HydraHarpStream
 from drivers.id120 import Id120Spad
+from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import OptotuneMirror
@@ -43,13 +44,24 @@ GALVO: Table = {
     "XY": [b"OK\r\n"],
 }
 LASER: Table = {
-    "leg?": [b"status: 0\n", b"status: 0\n", b"status: 0\n", b"status: 1\n", b"status: 1\n", b"status: 0\n"],
-    "lps?": [b"lps=1\n", b"lps=1\n", b"lps=0\n"],
+    "leg?": [*5 * [b"status: 0\n"], *3 * [b"status: 1\n"], b"status: 0\n"],
+    "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
     "ltg?": [b"ltg=0\n"],
     "ltg_freq?": [b"ltg_freq=10000000\n"],
     "lp?": [b"lp=5.00\n"],
-    "lps": [b""],
+    "lps": [b"lps=1\n"],
     "leg": [b""],
+}
+MEASURED_LASER: Table = {
+    "lip?": [b"lip=0\n"],
+    "le?": [b"unknown command\n"],
+    "lpa?": [*5 * [b"lpa=0.000\n"], *3 * [b"lpa=0.800\n"], b"lpa=0.000\n"],
+    "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
+    "lts?": [b"lts=0\n"],
+    "lx_freq?": [b"lx_freq=20000000\n"],
+    "lp?": [b"lp=0.800\n"],
+    "lps": [b"lps=1\n"],
+    "le": [b""],
 }
 SPAD: Table = {
     "*IDN?": [b"ID Quantique,ID120\n"],
@@ -107,8 +119,16 @@ def read_galvo(said: Table) -> None:
 
 def read_laser(said: Table) -> None:
     """Connect, arm, emit, ask for the settings."""
+    _read_katana(said, KatanaSettings(power=5.0, repetition_hz=10e6))
+
+
+def read_measured_laser(said: Table) -> None:
+    """The same with the laser whose light is known by what it measures."""
+    _read_katana(said, KatanaSettings(model=KATANA_08HP, power=0.8, repetition_hz=20e6))
+
+
+def _read_katana(said: Table, settings: KatanaSettings) -> None:
     answers["laser"] = deepcopy(said)
-    settings = KatanaSettings(power_setpoint=5.0, repetition_hz=10e6)
     with KatanaLaser("noise://laser", clock=StepClock(), settings=settings, timeout_s=0.01) as laser:
         laser.arm()
         laser.emit()
@@ -257,6 +277,12 @@ def spad(random: Random) -> tuple[Table, int | None]:
 ATTACKS = (
     Attack("galvo", lambda random: spoiled(random, GALVO), read_galvo, (DeviceError,)),
     Attack("laser", lambda random: spoiled(random, LASER), read_laser, (DeviceError,)),
+    Attack(
+        "laser that measures",
+        lambda random: spoiled(random, MEASURED_LASER),
+        read_measured_laser,
+        (DeviceError,),
+    ),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),

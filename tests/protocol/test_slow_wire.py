@@ -77,7 +77,7 @@ def test_a_laser_that_echoes_what_it_is_told_cannot_confirm_by_its_echo(plug, de
     address = plug(Slow(Echoing(bench), bench.clock, delay_s), bench.clock)
     with (
         KatanaLaser(
-            address, clock=bench.clock, settings=KatanaSettings(power_setpoint=7.5, repetition_hz=10e6)
+            address, clock=bench.clock, settings=KatanaSettings(power=7.5, repetition_hz=10e6)
         ) as laser,
         pytest.raises(RefusedError, match=r"set lp=7\.50, but it kept lp=0"),
     ):

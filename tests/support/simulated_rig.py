@@ -50,7 +50,7 @@ class Rig:
         return OptotuneMirror(self.galvo_address, clock=self.bench.clock, **options)
 
     def laser(self, **options) -> KatanaLaser:
-        asked = {"power_setpoint": 7.5, "repetition_hz": 10e6, **settings_in(options, KatanaSettings)}
+        asked = {"power": 7.5, "repetition_hz": 10e6, **settings_in(options, KatanaSettings)}
         return KatanaLaser(
             self.laser_address, clock=self.bench.clock, settings=KatanaSettings(**asked), **options
         )
