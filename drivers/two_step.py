@@ -69,7 +69,7 @@ class TwoStepLaser(ABC):
 
     @abstractmethod
     def _give_back(self) -> None:
-        """Give a laser that is dark back to its front panel."""
+        """Leave a laser that is dark to its front panel."""
 
     @abstractmethod
     def _switch(self, on: bool) -> None:
@@ -124,12 +124,9 @@ class TwoStepLaser(ABC):
         """
         self._require_connection()
         self._armed = False
-        if self.emitting():
-            self.stop()
-            raise RefusedError(
-                self.name, "be dark while arming", "it was emitting; it has been switched off", BEWARE
-            )
+        self._require_darkness()
         self._prepare()
+        self._require_darkness()
         self._armed = True
 
     def emit(self) -> None:
@@ -210,6 +207,13 @@ class TwoStepLaser(ABC):
         if not self._connected:
             raise LinkError(
                 self.name, "answer", "it is not connected", "Use the laser inside its with block."
+            )
+
+    def _require_darkness(self) -> None:
+        if self.emitting():
+            self.stop()
+            raise RefusedError(
+                self.name, "be dark while arming", "it was emitting; it has been switched off", BEWARE
             )
 
     def _end(self) -> None:

@@ -153,6 +153,8 @@ class KatanaLaser(TwoStepLaser):
     def _prepare(self) -> None:
         """Take control of the power, then set modes, trigger, repetition rate and power."""
         names, wanted, put = self._dialect, self._settings, self._line.set
+        if names.measured:  # emission without power is not seen; with the power it would be light
+            self._switch(False)
         put(names.remote, "1", expected=1, within=0)
         for name, value in names.modes:
             put(name, str(value), expected=value, within=0)
@@ -164,7 +166,14 @@ class KatanaLaser(TwoStepLaser):
         self._set_power(wanted.power)
 
     def _give_back(self) -> None:
-        self._line.set(self._dialect.remote, "0", expected=0, within=0)
+        """Give the power back to the knob.
+
+        Not where light is known by what is measured: emission that is on without power would be light then.
+        """
+        if self._dialect.measured:
+            self._lower_power()
+        else:
+            self._line.set(self._dialect.remote, "0", expected=0, within=0)
 
     def _switch(self, on: bool) -> None:
         complaint = self._line.write(f"{self._dialect.emission}={int(on)}")

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import ConfigError, DataFileError, UsageError
-from rig.model.config import AnalogueGalvoConfig, FaultsConfig, RigConfig, SimulationConfig
+from rig.model.config import (
+    AnalogueGalvoConfig,
+    FaultsConfig,
+    KatanaConfig,
+    NktConfig,
+    RigConfig,
+    SimulationConfig,
+)
 from rig.model.quantities import parse
 
 if TYPE_CHECKING:
@@ -56,12 +63,14 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     )
 
 
-def laser_head(config: RigConfig) -> "type[LaserHead]":
-    """Return the simulated laser of the configured kind."""
+def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead]":
+    """Return what makes the simulated laser of the configured kind, on a bench."""
     from simulators.wire.laser import Katana08Head, KatanaHead
+    from simulators.wire.nkt import NktMainboard
 
-    heads: dict[str, type[LaserHead]] = {"katana": KatanaHead, "katana-08hp": Katana08Head}
-    return heads[config.laser.kind]
+    if isinstance(config.laser, NktConfig):
+        return partial(NktMainboard, oscillator_hz=config.laser.oscillator_hz)
+    return KatanaHead if isinstance(config.laser, KatanaConfig) else Katana08Head
 
 
 def daq_wiring(config: RigConfig) -> "DaqWiring":

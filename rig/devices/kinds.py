@@ -21,6 +21,8 @@ from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_05, KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.nkt.laser import NktLaser
+from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
@@ -31,6 +33,7 @@ from rig.model.config import (
     Id120Config,
     Katana08Config,
     KatanaConfig,
+    NktConfig,
     OptotuneConfig,
     PlaybackConfig,
     RigConfig,
@@ -168,6 +171,16 @@ def open_katana_08hp(config: Katana08Config, wires: Wires) -> AbstractContextMan
     return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
+def open_nkt(config: NktConfig, wires: Wires) -> AbstractContextManager[Laser]:
+    """Return a SuperK laser, to be entered."""
+    settings = NktSettings(
+        level_percent=config.level_percent,
+        oscillator_hz=config.oscillator_hz,
+        repetition_hz=config.repetition_hz,
+    )
+    return NktLaser(wires.laser, clock=wires.clock, settings=settings)
+
+
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
     """Return the HydraHarp, to be entered; it counts from any step on."""
     return HydraHarp(wires.hhlib(), clock=wires.clock, **_harp(config))
@@ -230,6 +243,7 @@ GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {
 LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {
     "katana": open_katana,
     "katana-08hp": open_katana_08hp,
+    "nkt": open_nkt,
 }
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
 POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}

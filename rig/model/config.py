@@ -171,6 +171,45 @@ class Katana08Config(_Section):
         return f"power {self.power_w:g} W"
 
 
+class NktConfig(_Section):
+    """An NKT Photonics SuperK laser with a pulse picker, whose level is in percent."""
+
+    kind: Literal["nkt"] = "nkt"
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    level_percent: float = Field(0.0, ge=0, le=100)
+    """Level, in percent of full power or current as the laser's mode has it."""
+    max_level_percent: float = Field(100.0, ge=0, le=100)
+    """The rig's own ceiling of the level; a scan with more is refused."""
+    oscillator_hz: Hertz = Field(80e6, gt=0)
+    """Pulses a second that come to the pulse picker: the laser's label says it."""
+    repetition_hz: Hertz = Field(10e6, gt=0)
+    """Pulses a second that leave the pulse picker: the oscillator's by a whole number."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> "NktConfig":
+        _require_ceiling("level_percent", self.level_percent, self.max_level_percent)
+        picked = max(1, round(self.oscillator_hz / self.repetition_hz))
+        nearest_hz = self.oscillator_hz / picked
+        if abs(nearest_hz - self.repetition_hz) > 1e-3 * self.repetition_hz:
+            raise ValueError(
+                f"repetition {self.repetition_hz / 1e6:g} MHz is not the oscillator's "
+                f"{self.oscillator_hz / 1e6:g} MHz by a whole number; the nearest is "
+                f"{nearest_hz / 1e6:.6g} MHz, every {picked}th pulse"
+            )
+        return self
+
+    @property
+    def fraction_of_full(self) -> float:
+        """The power as a fraction of the laser's full power."""
+        return self.level_percent / 100
+
+    @property
+    def power_in_words(self) -> str:
+        """The power, for people."""
+        return f"level {self.level_percent:g} %"
+
+
 def _require_ceiling(key: str, asked: float, ceiling: float) -> None:
     if asked > ceiling:
         raise ValueError(f"{key} {asked:g} is above the rig's ceiling max_{key} {ceiling:g}")
@@ -265,7 +304,9 @@ Galvo = Annotated[
 ]
 
 Laser = Annotated[
-    Annotated[KatanaConfig, Tag("katana")] | Annotated[Katana08Config, Tag("katana-08hp")],
+    Annotated[KatanaConfig, Tag("katana")]
+    | Annotated[Katana08Config, Tag("katana-08hp")]
+    | Annotated[NktConfig, Tag("nkt")],
     Discriminator(_kind_or("katana")),
 ]
 
@@ -554,7 +595,7 @@ _NOT_MEASURED_WITH = (
     "galvo.beam_dump",
     "galvo.settle_",
     "laser.address",
-    "laser.max_power",
+    "laser.max_",
     "detector.max_count_rate",
     "detector.serial",
     "detector.address",
@@ -679,7 +720,7 @@ def _all_of(error: ValidationError, path: Path) -> str:
 #: Sections of several kinds; pydantic puts the kind into the place of an error.
 _KINDS: dict[str, dict[str, type[BaseModel]]] = {
     "galvo": {"optotune": OptotuneConfig, "analogue": AnalogueGalvoConfig},
-    "laser": {"katana": KatanaConfig, "katana-08hp": Katana08Config},
+    "laser": {"katana": KatanaConfig, "katana-08hp": Katana08Config, "nkt": NktConfig},
     "tcspc": {"hydraharp": HydraHarpConfig, "playback": PlaybackConfig},
 }
 

@@ -1,5 +1,6 @@
 """All simulated instruments on one bench, each at the end of its wire."""
 
+from collections.abc import Callable
 from itertools import count
 from types import TracebackType
 from typing import Self
@@ -25,7 +26,7 @@ class SimulatedInstruments:
     bench
         What they act on.
     laser
-        The kind of laser.
+        Makes the laser.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
     wiring
@@ -47,7 +48,7 @@ class SimulatedInstruments:
         self,
         bench: Bench,
         *,
-        laser: type[LaserHead] = KatanaHead,
+        laser: Callable[[Bench], LaserHead] = KatanaHead,
         timing: Timing | None = None,
         count_depth: int = 2**32 - 1,
         wiring: DaqWiring | None = None,

@@ -44,7 +44,7 @@ GALVO: Table = {
     "XY": [b"OK\r\n"],
 }
 LASER: Table = {
-    "leg?": [*5 * [b"status: 0\n"], *3 * [b"status: 1\n"], b"status: 0\n"],
+    "leg?": [*7 * [b"status: 0\n"], *3 * [b"status: 1\n"], b"status: 0\n"],
     "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
     "ltg?": [b"ltg=0\n"],
     "ltg_freq?": [b"ltg_freq=10000000\n"],
@@ -55,7 +55,7 @@ LASER: Table = {
 MEASURED_LASER: Table = {
     "lip?": [b"lip=0\n"],
     "le?": [b"unknown command\n"],
-    "lpa?": [*5 * [b"lpa=0.000\n"], *3 * [b"lpa=0.800\n"], b"lpa=0.000\n"],
+    "lpa?": [*7 * [b"lpa=0.000\n"], *3 * [b"lpa=0.800\n"], b"lpa=0.000\n"],
     "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
     "lts?": [b"lts=0\n"],
     "lx_freq?": [b"lx_freq=20000000\n"],

@@ -62,7 +62,7 @@ class BenchServer:
     wiring
         What hangs on its DAQ board.
     laser
-        The kind of laser.
+        Makes the laser.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class BenchServer:
         faults: TimingFaults,
         wiring: DaqWiring | None = None,
         *,
-        laser: type[LaserHead] = KatanaHead,
+        laser: Callable[[Bench], LaserHead] = KatanaHead,
     ) -> None:
         self._bench = bench
         self._faults = faults
