@@ -25,7 +25,13 @@ from drivers.id120 import Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.nkt.laser import NktLaser
+from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
+from simulators.bench import Bench
+from simulators.wire.nkt import NktMainboard
+from simulators.wire.serial_url import protocol_sim
+from simulators.wire.serial_url.protocol_sim import Firmware
 from support.hydraharp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
@@ -133,6 +139,40 @@ def _read_katana(said: Table, settings: KatanaSettings) -> None:
         laser.arm()
         laser.emit()
         laser.settings()
+
+
+class Spoiling:
+    """Firmware on a wire on which some answers are spoiled."""
+
+    def __init__(self, firmware: Firmware, random: Random) -> None:
+        self.firmware, self.random, self.output = firmware, random, bytearray()
+
+    def receive(self, data: bytes) -> None:
+        self.firmware.receive(data)
+        said = bytes(self.firmware.output)
+        self.firmware.output.clear()
+        chance = self.random.random()
+        if chance < 0.05:
+            said = spoiled_bytes(self.random, said)
+        elif chance < 0.08:
+            said = self.random.randbytes(30) + b"\n"
+        self.output += said
+
+
+def read_superk(seed: int) -> None:
+    """Connect, arm, emit, ask for the settings: the light is out in the end, or that it is not is told."""
+    bench = Bench()
+    wire = Spoiling(NktMainboard(bench), Random(seed))
+    address = protocol_sim.attach("attacked/superk", wire, bench.clock)
+    settings = NktSettings(level_percent=40.0, oscillator_hz=80e6, repetition_hz=10e6)
+    try:
+        with NktLaser(address, clock=bench.clock, settings=settings) as laser:
+            laser.arm()
+            laser.emit()
+            laser.settings()
+        assert not bench.light.emitting
+    finally:
+        protocol_sim.detach(address)
 
 
 class NoisyUsb(ScriptedUsb):
@@ -283,6 +323,7 @@ ATTACKS = (
         read_measured_laser,
         (DeviceError,),
     ),
+    Attack("superk", lambda random: random.randrange(10**9), read_superk, (DeviceError,)),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),
