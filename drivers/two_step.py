@@ -61,7 +61,7 @@ class TwoStepLaser(ABC):
 
     @abstractmethod
     def _recognise(self) -> None:
-        """Find out what is there, without changing anything; raise if it is not this laser."""
+        """Find out what is there, without setting anything; raise if it is not this laser."""
 
     @abstractmethod
     def _prepare(self) -> None:
@@ -92,7 +92,7 @@ class TwoStepLaser(ABC):
         try:
             self._recognise()
             self._connected = True
-            if self._says_emitting():
+            if self._emits_when_found():
                 self.stop()
                 raise FoundEmittingError(
                     self.name,
@@ -202,6 +202,13 @@ class TwoStepLaser(ABC):
         if self._lit and not emitting:
             self._armed = self._lit = False
         return emitting
+
+    def _emits_when_found(self) -> bool:
+        try:
+            return self._says_emitting()
+        except DeviceError as problem:  # it may emit
+            leave([self.stop], problem)
+            raise
 
     def _require_connection(self) -> None:
         if not self._connected:

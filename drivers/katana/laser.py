@@ -96,7 +96,7 @@ class KatanaLaser(TwoStepLaser):
         self._line.close()
 
     def _recognise(self) -> None:
-        """Ask what only this model answers; tell the other one, which is refused."""
+        """Ask what only this model answers; the other one is told to be dark, and refused."""
         wanted = self._dialect
         heard = self._deaf_to(wanted)
         if not heard:
@@ -106,11 +106,13 @@ class KatanaLaser(TwoStepLaser):
             return
         for other in DIALECTS:
             if other is not wanted and not self._deaf_to(other):
+                self._line.write(f"{other.emission}=0")
                 raise RefusedError(
                     self.name,
                     f"be a {wanted.model}",
                     f"a {other.model} is there, whose power is counted otherwise",
-                    f'Nothing was set. Write kind = "{other.kind}", and its power, in the configuration.',
+                    "It was told to be dark, nothing else. Write its power in the configuration, and "
+                    f'kind = "{other.kind}".',
                 )
         raise DeviceNotFoundError(
             self.name,

@@ -130,6 +130,28 @@ def test_found_emitting_it_is_put_out_and_refused(on):
     assert not on.light.emitting
 
 
+@pytest.mark.parametrize("healthy", [1, 2, 3, 4])
+def test_found_emitting_it_is_put_out_also_where_it_answers_badly_then(on, healthy):
+    """As soon as it was recognised; what is not recognised may be anything."""
+    if isinstance(on.head, Katana08Head):
+        on.head.turn_knob(4.0)
+    on.head.switch_light(True)
+    good = on.head.obey
+
+    def obey(line):
+        nonlocal healthy
+        healthy -= 1
+        if healthy == -1:
+            on.head.garble_answers = 1
+        return good(line)
+
+    on.head.obey = obey
+    with pytest.raises(DeviceError), on.laser:
+        pytest.fail("connected to a laser that emits")
+    recognised = bool(on.laser.identity)
+    assert recognised != on.light.emitting
+
+
 @pytest.mark.parametrize("trip", ["close_interlock", "turn_key"])
 def test_light_returns_after_a_trip_only_through_arming(on, trip):
     with on.laser as laser:

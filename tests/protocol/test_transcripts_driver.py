@@ -240,11 +240,19 @@ def test_laser_that_cannot_say_whether_it_emits_is_told_to_be_dark_and_refused(p
 @pytest.mark.parametrize(
     ("settings", "said", "told"),
     [
-        (GREEN, lines((b"leg?\n", b"unknown\n"), (b"lip?\n", b"lip=0\n")), "kind = .katana-08hp"),
-        (RED, lines((b"lip?\n", b"unknown\n"), (b"leg?\n", b"status: 0\n")), 'kind = "katana"'),
+        (
+            GREEN,
+            lines((b"leg?\n", b"unknown\n"), (b"lip?\n", b"lip=0\n"), (b"le=0\n", b"")),
+            "kind = .katana-08hp",
+        ),
+        (
+            RED,
+            lines((b"lip?\n", b"unknown\n"), (b"leg?\n", b"status: 1\n"), (b"leg=0\n", b"")),
+            'kind = "katana"',
+        ),
     ],
 )
-def test_laser_of_another_model_than_configured_is_refused_and_nothing_set(play, settings, said, told):
+def test_laser_of_another_model_than_configured_is_told_to_be_dark_and_refused(play, settings, said, told):
     with play(said) as address, pytest.raises(RefusedError, match=told), katana(address, settings):
         pytest.fail("connected to another laser")
 
