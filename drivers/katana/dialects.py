@@ -80,8 +80,8 @@ KATANA_05 = Dialect(
 
 #: 775 nm. Source: three published Python drivers (a class OneFiveLaser, a lantz driver, ImSwitch), which
 #: agree: power in watt with three decimals, held to at most 3.1 W by one and 0.8 W by another; ``lps=1``,
-#: ``lip=0`` for constant power; trigger 0 internal, 1 a level at Tr-1, 2 TTL at Tr-2; 18 to 80 MHz. They ask
-#: ``lip?``, ``lp?`` and ``lpa?`` (the light that the laser measures), and never whether it emits.
+#: ``lip=0`` for constant power; trigger 0 internal, 1 a level at Tr-1, 2 TTL at Tr-2; 18 to 80 MHz. Two of
+#: them ask ``lip?``, ``lp?`` and ``lpa?`` (the light that the laser measures); none asks whether it emits.
 #: UNCONFIRMED: that ``le?``, ``lps?``, ``lts?`` and ``lx_freq?`` are answered.
 KATANA_08HP = Dialect(
     model="Katana 08HP (775 nm)",
