@@ -115,10 +115,8 @@ class TwoStepLaser(ABC):
 
         Raises
         ------
-        LimitError
-            The laser found does not take what is configured; nothing was sent.
         RefusedError
-            The laser kept another value, or is not dark.
+            The laser kept another value, is not ready, or is not dark.
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """

@@ -15,7 +15,15 @@ from functools import partial
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
-from drivers.katana.dialects import DIALECTS, Dialect, parse_emission, parse_measured, parse_rate, parse_value
+from drivers.katana.dialects import (
+    DIALECTS,
+    MEASURED_DARK_W,
+    Dialect,
+    parse_emission,
+    parse_measured,
+    parse_rate,
+    parse_value,
+)
 from drivers.katana.line import KatanaLine, remedy
 from drivers.katana.settings import KatanaSettings
 from drivers.two_step import BEWARE, TwoStepLaser
@@ -155,6 +163,13 @@ class KatanaLaser(TwoStepLaser):
     def _prepare(self) -> None:
         """Take control of the power, then set modes, trigger, repetition rate and power."""
         names, wanted, put = self._dialect, self._settings, self._line.set
+        if self._evidence.name == names.measured and wanted.power <= MEASURED_DARK_W:
+            raise RefusedError(
+                self.name,
+                f"be armed for {wanted.power:g} W",
+                "its light is known by what it measures, and so little is no sign of it",
+                f"Nothing was set. Configure a power above {MEASURED_DARK_W:g} W.",
+            )
         if names.measured:  # emission without power is not seen; with the power it would be light
             self._switch(False)
         put(names.remote, "1", expected=1, within=0)

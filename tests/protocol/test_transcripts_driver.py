@@ -226,6 +226,14 @@ def test_laser_of_the_other_model_is_asked_for_its_emission_where_it_answers(pla
         laser.emit()
 
 
+def test_laser_whose_light_is_measured_is_not_armed_for_less_than_can_be_told_from_darkness(rig):
+    with (
+        rig.laser_08hp(power=0.004) as laser,
+        pytest.raises(RefusedError, match=r"Configure a power above 0\.005 W"),
+    ):
+        laser.arm()
+
+
 def test_laser_that_cannot_say_whether_it_emits_is_told_to_be_dark_and_refused(play):
     steps = lines((b"lip?\n", b"lip=0\n"), (b"le?\n", b"what\n"), (b"lpa?\n", b"what\n"), (b"le=0\n", b""))
     # what is no answer is read on for, until nothing comes
