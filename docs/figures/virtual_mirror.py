@@ -126,7 +126,7 @@ class Renderings:
 def counted_m2() -> float:
     """Return the photons counted in 10 ms, per m^2 at the detector's spot, as in `rig sim render`."""
     config, optics = built_in(), Optics()
-    photons = optics.photons_per_s * config.laser.power_setpoint / 10 * 10e-3
+    photons = optics.photons_per_s * config.laser.fraction_of_full * 10e-3
     return (
         photons
         * Detector().efficiency

@@ -1,10 +1,9 @@
-"""What a Katana laser is set to, refused where no model takes it."""
+"""What a Katana laser is set to, refused where its model does not take it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.errors import LimitError
-from drivers.katana.dialects import DIALECTS, Dialect
+from drivers.katana.dialects import KATANA_05, Dialect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,43 +12,42 @@ class KatanaSettings:
 
     Attributes
     ----------
-    power_setpoint
-        Power in the laser's own scale, 0 to 10.
+    power
+        In the model's own unit: 0 to 10 for a Katana 05, watt for a Katana 08HP.
     repetition_hz
         Pulses a second.
     trigger
-        ``"internal"`` or ``"external"``.
+        A name of the model's trigger sources.
+    model
+        The laser that is meant; another one is refused when it is found.
 
     Raises
     ------
     LimitError
-        If no model takes this power, repetition rate and trigger.
+        If the model does not take this power, repetition rate and trigger.
     """
 
-    power_setpoint: float
+    power: float
     repetition_hz: float
     trigger: str = "internal"
+    model: Dialect = KATANA_05
 
     def __post_init__(self) -> None:
-        self.check(DIALECTS)
-
-    def check(self, models: Sequence[Dialect], device: str = "laser") -> None:
-        """Raise `LimitError` unless one of ``models`` takes these settings."""
-        objections = [self._objection(model) for model in models]
-        if all(objections):
+        if objection := self._objection():
             raise LimitError(
-                device,
-                f"run at power {self.power_setpoint:g}, {self.repetition_hz:g} Hz, {self.trigger} trigger",
-                objections[0],
+                self.model.model,
+                f"run at power {self.power:g}, {self.repetition_hz:g} Hz, {self.trigger} trigger",
+                objection,
                 "Nothing was sent. Correct the configuration.",
             )
 
-    def _objection(self, model: Dialect) -> str:
-        """Return why a model does not take these settings; empty if it does."""
+    def _objection(self) -> str:
+        """Return why the model does not take these settings; empty if it does."""
+        model = self.model
         low, high = model.power_range
-        if not low <= self.power_setpoint <= high:
-            return f"the power set point {self.power_setpoint:g} is not within {low:g} to {high:g}"
-        slowest, fastest = model.repetition_range_hz or (1.0, float("inf"))
+        if not low <= self.power <= high:
+            return f"the power {self.power:g} is not within {low:g} to {high:g}"
+        slowest, fastest = model.repetition_range_hz
         rate = self.repetition_hz
         if not slowest <= rate <= fastest or rate == float("inf"):
             return f"the repetition rate {rate:g} Hz is not within {slowest:g} to {fastest:g} Hz"

@@ -124,5 +124,5 @@ def _counted_m2(config: RigConfig, exposure_s: float) -> NDArray[np.float64]:
 
     optics, head_m = Optics(), true_geometry(config).detector_head_m
     per_photon_m2 = np.array([optics.collection_m2(head_m, channel.spot_m) for channel in config.channels])
-    photons = optics.photons_per_s * config.laser.power_setpoint / 10 * exposure_s
+    photons = optics.photons_per_s * config.laser.fraction_of_full * exposure_s
     return photons * Detector().efficiency * per_photon_m2

@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.bench.simulated import daq_wiring, simulated_bench, timing_faults
+from rig.bench.simulated import daq_wiring, laser_head, simulated_bench, timing_faults
 from rig.errors import UsageError
 from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
 
@@ -45,7 +45,7 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
-        server = stack.enter_context(BenchServer(bench, faults, daq_wiring(config)))
+        server = stack.enter_context(BenchServer(bench, faults, daq_wiring(config), laser=laser_head(config)))
         if write:
             ChangeLog(bench, write)
         yield server

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import ConfigError, DataFileError, UsageError
-from rig.model.config import AnalogueGalvoConfig, FaultsConfig, RigConfig, SimulationConfig
+from rig.model.config import (
+    AnalogueGalvoConfig,
+    FaultsConfig,
+    KatanaConfig,
+    NktConfig,
+    RigConfig,
+    SimulationConfig,
+)
 from rig.model.quantities import parse
 
 if TYPE_CHECKING:
@@ -22,6 +29,7 @@ if TYPE_CHECKING:
     from simulators.wire.daq import DaqWiring
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
+    from simulators.wire.laser_head import LaserHead
 
 #: By how much the mirror of each kind trails its command [s] (unconfirmed). A galvanometer of 2.5 kHz is
 #: within a thousandth of a small step in 0.6 ms; the GVS011's specification is 0.4 ms, to an unsaid fraction.
@@ -47,8 +55,22 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
     depth = simulation.faults.largest_count
     return bench, SimulatedInstruments(
-        bench, timing=timing_faults(config), count_depth=depth, wiring=daq_wiring(config)
+        bench,
+        laser=laser_head(config),
+        timing=timing_faults(config),
+        count_depth=depth,
+        wiring=daq_wiring(config),
     )
+
+
+def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead]":
+    """Return what makes the simulated laser of the configured kind, on a bench."""
+    from simulators.wire.laser import Katana08Head, KatanaHead
+    from simulators.wire.nkt import NktMainboard
+
+    if isinstance(config.laser, NktConfig):
+        return partial(NktMainboard, oscillator_hz=config.laser.oscillator_hz)
+    return KatanaHead if isinstance(config.laser, KatanaConfig) else Katana08Head
 
 
 def daq_wiring(config: RigConfig) -> "DaqWiring":
@@ -307,7 +329,7 @@ def _light(config: RigConfig) -> "LightState":
     spad, laser = config.detector, config.laser
     return LightState(
         emitting=True,
-        power=laser.power_setpoint / 10,
+        power=laser.fraction_of_full,
         repetition_hz=laser.repetition_hz,
         biased=True,
         gated=spad.gated,

@@ -33,7 +33,7 @@ def require_consent(config: "RigConfig", *, yes: bool) -> None:
     require_no_trip(config)
     laser = config.laser
     what = (
-        f"the laser of {config.name} at {laser.address}: power {laser.power_setpoint:g} of 10, "
+        f"the laser of {config.name} at {laser.address}: {laser.power_in_words}, "
         f"{laser.repetition_hz / 1e6:g} MHz"
     )
     if yes:

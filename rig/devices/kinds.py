@@ -18,8 +18,11 @@ from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
 from drivers.hydraharp.settings import HydraHarpSettings, Markers
 from drivers.hydraharp.stream import QUEUE_PIECES, HydraHarpStream
 from drivers.id120 import Id120Settings, Id120Spad
+from drivers.katana.dialects import KATANA_05, KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.nkt.laser import NktLaser
+from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.playback import Playback
 from rig.files.scan import ScanFile
@@ -28,7 +31,9 @@ from rig.model.config import (
     DaqClockConfig,
     HydraHarpConfig,
     Id120Config,
+    Katana08Config,
     KatanaConfig,
+    NktConfig,
     OptotuneConfig,
     PlaybackConfig,
     RigConfig,
@@ -145,9 +150,35 @@ def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[Gate
 
 
 def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[Laser]:
-    """Return the laser, to be entered."""
-    settings = KatanaSettings(power_setpoint=config.power_setpoint, repetition_hz=config.repetition_hz)
+    """Return a Katana 05, to be entered."""
+    settings = KatanaSettings(
+        model=KATANA_05,
+        power=config.power_setpoint,
+        repetition_hz=config.repetition_hz,
+        trigger=config.trigger,
+    )
     return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
+
+
+def open_katana_08hp(config: Katana08Config, wires: Wires) -> AbstractContextManager[Laser]:
+    """Return a Katana 08HP, to be entered."""
+    settings = KatanaSettings(
+        model=KATANA_08HP,
+        power=config.power_w,
+        repetition_hz=config.repetition_hz,
+        trigger=config.trigger,
+    )
+    return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
+
+
+def open_nkt(config: NktConfig, wires: Wires) -> AbstractContextManager[Laser]:
+    """Return a SuperK laser, to be entered."""
+    settings = NktSettings(
+        level_percent=config.level_percent,
+        oscillator_hz=config.oscillator_hz,
+        repetition_hz=config.repetition_hz,
+    )
+    return NktLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -209,7 +240,11 @@ GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {
     "optotune": open_optotune,
     "analogue": open_analogue_galvo,
 }
-LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {"katana": open_katana}
+LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {
+    "katana": open_katana,
+    "katana-08hp": open_katana_08hp,
+    "nkt": open_nkt,
+}
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
 POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}
 TIMING: dict[str, TimingKind] = {

@@ -17,7 +17,7 @@ from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
 from rig.model.presets import Table, merged
-from rig.model.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts
+from rig.model.quantities import FROM_RECORD, Hertz, Metres, Radians, Seconds, Volts, Watts
 
 #: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
 MOST_BYTES = 1_000_000
@@ -25,7 +25,7 @@ MOST_BYTES = 1_000_000
 MOST_TOLD = 20
 #: A key of more than 100 words: reading it would take time with the square of their number.
 _LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
-_UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v")
+_UNIT_SUFFIXES = ("_s", "_m", "_hz", "_rad", "_v", "_w")
 
 Point = tuple[Metres, Metres, Metres]
 
@@ -110,26 +110,109 @@ class AnalogueGalvoConfig(_GalvoConfig):
 
 
 class KatanaConfig(_Section):
-    """A Onefive/NKT Katana HP pulsed laser."""
+    """A Onefive/NKT Katana 05, green, whose power has a scale of its own."""
 
     kind: Literal["katana"] = "katana"
     address: str | None = None
     """Serial port or pyserial URL."""
-    power_setpoint: float = Field(10.0, ge=0, le=10)
+    power_setpoint: float = Field(0.0, ge=0, le=10)
     """Power setting of the laser's own scale, 0 to 10."""
     max_power_setpoint: float = Field(10.0, ge=0, le=10)
     """The rig's own ceiling of the power setting; a scan with more is refused."""
     repetition_hz: Hertz = Field(10e6, gt=0)
     """Pulses a second."""
+    trigger: Literal["internal", "external"] = "internal"
+    """What makes the pulses."""
 
     @model_validator(mode="after")
     def _below_the_ceiling(self) -> "KatanaConfig":
-        if self.power_setpoint > self.max_power_setpoint:
+        _require_ceiling("power_setpoint", self.power_setpoint, self.max_power_setpoint)
+        return self
+
+    @property
+    def fraction_of_full(self) -> float:
+        """The power as a fraction of the laser's full power."""
+        return self.power_setpoint / 10
+
+    @property
+    def power_in_words(self) -> str:
+        """The power, for people."""
+        return f"power {self.power_setpoint:g} of 10"
+
+
+class Katana08Config(_Section):
+    """A Onefive/NKT Katana 08HP, 775 nm, whose power is in watt."""
+
+    kind: Literal["katana-08hp"] = "katana-08hp"
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    power_w: Watts = Field(0.0, ge=0, le=3.1)
+    """Power; published drivers ask for 3.1 W at most."""
+    max_power_w: Watts = Field(3.1, ge=0, le=3.1)
+    """The rig's own ceiling of the power; a scan with more is refused."""
+    repetition_hz: Hertz = Field(18e6, ge=18e6, le=80e6)
+    """Pulses a second."""
+    trigger: Literal["internal", "level", "ttl"] = "internal"
+    """What makes the pulses: the laser, a level at Tr-1, or TTL at Tr-2."""
+
+    @model_validator(mode="after")
+    def _below_the_ceiling(self) -> "Katana08Config":
+        _require_ceiling("power", self.power_w, self.max_power_w)
+        return self
+
+    @property
+    def fraction_of_full(self) -> float:
+        """The power as a fraction of the laser's full power."""
+        return self.power_w / 3.1
+
+    @property
+    def power_in_words(self) -> str:
+        """The power, for people."""
+        return f"power {self.power_w:g} W"
+
+
+class NktConfig(_Section):
+    """An NKT Photonics SuperK laser with a pulse picker, whose level is in percent."""
+
+    kind: Literal["nkt"] = "nkt"
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    level_percent: float = Field(0.0, ge=0, le=100)
+    """Level, in percent of full power or current as the laser's mode has it."""
+    max_level_percent: float = Field(100.0, ge=0, le=100)
+    """The rig's own ceiling of the level; a scan with more is refused."""
+    oscillator_hz: Hertz = Field(80e6, gt=0)
+    """Pulses a second that come to the pulse picker: the laser's label says it."""
+    repetition_hz: Hertz = Field(10e6, gt=0)
+    """Pulses a second that leave the pulse picker: the oscillator's by a whole number."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> "NktConfig":
+        _require_ceiling("level_percent", self.level_percent, self.max_level_percent)
+        picked = max(1, round(self.oscillator_hz / self.repetition_hz))
+        nearest_hz = self.oscillator_hz / picked
+        if abs(nearest_hz - self.repetition_hz) > 1e-3 * self.repetition_hz:
             raise ValueError(
-                f"power_setpoint {self.power_setpoint:g} is above the rig's ceiling max_power_setpoint "
-                f"{self.max_power_setpoint:g}"
+                f"repetition {self.repetition_hz / 1e6:g} MHz is not the oscillator's "
+                f"{self.oscillator_hz / 1e6:g} MHz by a whole number; the nearest is "
+                f"{nearest_hz / 1e6:.6g} MHz, every {picked}th pulse"
             )
         return self
+
+    @property
+    def fraction_of_full(self) -> float:
+        """The power as a fraction of the laser's full power."""
+        return self.level_percent / 100
+
+    @property
+    def power_in_words(self) -> str:
+        """The power, for people."""
+        return f"level {self.level_percent:g} %"
+
+
+def _require_ceiling(key: str, asked: float, ceiling: float) -> None:
+    if asked > ceiling:
+        raise ValueError(f"{key} {asked:g} is above the rig's ceiling max_{key} {ceiling:g}")
 
 
 class Id120Config(_Section):
@@ -218,6 +301,13 @@ def _kind_or(usual: str) -> Callable[[Any], str]:
 Galvo = Annotated[
     Annotated[OptotuneConfig, Tag("optotune")] | Annotated[AnalogueGalvoConfig, Tag("analogue")],
     Discriminator(_kind_or("optotune")),
+]
+
+Laser = Annotated[
+    Annotated[KatanaConfig, Tag("katana")]
+    | Annotated[Katana08Config, Tag("katana-08hp")]
+    | Annotated[NktConfig, Tag("nkt")],
+    Discriminator(_kind_or("katana")),
 ]
 
 Tcspc = Annotated[
@@ -398,7 +488,8 @@ class RigConfig(_Section):
 
     name: str = "simulated rig"
     galvo: Galvo = OptotuneConfig()
-    laser: KatanaConfig = KatanaConfig()
+    laser: Laser = KatanaConfig(power_setpoint=10.0)
+    """Without this section, which a real rig has, the simulated laser has full power."""
     detector: Detector = Id120Config()
     tcspc: Tcspc = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
@@ -504,7 +595,7 @@ _NOT_MEASURED_WITH = (
     "galvo.beam_dump",
     "galvo.settle_",
     "laser.address",
-    "laser.max_power",
+    "laser.max_",
     "detector.max_count_rate",
     "detector.serial",
     "detector.address",
@@ -629,6 +720,7 @@ def _all_of(error: ValidationError, path: Path) -> str:
 #: Sections of several kinds; pydantic puts the kind into the place of an error.
 _KINDS: dict[str, dict[str, type[BaseModel]]] = {
     "galvo": {"optotune": OptotuneConfig, "analogue": AnalogueGalvoConfig},
+    "laser": {"katana": KatanaConfig, "katana-08hp": Katana08Config, "nkt": NktConfig},
     "tcspc": {"hydraharp": HydraHarpConfig, "playback": PlaybackConfig},
 }
 
@@ -638,6 +730,11 @@ def _explain(problem: ErrorDetails) -> str:
     parts = [part for before, part in zip(("", *place), place, strict=False) if not _is_kind(before, part)]
     where = ".".join(str(part) for part in parts)
     if problem["type"] == "extra_forbidden":
+        if owners := _kinds_with(place):
+            return (
+                f"'{where}' is a key of kind {' or '.join(owners)}; this {place[0]} is of kind "
+                f"'{place[1]}', which has {', '.join(_known_keys(place[:-1]))}"
+            )
         near = get_close_matches(str(place[-1]), _known_keys(place[:-1]), n=1)
         return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
     message = problem["msg"].removeprefix("Value error, ")
@@ -648,6 +745,13 @@ def _explain(problem: ErrorDetails) -> str:
 
 def _is_kind(section: str | int, part: str | int) -> bool:
     return part in _KINDS.get(str(section), {})
+
+
+def _kinds_with(place: tuple[str | int, ...]) -> list[str]:
+    """Return the other kinds of a section of which a key is, quoted."""
+    if len(place) != 3 or not _is_kind(place[0], place[1]):
+        return []
+    return [f"'{kind}'" for kind in _KINDS[str(place[0])] if place[2] in _known_keys((place[0], kind))]
 
 
 def _known_keys(place: tuple[str | int, ...]) -> list[str]:
@@ -671,5 +775,6 @@ _SECTIONS: dict[str, type[BaseModel]] = {
     "motion": MotionConfig,
     "channels": ChannelConfig,
     "galvo": OptotuneConfig,
+    "laser": KatanaConfig,
     "tcspc": HydraHarpConfig,
 }

@@ -19,6 +19,7 @@ KINDS = {
     "frequency": ("Hz", "10MHz"),
     "angle": ("rad", "20deg"),
     "voltage": ("V", "50mV"),
+    "power": ("W", "0.8W"),
     "memory": ("byte", "2GB"),
 }
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -144,3 +145,4 @@ Metres = Annotated[float, _reader("length")]
 Hertz = Annotated[float, _reader("frequency")]
 Radians = Annotated[float, _reader("angle")]
 Volts = Annotated[float, _reader("voltage")]
+Watts = Annotated[float, _reader("power")]

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from rig.model.config import RigConfig
 
 #: Unit with which a number is written, by the ending of its field's name.
-_UNITS = {"_s": "s", "_m": "m", "_hz": "Hz", "_rad": "rad", "_v": "V"}
+_UNITS = {"_s": "s", "_m": "m", "_hz": "Hz", "_rad": "rad", "_v": "V", "_w": "W"}
 
 
 def as_toml(config: RigConfig) -> str:

@@ -1,5 +1,6 @@
 """All simulated instruments on one bench, each at the end of its wire."""
 
+from collections.abc import Callable
 from itertools import count
 from types import TracebackType
 from typing import Self
@@ -9,6 +10,7 @@ from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator, Timing
 from simulators.wire.laser import KatanaHead
+from simulators.wire.laser_head import LaserHead
 from simulators.wire.serial_url.protocol_sim import attach, detach
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
@@ -23,6 +25,8 @@ class SimulatedInstruments:
     ----------
     bench
         What they act on.
+    laser
+        Makes the laser.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
     wiring
@@ -44,11 +48,13 @@ class SimulatedInstruments:
         self,
         bench: Bench,
         *,
+        laser: Callable[[Bench], LaserHead] = KatanaHead,
         timing: Timing | None = None,
         count_depth: int = 2**32 - 1,
         wiring: DaqWiring | None = None,
     ) -> None:
         self._bench = bench
+        self._laser = laser
         self._name = f"bench{next(_numbers)}"
         self.usb_backend = UsbBackend([SpadInstrument(bench)])
         self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
@@ -58,7 +64,7 @@ class SimulatedInstruments:
     def __enter__(self) -> Self:
         clock = self._bench.clock
         self.galvo_url = attach(f"{self._name}/galvo", GalvoBoard(self._bench), clock)
-        self.laser_url = attach(f"{self._name}/laser", KatanaHead(self._bench), clock)
+        self.laser_url = attach(f"{self._name}/laser", self._laser(self._bench), clock)
         return self
 
     def __exit__(

@@ -40,6 +40,13 @@ FAULTS = {
     "10 in a row": Fault("interrupt", times=10),
 }
 
+#: The section of each kind of laser.
+LASERS = {
+    "katana": {"power_setpoint": 10.0},
+    "katana-08hp": {"kind": "katana-08hp", "power": "3.1W"},
+    "nkt": {"kind": "nkt", "level_percent": 100},
+}
+
 #: Words by which a laser that may emit, and a detector that may be biased, are told.
 EMITTING, BIASED = "EMITTING", "BIASED"
 
@@ -85,11 +92,13 @@ class Attacked:
     ----------
     folder
         For scan files.
+    laser
+        Kind of laser.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, laser: str = "katana") -> None:
         self._folder = folder
-        self._config = tiny_config()
+        self._config = tiny_config({"laser": LASERS[laser]})
         self._plan = tiny_plan(self._config)
         tap = Tap()
         reference = folder / "reference.h5"
@@ -195,9 +204,10 @@ def main() -> None:
     parser = ArgumentParser(description="Put faults into the exchanges of a tiny scan, and judge the end.")
     parser.add_argument("faults", nargs="*", help=f"by default all: {', '.join(FAULTS)}")
     parser.add_argument("--every", type=int, default=1, help="try each so many exchanges")
+    parser.add_argument("--laser", choices=list(LASERS), default="katana", help="kind of laser")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        attacked = Attacked(Path(folder))
+        attacked = Attacked(Path(folder), given.laser)
         by_device = Counter(device for device, _ in attacked.exchanges)
         counted = ", ".join(f"{number} {device}" for device, number in by_device.items())
         print(f"{len(attacked.exchanges)} exchanges: {counted}\n")

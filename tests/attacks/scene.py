@@ -17,7 +17,7 @@ from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
 from rig.acquire.events import Event, Outcome
-from rig.bench.simulated import simulated_bench
+from rig.bench.simulated import laser_head, simulated_bench
 from rig.devices.kinds import Wires
 from rig.files.scan import ScanFile
 from rig.model.config import RigConfig, built_in_with
@@ -28,7 +28,7 @@ from simulators.clock import BenchClock
 from simulators.wire.daq import SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator
-from simulators.wire.laser import KatanaHead
+from simulators.wire.laser_head import LaserHead
 from simulators.wire.spad import SpadInstrument
 
 _numbers = count(1)
@@ -51,7 +51,7 @@ class AttackedRig:
 
     bench: Bench
     galvo: GalvoBoard
-    laser: KatanaHead
+    laser: LaserHead
     spad: SpadInstrument
     harp: HydraHarpSimulator
     usb: TappedUsb
@@ -75,7 +75,7 @@ def attacked_rig(
     rendered = simulated_bench_of(config)
     clock = BenchClock(real_time=real_time)
     bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed, clock=clock)
-    galvo, laser, spad = GalvoBoard(bench), KatanaHead(bench), SpadInstrument(bench)
+    galvo, laser, spad = GalvoBoard(bench), laser_head(config)(bench), SpadInstrument(bench)
     harp, usb = HydraHarpSimulator(bench), TappedUsb([spad], tap)
     name = str(next(_numbers))
     addresses = {

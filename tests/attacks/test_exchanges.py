@@ -41,6 +41,23 @@ def test_a_fault_at_any_exchange(attacked, name):
             assert one.resumed == "equal", one
 
 
+@pytest.fixture(scope="module", params=["katana-08hp", "nkt"])
+def other_laser(request, tmp_path_factory):
+    return Attacked(tmp_path_factory.mktemp("lasers"), request.param)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_at_any_exchange_with_another_laser(other_laser, name):
+    at = [number for number, (device, _) in enumerate(other_laser.exchanges) if device == "laser"]
+    for number in at[NEXT * list(FAULTS).index(name) :: EVERY]:
+        one = other_laser.outcome(FAULTS[name], number)
+        assert one.told, one
+        assert FAULTS[name].lasting or not one.end.emitting, one
+        assert one.end.code in ((130,) if FAULTS[name].kind == "interrupt" else (0, 3, 4)), one
+        assert one.wrong == 0, one
+        assert one.resumed == "equal", one
+
+
 def test_faults_reach_all_wires(attacked):
     devices = Counter(device for device, _ in attacked.exchanges)
     assert set(devices) == {"galvo", "laser", "spad", "tcspc"}

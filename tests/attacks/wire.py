@@ -22,9 +22,16 @@ from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.settings import HydraHarpSettings
 from drivers.hydraharp.stream import HydraHarpStream
 from drivers.id120 import Id120Spad
+from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.nkt.laser import NktLaser
+from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
+from simulators.bench import Bench
+from simulators.wire.nkt import NktMainboard
+from simulators.wire.serial_url import protocol_sim
+from simulators.wire.serial_url.protocol_sim import Firmware
 from support.hydraharp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
@@ -43,13 +50,24 @@ GALVO: Table = {
     "XY": [b"OK\r\n"],
 }
 LASER: Table = {
-    "leg?": [b"status: 0\n", b"status: 0\n", b"status: 0\n", b"status: 1\n", b"status: 1\n", b"status: 0\n"],
-    "lps?": [b"lps=1\n", b"lps=1\n", b"lps=0\n"],
+    "leg?": [*7 * [b"status: 0\n"], *3 * [b"status: 1\n"], b"status: 0\n"],
+    "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
     "ltg?": [b"ltg=0\n"],
     "ltg_freq?": [b"ltg_freq=10000000\n"],
     "lp?": [b"lp=5.00\n"],
-    "lps": [b""],
+    "lps": [b"lps=1\n"],
     "leg": [b""],
+}
+MEASURED_LASER: Table = {
+    "lip?": [b"lip=0\n"],
+    "le?": [b"unknown command\n"],
+    "lpa?": [*7 * [b"lpa=0.000\n"], *3 * [b"lpa=0.800\n"], b"lpa=0.000\n"],
+    "lps?": [*3 * [b"lps=1\n"], b"lps=0\n"],
+    "lts?": [b"lts=0\n"],
+    "lx_freq?": [b"lx_freq=20000000\n"],
+    "lp?": [b"lp=0.800\n"],
+    "lps": [b"lps=1\n"],
+    "le": [b""],
 }
 SPAD: Table = {
     "*IDN?": [b"ID Quantique,ID120\n"],
@@ -107,12 +125,54 @@ def read_galvo(said: Table) -> None:
 
 def read_laser(said: Table) -> None:
     """Connect, arm, emit, ask for the settings."""
+    _read_katana(said, KatanaSettings(power=5.0, repetition_hz=10e6))
+
+
+def read_measured_laser(said: Table) -> None:
+    """The same with the laser whose light is known by what it measures."""
+    _read_katana(said, KatanaSettings(model=KATANA_08HP, power=0.8, repetition_hz=20e6))
+
+
+def _read_katana(said: Table, settings: KatanaSettings) -> None:
     answers["laser"] = deepcopy(said)
-    settings = KatanaSettings(power_setpoint=5.0, repetition_hz=10e6)
     with KatanaLaser("noise://laser", clock=StepClock(), settings=settings, timeout_s=0.01) as laser:
         laser.arm()
         laser.emit()
         laser.settings()
+
+
+class Spoiling:
+    """Firmware on a wire on which some answers are spoiled."""
+
+    def __init__(self, firmware: Firmware, random: Random) -> None:
+        self.firmware, self.random, self.output = firmware, random, bytearray()
+
+    def receive(self, data: bytes) -> None:
+        self.firmware.receive(data)
+        said = bytes(self.firmware.output)
+        self.firmware.output.clear()
+        chance = self.random.random()
+        if chance < 0.05:
+            said = spoiled_bytes(self.random, said)
+        elif chance < 0.08:
+            said = self.random.randbytes(30) + b"\n"
+        self.output += said
+
+
+def read_superk(seed: int) -> None:
+    """Connect, arm, emit, ask for the settings: the light is out in the end, or that it is not is told."""
+    bench = Bench()
+    wire = Spoiling(NktMainboard(bench), Random(seed))
+    address = protocol_sim.attach("attacked/superk", wire, bench.clock)
+    settings = NktSettings(level_percent=40.0, oscillator_hz=80e6, repetition_hz=10e6)
+    try:
+        with NktLaser(address, clock=bench.clock, settings=settings) as laser:
+            laser.arm()
+            laser.emit()
+            laser.settings()
+        assert not bench.light.emitting
+    finally:
+        protocol_sim.detach(address)
 
 
 class NoisyUsb(ScriptedUsb):
@@ -257,6 +317,13 @@ def spad(random: Random) -> tuple[Table, int | None]:
 ATTACKS = (
     Attack("galvo", lambda random: spoiled(random, GALVO), read_galvo, (DeviceError,)),
     Attack("laser", lambda random: spoiled(random, LASER), read_laser, (DeviceError,)),
+    Attack(
+        "laser that measures",
+        lambda random: spoiled(random, MEASURED_LASER),
+        read_measured_laser,
+        (DeviceError,),
+    ),
+    Attack("superk", lambda random: random.randrange(10**9), read_superk, (DeviceError,)),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),

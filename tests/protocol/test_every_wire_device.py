@@ -8,7 +8,13 @@ import pytest
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
 from rig.model import devices
 
-DEVICES = {"galvo": devices.Galvo, "laser": devices.Laser, "spad": devices.GatedSpad}
+DEVICES = {
+    "galvo": devices.Galvo,
+    "laser": devices.Laser,
+    "laser_08hp": devices.Laser,
+    "laser_nkt": devices.Laser,
+    "spad": devices.GatedSpad,
+}
 
 
 @pytest.fixture(params=DEVICES)

@@ -21,7 +21,7 @@ def test_emission_needs_arming(rig):
 
 
 def test_armed_and_emitting_the_light_is_as_configured(rig):
-    with rig.laser(power_setpoint=7.5, repetition_hz=10e6) as laser:
+    with rig.laser(power=7.5, repetition_hz=10e6) as laser:
         laser.arm()
         laser.emit()
         assert laser.emitting()
@@ -33,6 +33,7 @@ def test_armed_and_emitting_the_light_is_as_configured(rig):
             "repetition_hz": 10e6,
             "trigger": "internal",
             "emitting": True,
+            "emission_known_by": "asked (leg?)",
             "remote_control": True,
         }
 
@@ -132,7 +133,7 @@ def test_leaving_is_dark_also_when_answers_are_lost_or_garbled(rig, damage, how_
 def test_emission_that_cannot_be_confirmed_is_ended(rig, damage):
     with rig.laser() as laser:
         laser.arm()
-        setattr(rig.head, damage, 1)
+        setattr(rig.head, damage, 2)  # of leg=1, and of the first leg?
         with pytest.raises(DeviceError):
             laser.emit()
         assert not rig.bench.light.emitting
@@ -168,7 +169,7 @@ def test_light_that_cannot_be_ended_is_dimmed_and_never_given_to_the_front_knob(
     rig.head.turn_knob(10.0)
 
     def work():
-        with rig.laser(power_setpoint=1.0) as laser:
+        with rig.laser(power=1.0) as laser:
             laser.arm()
             laser.emit()
             rig.head.emission_stuck = True
@@ -198,7 +199,7 @@ def test_a_setting_that_the_laser_does_not_take_is_refused(rig):
     rig.head.receive(b"lp=3\n")
     protocol_sim.detach(rig.laser_address)
     protocol_sim.attach("test/laser", DeafToPower(rig.head), rig.bench.clock)
-    with rig.laser(power_setpoint=7.5) as laser:
+    with rig.laser(power=7.5) as laser:
         with pytest.raises(RefusedError, match=r"set lp=7\.50, but it kept lp=3"):
             laser.arm()
         with pytest.raises(RefusedError, match="not armed"):

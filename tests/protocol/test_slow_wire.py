@@ -11,25 +11,7 @@ from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
 from simulators.wire.serial_url import protocol_sim
-
-
-class Slow:
-    """Firmware whose answers reach the computer only some time later."""
-
-    def __init__(self, firmware, clock, delay_s):
-        self.firmware, self.clock, self.delay_s = firmware, clock, delay_s
-        self.arrived, self.on_the_way = bytearray(), []
-
-    def receive(self, data):
-        self.firmware.receive(data)
-        self.on_the_way.append((self.clock.now_s() + self.delay_s, bytes(self.firmware.output)))
-        self.firmware.output.clear()
-
-    @property
-    def output(self):
-        while self.on_the_way and self.on_the_way[0][0] <= self.clock.now_s():
-            self.arrived += self.on_the_way.pop(0)[1]
-        return self.arrived
+from support.slow_wire import Slow
 
 
 @pytest.fixture
@@ -77,7 +59,7 @@ def test_a_laser_that_echoes_what_it_is_told_cannot_confirm_by_its_echo(plug, de
     address = plug(Slow(Echoing(bench), bench.clock, delay_s), bench.clock)
     with (
         KatanaLaser(
-            address, clock=bench.clock, settings=KatanaSettings(power_setpoint=7.5, repetition_hz=10e6)
+            address, clock=bench.clock, settings=KatanaSettings(power=7.5, repetition_hz=10e6)
         ) as laser,
         pytest.raises(RefusedError, match=r"set lp=7\.50, but it kept lp=0"),
     ):

@@ -4,7 +4,8 @@ import pytest
 
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.laser import KatanaHead
+from simulators.wire.laser import Katana08Head, KatanaHead
+from simulators.wire.nkt import NktMainboard
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.tmc import TmcInterface
 from support.wire_script import read_transcript
@@ -25,6 +26,8 @@ def key_off(bench):
         ("galvo_board.txt", GalvoBoard),
         ("laser_session.txt", KatanaHead),
         ("laser_key_off.txt", key_off),
+        ("laser_775.txt", Katana08Head),
+        ("nkt_session.txt", NktMainboard),
         ("spad_session.txt", SpadInstrument),
         ("spad_instrument.txt", SpadInstrument),
     ],

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.katana.dialects import parse_emission, parse_refusal, parse_value
+from drivers.katana.dialects import (
+    parse_emission,
+    parse_measured,
+    parse_rate,
+    parse_refusal,
+    parse_value,
+)
 from drivers.lines.usbtmc import (
     FrameError,
     announced_size,
@@ -110,7 +116,9 @@ def test_a_value_is_found_among_stray_bytes(value, before, after):
 
 @given(st.text(max_size=60))
 def test_laser_answers_of_any_kind_are_parsed_or_not(text):
-    assert parse_emission(text) in (None, True, False)
+    assert parse_emission("leg", text) in (None, True, False)
+    assert parse_measured("lpa", text) in (None, True, False)
+    parse_rate("ltg_freq", text)
     assert parse_refusal(text) is None or parse_refusal(text) >= 0
     parse_value("lp", text)
 
@@ -118,6 +126,20 @@ def test_laser_answers_of_any_kind_are_parsed_or_not(text):
 def test_a_name_that_ends_like_another_is_not_mistaken():
     assert parse_value("lp", "xlp=3") is None
     assert parse_value("lp", "lps=1") is None
+    assert parse_value("lp", "lps status: 1") is None
+    assert parse_emission("leg", "ltg status: 0") is None
+
+
+@given(st.integers(1, 10**9), st.sampled_from(["", " ", "  "]))
+def test_a_rate_is_the_same_in_all_its_units(rate_hz, gap):
+    for told in (f"{rate_hz}{gap}Hz", f"{rate_hz / 1e3!r}{gap}kHz", f"{rate_hz / 1e6!r}{gap}MHz"):
+        assert parse_rate("lx_freq", f"lx_freq={told}\n") == pytest.approx(rate_hz, rel=1e-12)
+        assert parse_rate("lx_freq", f"status: {told}\n") == pytest.approx(rate_hz, rel=1e-12)
+
+
+@pytest.mark.parametrize("said", ["leg status: 2", "leg=10", "status: 10", "leg=0.5", "leg=", "status:"])
+def test_what_is_neither_0_nor_1_says_nothing_of_emission(said):
+    assert parse_emission("leg", said) is None
 
 
 @given(bytes_like(GALVO_WORDS))

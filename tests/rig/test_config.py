@@ -56,11 +56,41 @@ def test_all_problems_are_named_at_once(tmp_path):
         ("[simulation]\n[[channels]]\nspott = 1\n", "did you mean 'spot'"),
         ("channels = []\n[simulation]\n", "there is none"),
         ("[simulation]\n[laser]\npower_setpoint = 11\n", "laser.power_setpoint"),
+        (
+            '[simulation]\n[laser]\nkind = "katana-08hp"\npower_setpoint = 5\n',
+            r"'laser.power_setpoint' is a key of kind 'katana'; "
+            r"this laser is of kind 'katana-08hp', which has .*\bpower\b",
+        ),
+        ('[simulation]\n[laser]\npower = "1W"\n', r"'laser.power' is a key of kind 'katana-08hp'"),
+        ('[simulation]\n[laser]\nkind = "nkt"\npower = "1W"\n', r"of kind 'nkt', which has .*level_percent"),
+        ('[simulation]\n[laser]\nkind = "katana-08hp"\npower = 1.0\n', 'a power needs a unit.*"1.0W"'),
+        ('[simulation]\n[laser]\nkind = "katana-08hp"\npower = "3.2W"\n', "laser.power"),
+        (
+            '[simulation]\n[laser]\nkind = "katana-08hp"\npower = "2W"\nmax_power = "1W"\n',
+            "power 2 is above the rig's ceiling max_power 1",
+        ),
+        ('[simulation]\n[laser]\nkind = "katana-08hp"\nrepetition = "10MHz"\n', "laser.repetition"),
+        (
+            '[simulation]\n[laser]\nkind = "katana-08hp"\ntrigger = "external"\n',
+            "'internal', 'level' or 'ttl'",
+        ),
+        (
+            '[simulation]\n[laser]\nkind = "nkt"\noscillator = "78MHz"\n',
+            r"the nearest is 9\.75 MHz, every 8th pulse",
+        ),
+        ('[simulation]\n[laser]\nkind = "nkt"\nlevel_percent = 101\n', "laser.level_percent"),
+        ('[simulation]\n[laser]\nkind = "maser"\n', "there is no kind maser; choose among 'katana'"),
     ],
 )
 def test_a_wrong_file_is_refused_in_words(tmp_path, text, told):
     with pytest.raises(ConfigError, match=told):
         load(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("kind", ["katana", "katana-08hp", "nkt"])
+def test_a_power_that_is_not_said_is_the_lowest(tmp_path, kind):
+    text = f'[galvo]\naddress = "a"\n[laser]\naddress = "b"\nkind = "{kind}"\n'
+    assert load(written(tmp_path, text)).laser.fraction_of_full == 0.0
 
 
 def test_a_missing_file_is_named(tmp_path):

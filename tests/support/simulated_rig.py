@@ -5,12 +5,17 @@ from contextlib import contextmanager
 from dataclasses import fields
 
 from drivers.id120 import Id120Settings, Id120Spad
+from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.nkt.laser import NktLaser
+from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.laser import KatanaHead
+from simulators.wire.laser import Katana08Head, KatanaHead
+from simulators.wire.laser_head import LaserHead
+from simulators.wire.nkt import NktMainboard
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
@@ -43,6 +48,8 @@ class Rig:
         self.head = KatanaHead(self.bench)
         self.instrument = SpadInstrument(self.bench)
         self.usb = UsbBackend([self.instrument])
+        self.heads: dict[str, LaserHead] = {}
+        self.unplugged = False
         self.galvo_address = protocol_sim.attach("test/galvo", self.board, self.bench.clock)
         self.laser_address = protocol_sim.attach("test/laser", self.head, self.bench.clock)
 
@@ -50,16 +57,39 @@ class Rig:
         return OptotuneMirror(self.galvo_address, clock=self.bench.clock, **options)
 
     def laser(self, **options) -> KatanaLaser:
-        asked = {"power_setpoint": 7.5, "repetition_hz": 10e6, **settings_in(options, KatanaSettings)}
+        asked = {"power": 7.5, "repetition_hz": 10e6, **settings_in(options, KatanaSettings)}
         return KatanaLaser(
             self.laser_address, clock=self.bench.clock, settings=KatanaSettings(**asked), **options
         )
+
+    def laser_08hp(self, **options) -> KatanaLaser:
+        asked = {"power": 0.8, "repetition_hz": 20e6, **settings_in(options, KatanaSettings)}
+        settings = KatanaSettings(model=KATANA_08HP, **asked)
+        address = self.plug_in("08hp", Katana08Head)
+        return KatanaLaser(address, clock=self.bench.clock, settings=settings, **options)
+
+    def laser_nkt(self, **options) -> NktLaser:
+        asked = {"level_percent": 40.0, "oscillator_hz": 80e6, "repetition_hz": 10e6}
+        settings = NktSettings(**{**asked, **settings_in(options, NktSettings)})
+        address = self.plug_in("nkt", NktMainboard)
+        return NktLaser(address, clock=self.bench.clock, settings=settings, **options)
+
+    def plug_in(self, name: str, kind: type[LaserHead]) -> str:
+        """Put another laser on the bench, once; it is ``heads[name]`` then. Unplugged it stays away."""
+        if name not in self.heads:
+            self.heads[name] = kind(self.bench)
+            if not self.unplugged:
+                protocol_sim.attach(f"test/{name}", self.heads[name], self.bench.clock)
+        return f"sim://test/{name}"
 
     def spad(self, **options) -> Id120Spad:
         settings = Id120Settings(**settings_in(options, Id120Settings))
         return Id120Spad(backend=self.usb, clock=self.bench.clock, settings=settings, **options)
 
     def unplug_all(self) -> None:
+        self.unplugged = True
+        for name in self.heads:
+            protocol_sim.detach(f"sim://test/{name}")
         protocol_sim.detach(self.galvo_address)
         protocol_sim.detach(self.laser_address)
         self.usb.unplug(self.instrument)

@@ -16,6 +16,7 @@ from simulators.bench import Bench
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
+from simulators.wire.laser_head import LaserHead
 from simulators.wire.served.board import BoardAnswers
 from simulators.wire.served.detector import DetectorLine
 from simulators.wire.served.terminal import Terminal
@@ -60,6 +61,8 @@ class BenchServer:
         How timing instruments on it count.
     wiring
         What hangs on its DAQ board.
+    laser
+        Makes the laser.
 
     Attributes
     ----------
@@ -67,13 +70,20 @@ class BenchServer:
         Where the devices are.
     """
 
-    def __init__(self, bench: Bench, faults: TimingFaults, wiring: DaqWiring | None = None) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        faults: TimingFaults,
+        wiring: DaqWiring | None = None,
+        *,
+        laser: Callable[[Bench], LaserHead] = KatanaHead,
+    ) -> None:
         self._bench = bench
         self._faults = faults
         self._board = SimulatedBoard(bench, wiring)
         self._selector = selectors.DefaultSelector()
         self._connections: set[_Connection] = set()
-        self._head = KatanaHead(bench)
+        self._head = laser(bench)
         self._interlock_closed = True
         self._running = True
 

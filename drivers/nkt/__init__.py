@@ -1,0 +1,1 @@
+"""NKT Photonics SuperK supercontinuum lasers, by their register protocol."""
