@@ -6,6 +6,8 @@ the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
 model has more: place, turn, offset and gain can in part stand for each other, and so can g, h and the delay.
+At an angle of incidence the spots bend, which the other numbers cannot do, so that they tell the incidence;
+its direction and the mount's turn about the beam stand for each other the more, the smaller the angle is.
 So the configuration's values take part in the fit, with honest standard deviations. What they leave open
 moves no spot and no arrival, and the covariance says so.
 """
@@ -27,13 +29,22 @@ from rig.model.state import RigState
 TAPE_ERROR_M = 0.02
 #: How well the wall is square to the rig; if it is not, mirror and detector are turned about its centre.
 TILT_ERROR_RAD = np.radians(5.0)
+#: How well the angle of incidence on the mirror is known, and across it its direction: read off a mount's
+#: drawing, or by a set square.
+INCIDENCE_ERROR_RAD = np.radians(5.0)
+#: How well a mirror's electronics keep their scale. It need not make up for the incidence, which is a part of
+#: the model: widths from 1 % to 10 % put the spots in the same places (docs/calibration/galvo.md).
+GAIN_ERROR = 0.01
 #: Standard deviations, before anything is measured, of the unknowns: the rig's turn against the wall about
 #: the wall's axes [rad], which moves mirror and detector together; the mirror's place in the rig [m], its own
-#: turn [rad], offset [rad] and gain; the detector's place in the rig [m]; the delay [s]: metres of forgotten
-#: cable.
-WIDTHS = np.repeat(
-    [TILT_ERROR_RAD, TAPE_ERROR_M, np.radians(2.0), np.radians(1.0), 0.01, TAPE_ERROR_M, 10e-9],
-    [3, 3, 3, 2, 2, 3, 1],
+#: turn [rad], offset [rad], gain and incidence [rad]; the detector's place in the rig [m]; the delay [s]:
+#: metres of forgotten cable.
+WIDTHS = np.concatenate(
+    [
+        np.repeat([TILT_ERROR_RAD, TAPE_ERROR_M], 3),
+        np.repeat([np.radians(2.0), np.radians(1.0), GAIN_ERROR, INCIDENCE_ERROR_RAD], [3, 2, 2, 2]),
+        np.repeat([TAPE_ERROR_M, 10e-9], [3, 1]),
+    ]
 )
 #: Most evaluations of a search; where the data fits it takes a tenth of them.
 MAX_EVALUATIONS = 100
@@ -117,15 +128,19 @@ class FittedGeometry:
 
 def geometry(unknowns: Floats, config: RigConfig) -> RigGeometry:
     """Return the rig for the unknowns in units of `WIDTHS`, all 0 as configured."""
-    tilt, place_m, turn, offset, gain, head_m, delay_s = np.split(unknowns * WIDTHS, [3, 6, 9, 11, 13, 16])
+    tilt, place_m, turn, offset, gain, incidence, head_m, delay_s = np.split(
+        unknowns * WIDTHS, [3, 6, 9, 11, 13, 15, 18]
+    )
     rig_turn = Rotation.from_rotvec(tilt)
     mirror_m = rig_turn.apply(np.add(config.galvo.position_m, place_m))
+    configured = RigState(config).pointing
     pointing = replace(
-        RigState(config).pointing,
+        configured,
         mirror_m=tuple(mirror_m.tolist()),
         rotation_rad=tuple((rig_turn * Rotation.from_rotvec(turn)).as_rotvec().tolist()),
         offset_rad=tuple(offset.tolist()),
         gain=tuple((1 + gain).tolist()),
+        incidence_rad=tuple(np.add(configured.incidence_rad, incidence).tolist()),
     )
     head_m = rig_turn.apply(np.add(config.detector.position_m, head_m))
     return RigGeometry(

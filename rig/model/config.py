@@ -8,9 +8,9 @@ import re
 import tomllib
 from collections.abc import Callable
 from difflib import get_close_matches
-from math import degrees
+from math import degrees, pi
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -43,9 +43,13 @@ class _GalvoConfig(_Section):
     """What all beam-steering mirrors have."""
 
     position_m: Point = (-0.15, 0.0, 2.5)
-    """The mirror, from which the beam leaves; it faces the wall squarely."""
+    """The mirror, from which the beam leaves; at rest it sends the beam squarely to the wall."""
     mirrors: Literal[1, 2] = 1
     """1: one mirror that turns about both axes. 2: a galvanometer pair."""
+    incidence_rad: Radians = Field(0.0, ge=0, lt=pi / 2)
+    """Angle between the beam that comes and the normal of one mirror at rest."""
+    incidence_direction_rad: Radians = 0.0
+    """Where that beam comes from, as one looks from the wall to the mirror: 0 is x, 90 degrees is y."""
     separation_m: Metres = Field(0.0, ge=0)
     """Distance between the mirrors of a pair."""
     max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
@@ -56,6 +60,15 @@ class _GalvoConfig(_Section):
     """Optical angles of a beam dump, to which the mirror goes when the laser cannot be made dark."""
     settle_timeout_s: Seconds = Field(0.1, gt=0)
     """Longest wait for the mirror to be stable after a move."""
+
+    @model_validator(mode="after")
+    def _incidence_is_of_one_mirror(self) -> Self:
+        if self.mirrors == 2 and self.incidence_rad:
+            raise ValueError(
+                f"incidence is {degrees(self.incidence_rad):g}deg with mirrors = 2: it is an angle of one "
+                "mirror that turns about both axes. Leave it out, or say mirrors = 1"
+            )
+        return self
 
 
 class OptotuneConfig(_GalvoConfig):
@@ -312,6 +325,8 @@ class MisalignmentConfig(_Section):
     """Optical angles at command zero."""
     mirror_gain: tuple[float, float] = (1.0, 1.0)
     """Real angle for each commanded one."""
+    mirror_incidence_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Angle of incidence on one mirror, and the direction of it."""
     cable_delay_s: Seconds = 0.0
     """Delay of forgotten cable."""
     mirror_lag_s: Seconds | None = Field(None, gt=0)
