@@ -6,8 +6,8 @@ the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
 model has more: place, turn, offset and gain can in part stand for each other, and so can g, h and the delay.
-At an angle of incidence the spots bend, which the other numbers cannot do, so that they tell the incidence;
-its direction and the mount's turn about the beam stand for each other the more, the smaller the angle is.
+At an angle of incidence the spots' lines bend, which no homography does: so the spots tell the incidence, and
+from which side the beam comes. Gain, offset and distance trade with what is left of it open.
 So the configuration's values take part in the fit, with honest standard deviations. What they leave open
 moves no spot and no arrival, and the covariance says so.
 """

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from math import degrees, pi
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -60,15 +60,6 @@ class _GalvoConfig(_Section):
     """Optical angles of a beam dump, to which the mirror goes when the laser cannot be made dark."""
     settle_timeout_s: Seconds = Field(0.1, gt=0)
     """Longest wait for the mirror to be stable after a move."""
-
-    @model_validator(mode="after")
-    def _incidence_is_of_one_mirror(self) -> Self:
-        if self.mirrors == 2 and self.incidence_rad:
-            raise ValueError(
-                f"incidence is {degrees(self.incidence_rad):g}deg with mirrors = 2: it is an angle of one "
-                "mirror that turns about both axes. Leave it out, or say mirrors = 1"
-            )
-        return self
 
 
 class OptotuneConfig(_GalvoConfig):
@@ -431,6 +422,16 @@ class RigConfig(_Section):
     @classmethod
     def _from_older(cls, table: Any) -> Any:
         return _with_kinds(table) if isinstance(table, dict) else table
+
+    @model_validator(mode="after")
+    def _incidence_is_of_one_mirror(self) -> "RigConfig":
+        wrong_rad = self.simulation.misalignment.mirror_incidence_rad if self.simulation else (0.0, 0.0)
+        if self.galvo.mirrors == 2 and (self.galvo.incidence_rad or any(wrong_rad)):
+            raise ValueError(
+                "galvo.incidence (or simulation.misalignment.mirror_incidence) is given for a pair: it is an "
+                "angle of one mirror that turns about both axes. Leave it out, or set galvo.mirrors = 1"
+            )
+        return self
 
     @model_validator(mode="after")
     def _channels_differ(self) -> "RigConfig":
