@@ -1,6 +1,6 @@
 """How well `rig calibrate galvo` finds the truth, over 20 seeds with all faults and misalignments: a table.
 
-    pytest -n 0 --benchmark-only -s tests/benchmarks/test_calibration_galvo.py
+    pytest -n 0 --timeout 0 --benchmark-only -s tests/benchmarks/test_calibration_galvo.py
 
 Each mount takes some ten minutes with cameras, and one by times of flight.
 """
