@@ -49,8 +49,8 @@ class _GalvoConfig(_Section):
     incidence_rad: Radians = Field(0.0, ge=0, lt=pi / 2)
     """Angle between the beam that comes and the normal of one mirror at rest."""
     incidence_direction_rad: Radians = 0.0
-    """Where that beam comes from, from x towards y: 0 is from the right for one who faces the wall, 90 degrees
-    from above."""
+    """Where that beam comes from, turned from x towards y: for one who faces the wall, 0 is from the right,
+    90 degrees from above."""
     separation_m: Metres = Field(0.0, ge=0)
     """Distance between the mirrors of a pair."""
     max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees

@@ -39,7 +39,7 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
         residual_m < MAX_SPOTS_M,
         f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
         f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
-        "meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in metres right?",
+        "meanwhile? Is galvo.mirrors right? Are galvo.position, galvo.incidence and the marks in metres right?",
     )
     return fit
 
@@ -61,7 +61,7 @@ def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedGeo
         f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
         f"square; the worst is position {int(np.abs(residual_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
         "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
-        "galvo.position and spad.position right to a few centimetres?",
+        "galvo.position and spad.position right to a few centimetres, and galvo.incidence to a few degrees?",
     )
     return fit
 
