@@ -39,7 +39,8 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
         residual_m < MAX_SPOTS_M,
         f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
         f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
-        "meanwhile? Is galvo.mirrors right? Are galvo.position, galvo.incidence and the marks in metres right?",
+        "meanwhile? Are galvo.mirrors and galvo.incidence right? Are galvo.position and the marks in metres "
+        "right?",
     )
     return fit
 
