@@ -33,7 +33,7 @@ TILT_ERROR_RAD = np.radians(5.0)
 #: drawing, or by a set square.
 INCIDENCE_ERROR_RAD = np.radians(5.0)
 #: How well a mirror's electronics keep their scale. It need not make up for the incidence, which is a part of
-#: the model: widths from 1 % to 10 % put the spots in the same places (docs/calibration/galvo.md).
+#: the model: widths from 1 % to 10 % leave the same errors (docs/calibration/galvo.md).
 GAIN_ERROR = 0.01
 #: Standard deviations, before anything is measured, of the unknowns: the rig's turn against the wall about
 #: the wall's axes [rad], which moves mirror and detector together; the mirror's place in the rig [m], its own

@@ -15,8 +15,8 @@ from rig.model.quantities import show_length
 
 #: Newton steps from a spot to angles; each doubles the digits, so that the last but one changes nothing.
 INVERSION_STEPS = 8
-#: Away from the mount, towards a wall that it faces.
-DOWN = np.array([0.0, 0.0, -1.0])
+#: The way of the resting beam in the frame of the mount, and the normal of the resting mirror in its own.
+AHEAD = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Pointing:
         if self.mirrors == 1:
             inside = self._reflected(tangents)
         else:
-            inside = _downwards(tangents)
+            inside = _ahead(tangents)
             inside[..., 0] /= np.cos(angles[..., 1])
             start_m = start_m + self.separation_m * tangents[..., :1] * turn[:, 0]
         direction = inside @ turn.T
@@ -122,8 +122,8 @@ class Pointing:
         NaN where the beam meets the mirror from behind.
         """
         lean = self._lean
-        normal = _unit(_unit(_downwards(tangents)) + DOWN)  # all in the resting mirror's own frame
-        source = lean @ DOWN
+        normal = _unit(_unit(_ahead(tangents)) + AHEAD)  # all in the resting mirror's own frame
+        source = lean @ AHEAD
         facing = normal @ source
         facing = np.where(facing > 0, facing, np.nan)[..., None]
         return np.asarray((2 * facing * normal - source) @ lean.T)
@@ -134,8 +134,8 @@ class Pointing:
         The normal is halfway between the way and the source; both are known.
         """
         lean = self._lean
-        normal = _unit(_unit(way) @ lean + lean @ DOWN)
-        return np.asarray(2 * (normal @ DOWN)[..., None] * normal - DOWN)
+        normal = _unit(_unit(way) @ lean + lean @ AHEAD)
+        return np.asarray(2 * (normal @ AHEAD)[..., None] * normal - AHEAD)
 
     def _refined(self, angles: NDArray[np.float64], wanted_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a pair's angles by Newton's method."""
@@ -169,9 +169,9 @@ class Pointing:
             )
 
 
-def _downwards(sideways: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., 3) directions (x, y, -1) for (..., 2)."""
-    return np.concatenate([sideways, -np.ones_like(sideways[..., :1])], axis=-1)
+def _ahead(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3) directions (x, y, -1) for (..., 2) tangents."""
+    return np.concatenate([tangents, -np.ones_like(tangents[..., :1])], axis=-1)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
