@@ -14,8 +14,10 @@ moves no spot and no arrival, and the covariance says so.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import approx_fprime, least_squares
 from scipy.spatial.transform import Rotation
 
@@ -46,6 +48,8 @@ WIDTHS = np.concatenate(
         np.repeat([TAPE_ERROR_M, 10e-9], [3, 1]),
     ]
 )
+#: Where the incidence is among the unknowns.
+INCIDENCE = [13, 14]
 #: Most evaluations of a search; where the data fits it takes a tenth of them.
 MAX_EVALUATIONS = 100
 #: Beyond so many standard errors a residual counts by its size, not its square (Huber).
@@ -166,15 +170,36 @@ def fit_geometry(
         rig = geometry(unknowns, config)
         return np.nan_to_num(np.concatenate([*(one.residuals(rig) for one in data), unknowns]), nan=MISSED)
 
-    at = np.zeros(len(WIDTHS))
-    for loss in ("linear", "huber")[: 2 if robust else 1]:  # a robust search from far away may get stuck
-        fit = least_squares(
-            residuals, at, loss=loss, f_scale=ROBUST_FROM, x_scale="jac",
-            xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=MAX_EVALUATIONS,
-        )  # fmt: skip
-        at = fit.x
-    remaining, slopes = residuals(at)[:number], fit.jac[:number]
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
+    every = np.arange(len(WIDTHS))
+    # a search from far away may get stuck: a robust one, and one for the incidence while the rest is wrong
+    at, _ = _search(residuals, np.zeros(len(WIDTHS)), np.delete(every, INCIDENCE), "linear")
+    at, by_unknown = _search(residuals, at, every, "linear")
+    if robust:
+        at, by_unknown = _search(residuals, at, every, "huber")
+    remaining, slopes = residuals(at)[:number], by_unknown[:number]
+    covariance = np.asarray(np.linalg.inv(by_unknown.T @ by_unknown), dtype=float)
     freedom = number - float(np.einsum("ni,ij,nj->", slopes, covariance, slopes))
     chi2 = float((remaining**2).sum() / max(freedom, 1.0))
     return FittedGeometry(geometry(at, config), chi2, at, covariance * max(chi2, 1.0), config)
+
+
+def _search(
+    residuals: Callable[[Floats], Floats],
+    start: Floats,
+    free: NDArray[np.int_],
+    loss: Literal["linear", "huber"],
+) -> tuple[Floats, Floats]:
+    """Return the best unknowns of which some are ``free``, and the residuals' slopes by these."""
+
+    def of_free(values: Floats) -> Floats:
+        at = start.copy()
+        at[free] = values
+        return residuals(at)
+
+    fit = least_squares(
+        of_free, start[free], loss=loss, f_scale=ROBUST_FROM, x_scale="jac",
+        xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=MAX_EVALUATIONS,
+    )  # fmt: skip
+    found = start.copy()
+    found[free] = fit.x
+    return found, fit.jac
