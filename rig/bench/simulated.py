@@ -142,6 +142,8 @@ def true_geometry(config: RigConfig) -> "BenchGeometry":
             rotation=tuple(map(tuple, rotation.tolist())),
             offset_rad=wrong.mirror_offset_rad,
             gain=wrong.mirror_gain,
+            incidence_rad=config.galvo.incidence_rad + wrong.mirror_incidence_rad[0],
+            incidence_direction_rad=config.galvo.incidence_direction_rad + wrong.mirror_incidence_rad[1],
             mirrors=config.galvo.mirrors,
             separation_m=config.galvo.separation_m,
         ),

@@ -6,14 +6,18 @@ the beam are fitted together, by least squares.
 
 On one wall a mirror's spots are nearly a homography of the commands' tangents, which has eight numbers. The
 model has more: place, turn, offset and gain can in part stand for each other, and so can g, h and the delay.
+At an angle of incidence the spots' lines bend, which no homography does: so the spots tell the incidence, and
+from which side the beam comes. Gain, offset and distance trade with what is left of it open.
 So the configuration's values take part in the fit, with honest standard deviations. What they leave open
 moves no spot and no arrival, and the covariance says so.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import approx_fprime, least_squares
 from scipy.spatial.transform import Rotation
 
@@ -27,14 +31,25 @@ from rig.model.state import RigState
 TAPE_ERROR_M = 0.02
 #: How well the wall is square to the rig; if it is not, mirror and detector are turned about its centre.
 TILT_ERROR_RAD = np.radians(5.0)
+#: How well the angle of incidence on the mirror is known, and across it its direction: read off a mount's
+#: drawing, or by a set square.
+INCIDENCE_ERROR_RAD = np.radians(5.0)
+#: How well a mirror's electronics keep their scale. It need not make up for the incidence, which is a part of
+#: the model: widths from 1 % to 10 % leave the same errors (docs/calibration/galvo.md).
+GAIN_ERROR = 0.01
 #: Standard deviations, before anything is measured, of the unknowns: the rig's turn against the wall about
 #: the wall's axes [rad], which moves mirror and detector together; the mirror's place in the rig [m], its own
-#: turn [rad], offset [rad] and gain; the detector's place in the rig [m]; the delay [s]: metres of forgotten
-#: cable.
-WIDTHS = np.repeat(
-    [TILT_ERROR_RAD, TAPE_ERROR_M, np.radians(2.0), np.radians(1.0), 0.01, TAPE_ERROR_M, 10e-9],
-    [3, 3, 3, 2, 2, 3, 1],
+#: turn [rad], offset [rad], gain and incidence [rad]; the detector's place in the rig [m]; the delay [s]:
+#: metres of forgotten cable.
+WIDTHS = np.concatenate(
+    [
+        np.repeat([TILT_ERROR_RAD, TAPE_ERROR_M], 3),
+        np.repeat([np.radians(2.0), np.radians(1.0), GAIN_ERROR, INCIDENCE_ERROR_RAD], [3, 2, 2, 2]),
+        np.repeat([TAPE_ERROR_M, 10e-9], [3, 1]),
+    ]
 )
+#: Where the incidence is among the unknowns.
+INCIDENCE = [13, 14]
 #: Most evaluations of a search; where the data fits it takes a tenth of them.
 MAX_EVALUATIONS = 100
 #: Beyond so many standard errors a residual counts by its size, not its square (Huber).
@@ -117,15 +132,19 @@ class FittedGeometry:
 
 def geometry(unknowns: Floats, config: RigConfig) -> RigGeometry:
     """Return the rig for the unknowns in units of `WIDTHS`, all 0 as configured."""
-    tilt, place_m, turn, offset, gain, head_m, delay_s = np.split(unknowns * WIDTHS, [3, 6, 9, 11, 13, 16])
+    tilt, place_m, turn, offset, gain, incidence, head_m, delay_s = np.split(
+        unknowns * WIDTHS, [3, 6, 9, 11, 13, 15, 18]
+    )
     rig_turn = Rotation.from_rotvec(tilt)
     mirror_m = rig_turn.apply(np.add(config.galvo.position_m, place_m))
+    configured = RigState(config).pointing
     pointing = replace(
-        RigState(config).pointing,
+        configured,
         mirror_m=tuple(mirror_m.tolist()),
         rotation_rad=tuple((rig_turn * Rotation.from_rotvec(turn)).as_rotvec().tolist()),
         offset_rad=tuple(offset.tolist()),
         gain=tuple((1 + gain).tolist()),
+        incidence_rad=tuple(np.add(configured.incidence_rad, incidence).tolist()),
     )
     head_m = rig_turn.apply(np.add(config.detector.position_m, head_m))
     return RigGeometry(
@@ -151,15 +170,36 @@ def fit_geometry(
         rig = geometry(unknowns, config)
         return np.nan_to_num(np.concatenate([*(one.residuals(rig) for one in data), unknowns]), nan=MISSED)
 
-    at = np.zeros(len(WIDTHS))
-    for loss in ("linear", "huber")[: 2 if robust else 1]:  # a robust search from far away may get stuck
-        fit = least_squares(
-            residuals, at, loss=loss, f_scale=ROBUST_FROM, x_scale="jac",
-            xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=MAX_EVALUATIONS,
-        )  # fmt: skip
-        at = fit.x
-    remaining, slopes = residuals(at)[:number], fit.jac[:number]
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
+    every = np.arange(len(WIDTHS))
+    # a search from far away may get stuck: a robust one, and one for the incidence while the rest is wrong
+    at, _ = _search(residuals, np.zeros(len(WIDTHS)), np.delete(every, INCIDENCE), "linear")
+    at, by_unknown = _search(residuals, at, every, "linear")
+    if robust:
+        at, by_unknown = _search(residuals, at, every, "huber")
+    remaining, slopes = residuals(at)[:number], by_unknown[:number]
+    covariance = np.asarray(np.linalg.inv(by_unknown.T @ by_unknown), dtype=float)
     freedom = number - float(np.einsum("ni,ij,nj->", slopes, covariance, slopes))
     chi2 = float((remaining**2).sum() / max(freedom, 1.0))
     return FittedGeometry(geometry(at, config), chi2, at, covariance * max(chi2, 1.0), config)
+
+
+def _search(
+    residuals: Callable[[Floats], Floats],
+    start: Floats,
+    free: NDArray[np.int_],
+    loss: Literal["linear", "huber"],
+) -> tuple[Floats, Floats]:
+    """Return the best unknowns of which some are ``free``, and the residuals' slopes by these."""
+
+    def of_free(values: Floats) -> Floats:
+        at = start.copy()
+        at[free] = values
+        return residuals(at)
+
+    fit = least_squares(
+        of_free, start[free], loss=loss, f_scale=ROBUST_FROM, x_scale="jac",
+        xtol=1e-9, ftol=1e-9, gtol=1e-9, max_nfev=MAX_EVALUATIONS,
+    )  # fmt: skip
+    found = start.copy()
+    found[free] = fit.x
+    return found, fit.jac

@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from difflib import get_close_matches
-from math import degrees
+from math import degrees, pi
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -43,9 +43,14 @@ class _GalvoConfig(_Section):
     """What all beam-steering mirrors have."""
 
     position_m: Point = (-0.15, 0.0, 2.5)
-    """The mirror, from which the beam leaves; it faces the wall squarely."""
+    """The mirror, from which the beam leaves; at rest it sends the beam squarely to the wall."""
     mirrors: Literal[1, 2] = 1
     """1: one mirror that turns about both axes. 2: a galvanometer pair."""
+    incidence_rad: Radians = Field(0.0, ge=0, lt=pi / 2)
+    """Angle between the beam that comes and the normal of one mirror at rest."""
+    incidence_direction_rad: Radians = 0.0
+    """Where that beam comes from, turned from x towards y: for one who faces the wall, 0 is from the right,
+    90 degrees from above."""
     separation_m: Metres = Field(0.0, ge=0)
     """Distance between the mirrors of a pair."""
     max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
@@ -402,6 +407,8 @@ class MisalignmentConfig(_Section):
     """Optical angles at command zero."""
     mirror_gain: tuple[float, float] = (1.0, 1.0)
     """Real angle for each commanded one."""
+    mirror_incidence_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Angle of incidence on one mirror, and the direction of it."""
     cable_delay_s: Seconds = 0.0
     """Delay of forgotten cable."""
     mirror_lag_s: Seconds | None = Field(None, gt=0)
@@ -507,6 +514,16 @@ class RigConfig(_Section):
     @classmethod
     def _from_older(cls, table: Any) -> Any:
         return _with_kinds(table) if isinstance(table, dict) else table
+
+    @model_validator(mode="after")
+    def _incidence_is_of_one_mirror(self) -> "RigConfig":
+        wrong_rad = self.simulation.misalignment.mirror_incidence_rad if self.simulation else (0.0, 0.0)
+        if self.galvo.mirrors == 2 and (self.galvo.incidence_rad or any(wrong_rad)):
+            raise ValueError(
+                "galvo.incidence (or simulation.misalignment.mirror_incidence) is given for a pair: it is an "
+                "angle of one mirror that turns about both axes. Leave it out, or set galvo.mirrors = 1"
+            )
+        return self
 
     @model_validator(mode="after")
     def _channels_differ(self) -> "RigConfig":

@@ -15,6 +15,8 @@ from rig.model.quantities import show_length
 
 #: Newton steps from a spot to angles; each doubles the digits, so that the last but one changes nothing.
 INVERSION_STEPS = 8
+#: The way of the resting beam in the frame of the mount, and the normal of the resting mirror in its own.
+AHEAD = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -22,10 +24,15 @@ class Pointing:
     """A steering mirror before the wall z = 0. By default it faces the wall squarely and obeys exactly.
 
     A commanded optical angle c becomes a = gain c + offset. One mirror that turns about both axes
-    (``mirrors = 1``; its electronics make the tangents independent) sends the beam from its pivot along
-    (tan a_x, tan a_y, -1). A pair (``mirrors = 2``) deflects by a_x first and by a_y a separation e later:
-    the ray starts e tan a_x to the side and goes along (tan a_x / cos a_y, tan a_y, -1). The rotation turns
-    both into the wall's frame; the spot is where the ray meets the wall.
+    (``mirrors = 1``; its electronics make the tangents independent) would send a beam that falls on it along
+    its resting normal along u = (tan a_x, tan a_y, -1) / |...|: this is how its maker defines the angles. So
+    its normal is halfway between u and the resting normal, and the mirror has turned by half the angle. The
+    beam that comes at an angle of incidence is reflected about this normal (d - 2 (d n) n). The mount's frame
+    is such that the beam of the resting mirror goes along (0, 0, -1), whatever the incidence.
+
+    A pair (``mirrors = 2``) deflects by a_x first and by a_y a separation e later: the ray starts e tan a_x
+    to the side and goes along (tan a_x / cos a_y, tan a_y, -1). The rotation turns both into the wall's
+    frame; the spot is where the ray meets the wall.
 
     Attributes
     ----------
@@ -35,6 +42,9 @@ class Pointing:
         Rotation vector from the mount's frame into the wall's [rad].
     offset_rad, gain
         Of each axis.
+    incidence_rad
+        (theta cos p, theta sin p) of one mirror: the beam meets the resting mirror at theta from its normal,
+        and comes from the direction p in the mount's frame, from x towards y [rad].
     mirrors, separation_m
         1 or 2, and how far apart they are [m].
     area_m
@@ -46,6 +56,7 @@ class Pointing:
     rotation_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     offset_rad: tuple[float, float] = (0.0, 0.0)
     gain: tuple[float, float] = (1.0, 1.0)
+    incidence_rad: tuple[float, float] = (0.0, 0.0)
     mirrors: Literal[1, 2] = 1
     separation_m: float = 0.0
     area_m: tuple[tuple[float, float], ...] = ()
@@ -56,13 +67,16 @@ class Pointing:
         NaN where the beam does not meet the wall.
         """
         angles = np.asarray(angles_rad, dtype=float) * self.gain + self.offset_rad
-        tan_x, tan_y = np.tan(angles[..., 0]), np.tan(angles[..., 1])
-        stretch, aside_m = np.ones_like(tan_x), np.zeros_like(tan_x)
-        if self.mirrors == 2:
-            stretch, aside_m = 1 / np.cos(angles[..., 1]), self.separation_m * tan_x
+        tangents = np.tan(angles)
         turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
-        direction = np.stack([tan_x * stretch, tan_y, -np.ones_like(tan_x)], axis=-1) @ turn.T
-        start_m = self.mirror_m + aside_m[..., None] * turn[:, 0]
+        start_m = np.asarray(self.mirror_m)
+        if self.mirrors == 1:
+            inside = self._reflected(tangents)
+        else:
+            inside = _ahead(tangents)
+            inside[..., 0] /= np.cos(angles[..., 1])
+            start_m = start_m + self.separation_m * tangents[..., :1] * turn[:, 0]
+        direction = inside @ turn.T
         with np.errstate(divide="ignore", invalid="ignore"):
             along = np.where(direction[..., 2] < 0, -start_m[..., 2] / direction[..., 2], np.nan)
         spots = start_m + along[..., None] * direction
@@ -82,15 +96,51 @@ class Pointing:
         offset_m = wanted_m - np.asarray(self.mirror_m)
         turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
         inside = offset_m @ turn  # the way to the spot in the mount's frame
-        angles = (np.arctan2(inside[..., :2], -inside[..., 2:]) - self.offset_rad) / self.gain
         if self.mirrors == 1:
-            return angles
-        for _ in range(INVERSION_STEPS):
-            angles = angles + self._step(angles, wanted_m)
+            inside = self._straight(inside)
+        angles = (np.arctan2(inside[..., :2], -inside[..., 2:]) - self.offset_rad) / self.gain
+        if self.mirrors == 2:
+            angles = self._refined(angles, wanted_m)
         if not np.isfinite(angles).all():
             raise RefusedError(
                 "the steering mirror cannot put the beam on some of these spots: move the grid"
             )
+        return angles
+
+    @property
+    def _lean(self) -> NDArray[np.float64]:
+        """(3, 3) from the resting mirror's own frame, in which its normal is (0, 0, -1), into the mount's.
+
+        The shortest turn: by the angle of incidence, towards where the beam comes from.
+        """
+        x_rad, y_rad = self.incidence_rad
+        return Rotation.from_rotvec((y_rad, -x_rad, 0.0)).as_matrix()
+
+    def _reflected(self, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (..., 3) unit directions of the beam off one mirror, in the mount's frame.
+
+        NaN where the beam meets the mirror from behind.
+        """
+        lean = self._lean
+        normal = _unit(_unit(_ahead(tangents)) + AHEAD)  # all in the resting mirror's own frame
+        source = lean @ AHEAD
+        facing = normal @ source
+        facing = np.where(facing > 0, facing, np.nan)[..., None]
+        return np.asarray((2 * facing * normal - source) @ lean.T)
+
+    def _straight(self, way: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undo `_reflected`: where a beam along the resting normal would go, for (..., 3) ways of the beam.
+
+        The normal is halfway between the way and the source; both are known.
+        """
+        lean = self._lean
+        normal = _unit(_unit(way) @ lean + lean @ AHEAD)
+        return np.asarray(2 * (normal @ AHEAD)[..., None] * normal - AHEAD)
+
+    def _refined(self, angles: NDArray[np.float64], wanted_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a pair's angles by Newton's method."""
+        for _ in range(INVERSION_STEPS):
+            angles = angles + self._step(angles, wanted_m)
         return angles
 
     def _step(self, angles: NDArray[np.float64], wanted_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,6 +167,17 @@ class Pointing:
                 f"{show_length(outside_m[worst])} outside the area in which the mirror was calibrated. "
                 "Use a smaller grid, or calibrate a larger area: rig calibrate galvo"
             )
+
+
+def _ahead(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3) directions (x, y, -1) for (..., 2) tangents."""
+    return np.concatenate([tangents, -np.ones_like(tangents[..., :1])], axis=-1)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (..., 3) vectors at length 1, NaN for those of length 0."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def outside(corners_m: NDArray[np.float64], points_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -110,11 +110,17 @@ class RigState:
 
     @cached_property
     def pointing(self) -> Pointing:
-        """The model of the mirror; as configured it faces the wall squarely and obeys exactly."""
+        """The model of the mirror; as configured its resting beam is square to the wall, and it obeys."""
         if self.calibrations.galvo:
             return self.calibrations.galvo.pointing()
         galvo = self.config.galvo
-        return Pointing(galvo.position_m, mirrors=galvo.mirrors, separation_m=galvo.separation_m)
+        angle_rad, direction_rad = galvo.incidence_rad, galvo.incidence_direction_rad
+        return Pointing(
+            galvo.position_m,
+            incidence_rad=(angle_rad * math.cos(direction_rad), angle_rad * math.sin(direction_rad)),
+            mirrors=galvo.mirrors,
+            separation_m=galvo.separation_m,
+        )
 
     @property
     def mirror_lag_s(self) -> float:

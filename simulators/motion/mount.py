@@ -1,7 +1,6 @@
 """How the steering mirror is mounted: where the beam of a real, not quite aligned rig really goes."""
 
 from dataclasses import dataclass
-from math import cos, tan
 from typing import Literal
 
 import numpy as np
@@ -13,8 +12,12 @@ class MirrorMount:
     """From a command to a ray. By default one mirror that faces the wall squarely and does what it is told.
 
     A commanded optical angle c becomes a = gain c + offset. With ``mirrors = 1`` both axes turn one
-    mirror, whose electronics make the tangents independent: the beam leaves the pivot along
-    (tan a_x, tan a_y, -1). With ``mirrors = 2`` a first mirror deflects by a_x and a second one, a separation
+    mirror. Its normal is tilted from rest by half the angle whose tangents are (tan a_x, tan a_y): a beam
+    that comes along the resting normal leaves the pivot along (tan a_x, tan a_y, -1). A beam that comes at
+    an angle is reflected about the same normal. The mount is turned so that at rest the beam leaves along
+    (0, 0, -1) for any angle of incidence.
+
+    With ``mirrors = 2`` a first mirror deflects by a_x and a second one, a separation
     e behind it, by a_y: the ray starts e tan a_x to the side and goes along (tan a_x / cos a_y, tan a_y, -1),
     so that on a wall at distance d it meets x = (d / cos a_y + e) tan a_x, y = d tan a_y, as is usual for
     galvanometer pairs. ``rotation`` then turns both start and direction into the wall's frame.
@@ -27,6 +30,9 @@ class MirrorMount:
         Optical angles at command zero.
     gain
         Real angle for each commanded one.
+    incidence_rad, incidence_direction_rad
+        Angle between the beam that comes and the normal of one mirror at rest, and the direction from which
+        it comes, in the mount's frame from x towards y.
     mirrors, separation_m
         1 or 2, and how far apart they are.
     """
@@ -34,31 +40,44 @@ class MirrorMount:
     rotation: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     offset_rad: tuple[float, float] = (0.0, 0.0)
     gain: tuple[float, float] = (1.0, 1.0)
+    incidence_rad: float = 0.0
+    incidence_direction_rad: float = 0.0
     mirrors: Literal[1, 2] = 1
     separation_m: float = 0.0
 
     def ray(self, angles_rad: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return start (3,) from the pivot [m] and direction (3,) for optical angles of the mirror."""
-        a_x, a_y = (
-            gain * angle + offset
-            for angle, gain, offset in zip(angles_rad, self.gain, self.offset_rad, strict=True)
-        )
-        turn = np.array(self.rotation)
-        if self.mirrors == 1:
-            return np.zeros(3), turn @ (tan(a_x), tan(a_y), -1.0)
-        start = np.array([self.separation_m * tan(a_x), 0.0, 0.0])
-        return turn @ start, turn @ (tan(a_x) / cos(a_y), tan(a_y), -1.0)
+        starts, directions = self.rays(np.array([angles_rad]))
+        return starts[0], directions[0]
 
     def rays(self, angles_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return `ray` of (n, 2) angles: starts (n, 3) and directions (n, 3)."""
+        """Return `ray` of (n, 2) angles: starts (n, 3) and directions (n, 3).
+
+        Directions are NaN where the beam meets the mirror from behind.
+        """
         a_x, a_y = (np.array(self.gain) * angles_rad + np.array(self.offset_rad)).T
-        tan_x, turned = np.tan(a_x), np.array(self.rotation).T
-        starts, directions = np.zeros((len(a_x), 3)), np.full((len(a_x), 3), -1.0)
-        directions[:, 0], directions[:, 1] = tan_x, np.tan(a_y)
-        if self.mirrors == 2:
-            starts[:, 0] = self.separation_m * tan_x
-            directions[:, 0] /= np.cos(a_y)
-        return starts @ turned, directions @ turned
+        tan_x, tan_y, turned = np.tan(a_x), np.tan(a_y), np.array(self.rotation).T
+        if self.mirrors == 1:
+            return np.zeros((len(a_x), 3)), self._reflected(tan_x, tan_y) @ turned
+        zero = np.zeros_like(tan_x)
+        starts = np.stack([self.separation_m * tan_x, zero, zero], axis=1)
+        return starts @ turned, np.stack([tan_x / np.cos(a_y), tan_y, zero - 1], axis=1) @ turned
+
+    def _reflected(self, tan_x: NDArray[np.float64], tan_y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n, 3) directions of the beam off one mirror, in the mount's frame."""
+        cos_i, sin_i = np.cos(self.incidence_rad), np.sin(self.incidence_rad)
+        cos_p, sin_p = np.cos(self.incidence_direction_rad), np.sin(self.incidence_direction_rad)
+        resting = np.array([sin_i * cos_p, sin_i * sin_p, -cos_i])
+        source = 2 * cos_i * resting + (0.0, 0.0, 1.0)  # at rest (0, 0, -1) is its mirror image
+        # the mirror's own axes: one in the plane of incidence, one across it, turned back by the direction
+        along, across = np.array([cos_i * cos_p, cos_i * sin_p, sin_i]), np.array([-sin_p, cos_p, 0.0])
+        x, y = cos_p * along - sin_p * across, sin_p * along + cos_p * across
+        # tan(half the angle) = t / (1 + sqrt(1 + t^2)), t = |(tan_x, tan_y)|
+        stiff = 1 + np.sqrt(1 + tan_x**2 + tan_y**2)
+        normal = stiff[:, None] * resting + tan_x[:, None] * x + tan_y[:, None] * y
+        facing = normal @ source
+        facing = np.where(facing > 0, facing, np.nan) / (normal**2).sum(axis=1)
+        return np.asarray(2 * facing[:, None] * normal - source)
 
 
 def rotated(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:

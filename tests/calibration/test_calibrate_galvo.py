@@ -72,9 +72,9 @@ def test_without_cameras_the_command_stores_a_calibration_that_scans_use(rig):
     assert dry.code == 0, dry.err
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed):
-    config = misaligned(seed)
+@pytest.mark.parametrize(("seed", "incidence"), [(0, None), (1, None), (2, "45deg")])
+def test_without_cameras_the_beam_goes_where_it_is_asked_to(tmp_path, seed, incidence):
+    config = misaligned(seed, incidence=incidence)
     routine = FlightRoutine(columns=6, rows=5)
     with open_station(routine.setup(config), None) as station:
         files = routine.measure(station, RigState(routine.setup(config)), tmp_path, Watch())

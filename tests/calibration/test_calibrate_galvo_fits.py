@@ -18,7 +18,9 @@ from rig.calibrate.galvo.spots import background, find_spot
 from rig.calibrate.galvo.triangulation import locate, plane_of, triangulate
 from rig.calibrate.geometry_fit import Arrivals, Spots
 from rig.errors import CalibrationError
+from rig.model.config import built_in_with
 from rig.model.devices import Board
+from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
 from simulators.optics.cameras import Checkerboard, default_cameras
 from simulators.optics.lens import Pose
@@ -52,24 +54,65 @@ def test_the_calibration_s_lens_is_the_bench_s():
 # ---------------------------------------------------------------- the mirror from spots
 
 
-@pytest.mark.parametrize("mirrors", [1, 2])
-def test_the_mirror_s_model_finds_the_truth_with_honest_errors(mirrors):
+def fitted_to_spots(config, rng):
+    """Fit to spots good to 0.3 mm; return the fit, and errors with their pulls at other angles."""
+    angles = np.array(mirror_angles_rad(config, 7, 5))
+    seen = true_spots_m(config, angles) + 0.3e-3 * rng.standard_normal((35, 2))
+    fit = fit_mirror(Spots(angles, seen, 0.3e-3**2 * np.eye(70)), config)
+    others = 0.9 * np.array(mirror_angles_rad(config, 4, 3))
+    off = fit.rig.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
+    spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), others)
+    return fit, np.linalg.norm(off, axis=1), off / np.sqrt(np.einsum("nii->ni", spread))
+
+
+@pytest.mark.parametrize(("mirrors", "incidence"), [(1, None), (2, None), (1, "22.5deg"), (1, "45deg")])
+def test_the_mirror_s_model_finds_the_truth_with_honest_errors(mirrors, incidence):
     """20 rigs, spots good to 0.3 mm: predicted spots within 1 mm, and pulls of about unit width."""
     rng = np.random.default_rng(1)
     pulls, errors = [], []
     for _ in range(20):
-        config = misaligned(signs=rng.choice([-1, 1], 16), mirrors=mirrors)
-        angles = np.array(mirror_angles_rad(config, 7, 5))
-        seen = true_spots_m(config, angles) + 0.3e-3 * rng.standard_normal((35, 2))
-        fit = fit_mirror(Spots(angles, seen, 0.3e-3**2 * np.eye(70)), config)
-        others = 0.9 * np.array(mirror_angles_rad(config, 4, 3))
-        off = fit.rig.pointing.spots_m(others)[:, :2] - true_spots_m(config, others)
-        errors.append(np.linalg.norm(off, axis=1))
-        spread = spot_covariances_m2(fit.rig.pointing, numbers_covariance(fit), others)
-        pulls.append(off / np.sqrt(np.einsum("nii->ni", spread)))
+        config = misaligned(signs=rng.choice([-1, 1], 16), mirrors=mirrors, incidence=incidence)
+        _, off_m, pull = fitted_to_spots(config, rng)
+        errors.append(off_m)
+        pulls.append(pull)
     assert np.max(errors) < 1e-3
     # the spots of one rig share some 8 numbers: 160 independent ones, so the width is good to 6 %
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("angle", "direction"), [(22.5, 0.0), (45.0, 130.0)])
+def test_an_incidence_that_nobody_configured_is_found(angle, direction):
+    """Spots good to 0.3 mm tell it to 0.1 degrees or better, whatever was expected."""
+    wrong = {"mirror_incidence": [f"{angle}deg", f"{direction}deg"]}
+    galvo = {"max_angle_x": "35deg", "max_angle_y": "35deg"}
+    config = built_in_with({"simulation": {"misalignment": wrong}, "galvo": galvo})
+    fit, off_m, _ = fitted_to_spots(config, np.random.default_rng(13))
+    assert off_m.max() < 1e-3
+    phase = np.radians(direction)
+    expected = angle * np.cos(phase), angle * np.sin(phase)
+    assert np.degrees(fit.rig.pointing.incidence_rad) == pytest.approx(expected, abs=0.3)
+
+
+def test_spots_are_measured_over_the_whole_scan_whatever_the_incidence():
+    """The commands as configured cover 15 cm more than the scan, also where its outline bends."""
+    limits = {"max_angle_x": "40deg", "max_angle_y": "40deg"}
+    galvo = {"incidence": "45deg", "incidence_direction": "45deg", **limits}
+    config = built_in_with({"galvo": galvo})
+    spots_m = RigState(config).pointing.spots_m(mirror_angles_rad(config, 5, 3))
+    x_m, y_m = np.meshgrid(np.linspace(-1.045, 1.045, 5), np.linspace(-0.795, 0.795, 3))
+    x_m[1] = x_m[1, ::-1]  # there and back
+    np.testing.assert_allclose(spots_m[:, :2], np.stack([x_m.ravel(), y_m.ravel()], axis=1), atol=1e-12)
+
+
+def test_a_covariance_from_before_the_incidence_is_still_read():
+    """(10, 10), without the two numbers: the same as with them at no error."""
+    pointing = RigState(misaligned()).pointing
+    angles, old = np.array([[0.1, -0.2], [0.3, 0.1]]), np.diag(np.linspace(1e-7, 1e-6, 10))
+    whole = np.zeros((12, 12))
+    whole[:10, :10] = old
+    np.testing.assert_allclose(
+        spot_covariances_m2(pointing, old, angles), spot_covariances_m2(pointing, whole, angles), rtol=1e-12
+    )
 
 
 def test_spots_that_no_mirror_makes_are_refused():
@@ -93,12 +136,13 @@ def flight_data(config, rng):
     return angles, arrival_s + 1e-12 * rng.standard_normal(len(angles)), Spots(steered, marks_m, AIMED_TO_M)
 
 
-def test_times_of_flight_and_marks_find_the_truth_with_honest_errors():
+@pytest.mark.parametrize("incidence", [None, "22.5deg", "45deg"])
+def test_times_of_flight_and_marks_find_the_truth_with_honest_errors(incidence):
     """20 rigs: within 5 mm everywhere, pulls of about unit width."""
     rng = np.random.default_rng(2)
     pulls, errors = [], []
     for _ in range(20):
-        config = misaligned(signs=rng.choice([-1, 1], 16))
+        config = misaligned(signs=rng.choice([-1, 1], 16), incidence=incidence)
         angles, arrival_s, marks = flight_data(config, rng)
         fit = fit_flight(Arrivals(angles, arrival_s, np.full(len(angles), 1e-13)), marks, config)
         off = fit.rig.pointing.spots_m(angles)[:, :2] - true_spots_m(config, angles)

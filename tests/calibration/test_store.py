@@ -6,10 +6,12 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from rig.errors import DataFileError
+from rig.model.calibrations.base import digest
 from rig.model.calibrations.kinds import GateOpening, TimeZero
 from rig.model.calibrations.store import CalibrationStore, doubts, read
 from rig.model.config import CalibrationConfig, built_in
 from rig.model.state import Gate, RigState
+from support.misaligned import galvo_calibration
 
 NOON = datetime(2026, 3, 4, 12, tzinfo=UTC)
 DEVICES = {"galvo": "G1", "laser": "L1", "spad": "S1", "tcspc": "T1"}
@@ -78,6 +80,19 @@ def configured(folder, **spad):
 
 def resolved(config, identities=None):
     return RigState(config).of_devices(identities).calibrations
+
+
+def test_a_mirror_calibrated_before_there_was_an_incidence_has_none(tmp_path):
+    """Its file has no such key, and a digest without it."""
+    galvo = galvo_calibration(built_in(), 1e-3, seed=0).galvo
+    old = json.loads(galvo.document())
+    assert old.pop("incidence_rad") == [0.0, 0.0]
+    del old["digest"]
+    path = CalibrationStore(tmp_path).path_for(galvo, ".json")
+    path.write_text(json.dumps({**old, "digest": digest(old)}))
+    again = read(path)
+    assert again == galvo
+    assert again.pointing().incidence_rad == (0.0, 0.0)
 
 
 def test_what_is_stored_is_read_back(tmp_path):

@@ -23,6 +23,7 @@ from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from support.misaligned import (
     galvo_calibration,
+    misaligned,
     misaligned_at_random,
     true_arrivals_s,
     true_delays_s,
@@ -56,6 +57,22 @@ def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
         pulls.append(wrong_s / (found.rectified_error_s / np.sqrt(max(found.chi2, 1))))
     # neighbours err together: a seed counts as a few independent pulls, so 20 or so: 1 +- 0.16, four of these
     assert 0.36 < np.sqrt(np.mean(np.square(pulls))) < 1.64
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_arrivals_alone_do_not_lead_the_search_astray(seed):
+    """Without a calibrated mirror they say little of its incidence; the rest of the rig is found first."""
+    rng = np.random.default_rng(seed)
+    config = misaligned(signs=rng.choice([-1, 1], 16))
+    x_m, y_m = np.meshgrid(np.linspace(-0.85, 0.85, 7), np.linspace(-0.6, 0.6, 5))
+    spots_m = np.stack([x_m.T.ravel(), y_m.T.ravel(), 0 * x_m.ravel()], axis=1)
+    angles = RigState(config).pointing.angles_rad(spots_m)
+    error_s = np.full(len(angles), 2e-12)
+    seen_s = true_arrivals_s(config, angles) + error_s * rng.standard_normal(len(angles))
+    found = fit_path_delays(Arrivals(angles, seen_s, error_s), np.zeros(3), RigState(config))
+    # at most 14 of 35 arrivals are used up by unknowns: 21 degrees of freedom, 4 sqrt(2 / 21)
+    assert found.chi2 == pytest.approx(1, abs=1.25)
+    assert np.isfinite(found.rectified_error_s).all()
 
 
 def test_a_measured_calibration_rectifies_and_warns(tmp_path):

@@ -47,6 +47,8 @@ def test_all_problems_are_named_at_once(tmp_path):
         ("[simulaton]\n", "did you mean 'simulation'"),
         ('[simulation]\n[galvo]\nposition = ["0m", "0m", "-2m"]\n', "in front of the wall"),
         ('[simulation]\n[galvo]\nposition = ["0m", "0m"]\n', "galvo.position"),
+        ('[simulation]\n[galvo]\nmirrors = 2\nincidence = "45deg"\n', "is given for a pair"),
+        ('[simulation]\n[galvo]\nincidence = "90deg"\n', "galvo.incidence"),
         ("[simulation]\n[tcspc]\nsync_divider = 3\n", r"tcspc\.sync_divider"),
         ("[simulation]\n[tcspc]\nbinz = 3\n", r"unknown key 'tcspc\.binz'; did you mean 'bins'"),
         ('[simulation]\ngloss = "phong"\n', "simulation.gloss"),

@@ -9,8 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from scipy.optimize import fsolve
 
 from rig.files.scan import ScanFile
+from rig.model.config import built_in_with
+from support.misaligned import true_spots_m
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = ("--grid", "20x12", "--spacing", "5cm", "--exposure", "10ms")
@@ -84,6 +87,25 @@ def test_a_dry_run_as_json(rig):
     plan = json.loads(rig("scan", "--dry-run", "--json").out)
     assert plan["positions"] + plan["skipped"] == 23_400
     assert plan["exposure_total_s"] == pytest.approx(233.84)
+
+
+def test_a_dry_run_knows_the_angle_of_incidence(rig, tmp_path):
+    """Met at 45 degrees in the plane of x, a mirror has to turn farther in y than 20 degrees."""
+    path = tmp_path / "turned.toml"
+    galvo = 'name = "turned"\n[simulation]\n[galvo]\nincidence = "45deg"\n'
+    path.write_text(galvo)
+    refused = rig("scan", "--config", path, "--dry-run")
+    assert refused.code == 4
+    assert "of mirror angle in y, 20.0 deg is the limit" in refused.err
+    path.write_text(galvo + 'max_angle_y = "30deg"\n')
+    told = json.loads(rig("scan", "--config", path, "--dry-run", "--json").out)["mirror_angle_deg"]
+    config = built_in_with({"galvo": {"incidence": "45deg"}})
+    corners = [
+        fsolve(lambda angles, at=(x_m, y_m): true_spots_m(config, [angles])[0] - at, (0.0, 0.0))
+        for x_m in (-0.895, 0.895)
+        for y_m in (-0.645, 0.645)
+    ]  # by the bench's own mirror, which says only where an angle leads
+    assert told == pytest.approx(np.degrees(np.abs(corners)).max(axis=0), abs=1e-6)
 
 
 @pytest.mark.parametrize(

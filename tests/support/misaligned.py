@@ -25,8 +25,14 @@ FAULTS = {
 }
 
 
-def misaligned(seed: int = 0, signs=None, mirrors: int = 1, kind: str = "optotune") -> RigConfig:
-    """Everything is wrong at once; ``signs`` (16,) turns the directions round."""
+def misaligned(
+    seed: int = 0, signs=None, mirrors: int = 1, kind: str = "optotune", incidence: str | None = None
+) -> RigConfig:
+    """Everything is wrong at once; ``signs`` (16,) turns the directions round.
+
+    With an ``incidence``, one mirror is met at that angle by its configuration, and really 2 degrees beside
+    it, from a side that is 3 degrees off.
+    """
     s = np.ones(16) if signs is None else signs
     misalignment = {
         "wall_tilt": [f"{5 * s[0]}deg", f"{2 * s[1]}deg"],
@@ -37,8 +43,11 @@ def misaligned(seed: int = 0, signs=None, mirrors: int = 1, kind: str = "optotun
         "mirror_gain": [1 + 0.005 * s[13], 1 - 0.004 * s[14]],
         "cable_delay": f"{3 * s[15]}ns",
     }
-    simulation = {"seed": seed, "faults": FAULTS, "misalignment": misalignment}
     galvo = {"kind": kind, "mirrors": mirrors, "separation": "15mm" if mirrors == 2 else "0mm"}
+    if incidence:
+        misalignment["mirror_incidence"] = ["2deg", "-3deg"]
+        galvo |= {"incidence": incidence, "max_angle_x": "35deg", "max_angle_y": "35deg"}
+    simulation = {"seed": seed, "faults": FAULTS, "misalignment": misalignment}
     return built_in_with({"simulation": simulation, "galvo": galvo})
 
 

@@ -39,7 +39,8 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
         residual_m < MAX_SPOTS_M,
         f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
         f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
-        "meanwhile? Is galvo.mirrors right? Are galvo.position and the marks in metres right?",
+        "meanwhile? Are galvo.mirrors and galvo.incidence right? Are galvo.position and the marks in metres "
+        "right?",
     )
     return fit
 
@@ -61,7 +62,7 @@ def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedGeo
         f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
         f"square; the worst is position {int(np.abs(residual_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
         "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
-        "galvo.position and spad.position right to a few centimetres?",
+        "galvo.position and spad.position right to a few centimetres, and galvo.incidence to a few degrees?",
     )
     return fit
 
@@ -93,27 +94,33 @@ def _rms(values: Floats) -> float:
 
 
 def numbers_covariance(fit: FittedGeometry) -> Floats:
-    """Return the (10, 10) covariance of the mirror's place, rotation, offset and gain."""
+    """Return the (12, 12) covariance of the mirror's place, rotation, offset, gain and incidence."""
     return fit.covariance_of(lambda rig: _numbers(rig.pointing))
 
 
 def _numbers(pointing: Pointing) -> Floats:
-    """Return the (10,) numbers of a model that a calibration fits."""
-    return np.array([*pointing.mirror_m, *pointing.rotation_rad, *pointing.offset_rad, *pointing.gain])
+    """Return the (12,) numbers of a model that a calibration fits."""
+    p = pointing
+    return np.array([*p.mirror_m, *p.rotation_rad, *p.offset_rad, *p.gain, *p.incidence_rad])
 
 
 def spot_covariances_m2(pointing: Pointing, covariance: Floats, angles_rad: Floats) -> Floats:
     """Return the (K, 2, 2) covariances of the spots that a model predicts for (K, 2) angles.
 
-    ``covariance`` is that of the model's 10 numbers, see `GalvoModel`.
+    ``covariance`` is that of the model's numbers, see `GalvoModel`; an older one is of the first 10 of them.
     """
 
     def spots_m(numbers: Floats) -> Floats:
-        place_m, rotation, offset, gain = (tuple(part.tolist()) for part in np.split(numbers, [3, 6, 8]))
-        moved = replace(pointing, mirror_m=place_m, rotation_rad=rotation, offset_rad=offset, gain=gain)
+        place_m, turn, offset, gain, incidence = (
+            tuple(part.tolist()) for part in np.split(numbers, [3, 6, 8, 10])
+        )
+        moved = replace(
+            pointing, mirror_m=place_m, rotation_rad=turn, offset_rad=offset, gain=gain,
+            incidence_rad=incidence,
+        )  # fmt: skip
         return moved.spots_m(angles_rad)[:, :2].ravel()
 
-    slopes = approx_fprime(_numbers(pointing), spots_m, 1e-6).reshape(-1, 2, 10)
+    slopes = approx_fprime(_numbers(pointing), spots_m, 1e-6).reshape(-1, 2, 12)[..., : len(covariance)]
     return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
@@ -148,6 +155,7 @@ def galvo_model(
         rotation_rad=pointing.rotation_rad,
         offset_rad=pointing.offset_rad,
         gain=pointing.gain,
+        incidence_rad=pointing.incidence_rad,
         mirrors=pointing.mirrors,
         separation_m=pointing.separation_m,
         area_m=[(float(x), float(y)) for x, y in corners_m],

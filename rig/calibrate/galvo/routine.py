@@ -126,18 +126,20 @@ class CameraRoutine(Routine[GalvoModel]):
 
 
 def mirror_angles_rad(config: RigConfig, columns: int, rows: int) -> list[tuple[float, float]]:
-    """Return commands over the scan and `BEYOND_M` more, if the mirror were as configured; line by line."""
+    """Return commands for a grid over the scan and `BEYOND_M` more, if the mirror were as configured.
+
+    They go line by line, there and back. Where a spot is out of the mirror's reach, they end at its limits.
+    """
     limits = np.array([config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad])
     scan = config.scan
     half_m = (np.array([scan.columns, scan.rows]) - 1) / 2 * scan.spacing_m + BEYOND_M
-    ends_m = np.array([[-half_m[0], 0, 0], [half_m[0], 0, 0], [0, -half_m[1], 0], [0, half_m[1], 0]])
-    ends = RigState(config).pointing.angles_rad(ends_m)
-    left, right = np.tan(np.clip(ends[:2, 0], -limits[0], limits[0]))
-    low, high = np.tan(np.clip(ends[2:, 1], -limits[1], limits[1]))
-    x = np.arctan(np.linspace(float(left), float(right), columns))
-    y = np.arctan(np.linspace(float(low), float(high), rows))
-    lines = [(x if row % 2 == 0 else x[::-1], angle_y) for row, angle_y in enumerate(y)]
-    return [(float(angle_x), float(angle_y)) for line, angle_y in lines for angle_x in line]
+    x_m, y_m = np.meshgrid(
+        *(np.linspace(-half, half, n) for half, n in zip(half_m, (columns, rows), strict=True))
+    )
+    x_m[1::2] = x_m[1::2, ::-1]
+    spots_m = np.stack([x_m, y_m, np.zeros_like(x_m)], axis=-1).reshape(-1, 3)
+    angles = np.clip(RigState(config).pointing.angles_rad(spots_m), -limits, limits)
+    return [(x, y) for x, y in angles.tolist()]
 
 
 def _calibrated(images: WallImages) -> CalibratedCameras:

@@ -206,8 +206,8 @@ def fit_path_delays(arrivals: Arrivals, detector_spot_m: Floats, state: RigState
     spots_m = state.pointing.spots_m(angles)
     calibrated = []
     if galvo:
-        # that many spots with such errors know as much as the model's ten numbers do
-        error_m = max(galvo.spot_error_m, MIN_SPOT_ERROR_M) * np.sqrt(len(angles) / 10)
+        # that many spots with such errors know as much as the model's twelve numbers do
+        error_m = max(galvo.spot_error_m, MIN_SPOT_ERROR_M) * np.sqrt(len(angles) / 12)
         calibrated = [Spots(angles, spots_m[:, :2], float(error_m))]
     fit = fit_geometry(state.config, [arrivals], calibrated, robust=True)
     delays, at_m = fit.rig.delays, detector_spot_m[None]

@@ -84,12 +84,14 @@ class GalvoModel(Calibration):
     rotation_rad: Point
     offset_rad: tuple[float, float]
     gain: tuple[float, float]
+    incidence_rad: tuple[float, float] = (0.0, 0.0)
     mirrors: Literal[1, 2]
     separation_m: float
     area_m: list[tuple[float, float]]
     covariance: tuple[tuple[float, ...], ...] = ()
-    """(10, 10) of mirror_m, rotation_rad, offset_rad and gain, in this order, empty where not known; see
-    `rig.calibrate.galvo.mirror.spot_covariances_m2`."""
+    """(12, 12) of mirror_m, rotation_rad, offset_rad, gain and incidence_rad, in this order; see
+    `rig.calibrate.galvo.mirror.spot_covariances_m2`. Older ones are (10, 10), without incidence_rad; empty
+    where not known."""
     spot_error_m: float
     """Standard error of a spot that the model predicts, root mean square over those measured."""
     residual_m: float
@@ -111,6 +113,7 @@ class GalvoModel(Calibration):
             rotation_rad=self.rotation_rad,
             offset_rad=self.offset_rad,
             gain=self.gain,
+            incidence_rad=self.incidence_rad,
             mirrors=self.mirrors,
             separation_m=self.separation_m,
             area_m=tuple(self.area_m),
