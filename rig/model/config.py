@@ -352,6 +352,12 @@ class FaultsConfig(_Section):
     """How much later counts come with each minute."""
     largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
     """Where a bin of the timing instrument is full."""
+    sync_pulse_v: Volts = Field(0.3, ge=0)
+    """Height of the laser's sync pulses; at a higher tcspc.sync_level none is seen."""
+    input_pulse_v: Volts = Field(0.3, ge=0)
+    """Height of the detector's pulses; at a higher tcspc.input_level none is seen."""
+    line_noise_v: Volts = Field(2e-3, ge=0)
+    """Noise of both lines, root mean square, which a level near zero counts."""
 
 
 class MotionConfig(_Section):
