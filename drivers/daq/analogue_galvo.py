@@ -7,6 +7,7 @@ Such a galvo has no data interface: nobody can ask where it is. So it is waited 
 specification, and where it is said to be is where it was sent.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 from types import TracebackType
@@ -195,7 +196,12 @@ class AnalogueGalvo:
         if wait_s > 0:
             self._clock.sleep(wait_s)
 
-    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+    def trajectory(
+        self,
+        angles_rad: NDArray[np.float64],
+        tick_s: float,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Load positions that the mirrors take one after the other, one at each tick of the point clock.
 
         They go to the first at once, and stay at the last; `point` ends it at any time.
@@ -206,6 +212,8 @@ class AnalogueGalvo:
             (n, 2) optical angles; all are checked before anything is sent.
         tick_s
             Time between two ticks.
+        meanwhile
+            Not called: they are kept in memory until the point clock starts.
 
         Raises
         ------

@@ -7,6 +7,7 @@ drivers; not yet run on the hardware.
 """
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
@@ -133,7 +134,12 @@ class OptotuneMirror:
         """How many positions `trajectory` takes at most."""
         return self.limits.longest_trajectory
 
-    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+    def trajectory(
+        self,
+        angles_rad: NDArray[np.float64],
+        tick_s: float,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Load positions that the mirror takes one after the other, one at each rising edge of its trigger.
 
         It goes to the first at once, and stays at the last; `point` ends it at any time. Until then the board
@@ -145,6 +151,8 @@ class OptotuneMirror:
             (n, 2) optical angles, as of `point`; all are checked before anything is sent.
         tick_s
             Time between two edges.
+        meanwhile
+            Called between the frames that carry them, hundreds of times a second; it may raise.
 
         Raises
         ------
@@ -163,7 +171,7 @@ class OptotuneMirror:
         self._pro = ProMode(self._line)
         # whether a pattern ends with or before its end is unconfirmed: the last sample is there twice
         memory = np.concatenate([np.append(axis, axis[-1]) for axis in samples.T])
-        self._upload(self._pro, memory)
+        self._upload(self._pro, memory, meanwhile)
         for axis in (0, 1):
             first = axis * len(memory) // 2
             self._set_and_check(
@@ -235,13 +243,15 @@ class OptotuneMirror:
             **(followed if self._pro else {}),
         }
 
-    def _upload(self, pro: ProMode, samples: NDArray[np.float32]) -> None:
+    def _upload(self, pro: ProMode, samples: NDArray[np.float32], meanwhile: Callable[[], None]) -> None:
         """Fill the memory of patterns, and hold what is read back against it."""
         some, vector = registers.SAMPLES_A_FRAME, registers.PATTERN_MEMORY
         pieces = [(first, samples[first : first + some].tolist()) for first in range(0, len(samples), some)]
         for first, piece in pieces:
+            meanwhile()
             pro.set_vector(vector, first, piece)
         for first, piece in pieces:
+            meanwhile()
             told = list(pro.vector(vector, first, len(piece)))
             if told != piece:
                 self._reads_otherwise(f"keep samples {first} to {first + len(piece) - 1}", told)

@@ -1,6 +1,6 @@
 """One sweep: the mirror follows its trajectory, the point clock ticks, the timing instrument records."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 from drivers.leaving import leave
@@ -24,19 +24,24 @@ class SweepDevices:
 
 
 def follow(
-    sweep: Sweep, devices: SweepDevices, timing: Timing, settle_timeout_s: float
+    sweep: Sweep,
+    devices: SweepDevices,
+    timing: Timing,
+    settle_timeout_s: float,
+    meanwhile: Callable[[], None],
 ) -> Generator[Recorded | LineRead | LineFailed, None, None]:
     """Run a sweep, and yield what it gives as it comes; at least ten times a second something.
 
     After a line that failed there is no more. The sweep ends, and all devices rest, when the generator is
-    closed.
+    closed. ``meanwhile`` is called many times a second until it begins; it may raise.
 
     Raises
     ------
     drivers.errors.DeviceError
         If a device fails.
     """
-    devices.galvo.trajectory(sweep.angles_rad, sweep.tick_s)
+    devices.galvo.trajectory(sweep.angles_rad, sweep.tick_s, meanwhile)
+    meanwhile()
     devices.galvo.wait_settled(settle_timeout_s)
     devices.point_clock.load(sweep.marks, sweep.tick_s)
     assembler = Assembler(sweep, timing)

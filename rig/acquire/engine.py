@@ -98,6 +98,10 @@ class Devices:
         return named if self.point_clock is None else {**named, "point_clock": self.point_clock}
 
 
+class _StopAskedError(Exception):
+    """Raised where a stop is asked for while something takes long that is no exposure."""
+
+
 class ScanEngine:
     """Runs a plan. Its only output is events; files and displays are consumers of these.
 
@@ -306,7 +310,10 @@ class ScanEngine:
         while self._done < steps.stop and not self._should_stop():
             self._devices.laser.beat(ASKING_LEASE_S)
             sweep = next(paths.sweeps(range(self._done, steps.stop), galvo.longest_trajectory))
-            reason = self._follow(sweep, devices, timing)
+            try:
+                reason = self._follow(sweep, devices, timing)
+            except _StopAskedError:
+                break
             failed = [one for one in (*failed, self._done) if one == self._done] if reason else []
             if len(failed) == TRIES:
                 self._vouch()  # for the lines before it
@@ -316,7 +323,7 @@ class ScanEngine:
     def _follow(self, sweep: Sweep, devices: SweepDevices, timing: Timing) -> str:
         """Measure the lines of a sweep, until it ends or a stop is asked for; return why a line failed."""
         settle_s = self._state.config.galvo.settle_timeout_s
-        with closing(follow(sweep, devices, timing, settle_s)) as found:
+        with closing(follow(sweep, devices, timing, settle_s, self._go_on)) as found:
             for one in found:
                 self._devices.laser.beat(LIBRARY_LEASE_S)
                 match one:
@@ -331,6 +338,12 @@ class ScanEngine:
                         self._tell(Noticed(told, line.steps.start, line.steps.stop - 1))
                         return reason
         return ""
+
+    def _go_on(self) -> None:
+        """Keep the light on while the mirror is told its way, unless a stop is asked for."""
+        self._devices.laser.beat(ASKING_LEASE_S)
+        if self._should_stop():
+            raise _StopAskedError
 
     def _read_line(self, found: LineRead) -> None:
         self._devices.laser.beat(FILE_LEASE_S)

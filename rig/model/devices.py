@@ -62,7 +62,9 @@ class SweepingGalvo(Galvo, Protocol):
         """How many positions `trajectory` takes at most."""
         ...
 
-    def trajectory(self, angles_rad: NDArray[np.float64], tick_s: float) -> None:
+    def trajectory(
+        self, angles_rad: NDArray[np.float64], tick_s: float, meanwhile: Callable[[], None]
+    ) -> None:
         """Load positions that the mirror takes one after the other, one at each tick of the point clock.
 
         It goes to the first at once, and stays at the last; `point` ends it at any time.
@@ -73,6 +75,8 @@ class SweepingGalvo(Galvo, Protocol):
             (n, 2) optical angles, as of `point`; all are checked before anything is sent.
         tick_s
             Time between two ticks.
+        meanwhile
+            Called many times a second while they are sent, which may take seconds; it may raise.
         """
         ...
 
