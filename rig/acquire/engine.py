@@ -386,7 +386,8 @@ class ScanEngine:
 
         def meanwhile() -> bool:
             devices.laser.beat(LIBRARY_LEASE_S)
-            self._vigil.look()
+            for sentence in self._vigil.look():
+                self._tell(Noticed(sentence, step.index, step.index))
             return until_s - devices.clock.now_s() > WORTH_CUTTING_S and self._should_stop()
 
         devices.laser.beat(LIBRARY_LEASE_S)

@@ -114,7 +114,7 @@ class TimingKind:
 def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManager[Galvo]:
     """Return the steering mirror, to be entered."""
     limits = OptotuneLimits((config.max_angle_x_rad, config.max_angle_y_rad))
-    return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits)
+    return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits, expected_identity=config.serial)
 
 
 def open_analogue_galvo(config: AnalogueGalvoConfig, wires: Wires) -> AbstractContextManager[Galvo]:

@@ -64,6 +64,8 @@ class OptotuneConfig(_GalvoConfig):
     kind: Literal["optotune"] = "optotune"
     address: str | None = None
     """Serial port or pyserial URL."""
+    serial: str | None = None
+    """The board's serial number, or another part of what it says of itself, when there are several boards."""
     settle_time_s: Seconds = Field(0.006, ge=0)
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
     turn_time_s: Seconds = Field(0.008, gt=0)
