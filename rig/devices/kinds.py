@@ -101,6 +101,8 @@ class TimingKind:
         The same instrument, recording each photon; None where it cannot.
     limits
         What it can be asked for.
+    check
+        Raises `drivers.errors.LimitError` unless it can be set as configured, and take the laser's pulses.
     time_axis
         Number and width of the bins that it will have, as far as that is known without it.
     """
@@ -108,6 +110,7 @@ class TimingKind:
     open: Callable[[RigConfig, Wires, int], AbstractContextManager[Tcspc]]
     open_tagger: Callable[[RigConfig, Wires], AbstractContextManager[TimeTagger]] | None
     limits: TimingLimits
+    check: Callable[[RigConfig], None]
     time_axis: Callable[[Any], tuple[int, float]]
 
 
@@ -146,8 +149,12 @@ def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[Gate
 
 def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[Laser]:
     """Return the laser, to be entered."""
-    settings = KatanaSettings(power_setpoint=config.power_setpoint, repetition_hz=config.repetition_hz)
-    return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
+    return KatanaLaser(wires.laser, clock=wires.clock, settings=katana_settings(config))
+
+
+def katana_settings(config: KatanaConfig) -> KatanaSettings:
+    """Return how the laser is set, or raise `drivers.errors.LimitError`."""
+    return KatanaSettings(power_setpoint=config.power_setpoint, repetition_hz=config.repetition_hz)
 
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -188,6 +195,13 @@ def _harp(config: RigConfig) -> dict[str, Any]:
     }
 
 
+def check_hydraharp(config: RigConfig) -> None:
+    """Raise `LimitError` unless a HydraHarp can be set so, and take the laser's pulses."""
+    assert isinstance(config.tcspc, HydraHarpConfig)
+    _harp(config)
+    HYDRAHARP_LIMITS.check_sync_rate(config.laser.repetition_hz, config.tcspc.sync_divider)
+
+
 def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
     """Return the point clock, to be entered."""
     return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step or None))
@@ -217,10 +231,17 @@ TIMING: dict[str, TimingKind] = {
         open_hydraharp,
         open_hydraharp_tagger,
         HYDRAHARP_LIMITS,
+        check_hydraharp,
         lambda config: (config.bins, config.bin_width_s),
     ),
-    "playback": TimingKind(open_playback, None, AnyExposure(), _axis_of_file),
+    "playback": TimingKind(open_playback, None, AnyExposure(), lambda config: None, _axis_of_file),
 }
+
+
+def check_settings(config: RigConfig) -> None:
+    """Raise `drivers.errors.LimitError` unless laser and timing instrument can be set as configured."""
+    katana_settings(config.laser)
+    TIMING[config.tcspc.kind].check(config)
 
 
 def timing_limits(config: RigConfig) -> TimingLimits:
