@@ -211,7 +211,8 @@ class OptotuneMirror:
                 self._refuse_on(MirrorStatus(status), MirrorStatus(_CANNOT_HOLD), "hold a position")
             looks_stable = 0 if status & _NOT_STABLE else looks_stable + 1
             if looks_stable < 2:
-                if self._clock.now_s() >= deadline_s:
+                # an answer that was long in coming must not make a mirror that stands one that moves
+                if not looks_stable and self._clock.now_s() >= deadline_s:
                     raise RefusedError(
                         self._line.name,
                         f"settle within {timeout_s:g} s",
@@ -291,7 +292,7 @@ class OptotuneMirror:
     def _status_word(self) -> int:
         if self._pro:
             return self._pro.value(registers.STATUS)
-        answer = self._line.ask("STATUS").strip()
+        answer = self._line.ask("STATUS").rstrip(" ")
         if answer == "OK":  # which one public driver expects where the manual has a number without a bit
             return 0
         if not _STATUS.fullmatch(answer):

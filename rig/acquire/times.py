@@ -26,7 +26,7 @@ def check_times(plan: ScanPlan, state: RigState) -> None:
 
 
 def _check_histogram(state: RigState) -> None:
-    """The instrument times a photon against the last sync pulse: beyond the period nothing is ever counted.
+    """Refuse a histogram beyond the period: photons are timed against the last sync pulse before them.
 
     A last bin that the period does not fill is a part of it.
     """
@@ -40,11 +40,11 @@ def _check_histogram(state: RigState) -> None:
         )
     record_s = harp.bins * harp.bin_width_s
     if record_s > (period_s + harp.bin_width_s) * (1 + ROUNDING):
+        most = int(period_s / harp.bin_width_s * (1 + ROUNDING))
         raise RefusedError(
             f"the histogram of {harp.bins} bins of {_show(harp.bin_width_s)} is {_show(record_s)} long, and "
             f"sync pulses come every {_show(period_s)} (laser.repetition {show(1 / period_s, 'Hz')}): lower "
-            f"tcspc.bins to {int(period_s / harp.bin_width_s * (1 + ROUNDING))}, or use narrower bins or a slower "
-            "laser"
+            f"tcspc.bins to {most}, or use narrower bins or a slower laser"
         )
 
 

@@ -107,7 +107,7 @@ def test_mirror_tells_what_an_answer_to_a_move_means(play, answer, error, words)
         assert "XY=0.1" in raised.value.asked
 
 
-@pytest.mark.parametrize("status", [b"0000001g", b"", b"123456789", b"OKAY"])
+@pytest.mark.parametrize("status", [b"0000001g", b"", b"123456789", b" 0000000", b"OKAY"])
 def test_mirror_refuses_a_status_that_is_none(play, status):
     steps = HANDSHAKE + lines((b"STATUS\r\n", status + b"\r\n")) + PARK
     with (
@@ -119,7 +119,7 @@ def test_mirror_refuses_a_status_that_is_none(play, status):
 
 
 @pytest.mark.parametrize(
-    ("answer", "status"), [(b"OK", 0), (b"00000000 ", 0), (b"00000010  ", 16), (b" 0x10", 16), (b"OK ", 0)]
+    ("answer", "status"), [(b"OK", 0), (b"00000000 ", 0), (b"00000010  ", 16), (b"0x10 ", 16), (b"OK ", 0)]
 )
 def test_mirror_status_comes_in_more_than_one_form(play, answer, status):
     steps = HANDSHAKE + lines((b"STATUS\r\n", answer + b"\r\n")) + PARK
