@@ -140,7 +140,8 @@ class FrameImager:
                 "Give all frames of one scan.",
             )
         with ThreadPoolExecutor(cpu_count() or 1) as threads:
-            list(threads.map(lambda part: part.take(photons), self._parts))
+            for part in self._parts:
+                part.take(photons, threads)
         field = np.empty(self._problem.grid.shape, np.complex64)
         planes = (plane for part in self._parts for plane in part.planes())
         for index, plane in enumerate(planes):
@@ -179,9 +180,18 @@ class _Part:
         self._shape = aperture.y.count, aperture.x.count
         capture = problem.capture
         place = aperture.row * aperture.x.count + aperture.column
-        self._transform = SparseTransform(
-            capture, part, problem.window, place, self._shape[0] * self._shape[1]
-        )
+        # Runs of frequencies, one for each thread.
+        edges = np.linspace(0, len(part.band), (cpu_count() or 1) + 1).round().astype(int).tolist()
+        self._transforms = [
+            SparseTransform(
+                capture,
+                replace(part, band=part.band[first:stop]),
+                problem.window,
+                place,
+                self._shape[0] * self._shape[1],
+            )
+            for first, stop in pairwise(edges)
+        ]
         row, column = np.divmod(np.arange(self._shape[0] * self._shape[1]), self._shape[1])
         self._propagator = LatticePropagator(
             Aperture(aperture.x, aperture.y, column, row),
@@ -195,11 +205,14 @@ class _Part:
         self.kernel_bytes = min(kernel_bytes, self._propagator.kernel_bytes * planes)
         self._walls: deque[NDArray[np.complex64]] = deque(maxlen=averaged)
 
-    def take(self, photons: Photons) -> None:
+    def take(self, photons: Photons, threads: ThreadPoolExecutor) -> None:
         """Add a frame's photons to the wall, and leave out those of the oldest frame."""
+
+        def walls(transform: SparseTransform) -> NDArray[np.complex64]:
+            return self._propagator.transformed(transform.sums(photons).reshape(*self._shape, -1))
+
         if self._reached:
-            sums = self._transform.sums(photons)
-            self._walls.append(self._propagator.transformed(sums.reshape(*self._shape, -1)))
+            self._walls.append(np.concatenate(list(threads.map(walls, self._transforms))))
 
     def planes(self) -> Iterator[Field]:
         """Yield the field of each plane, the mean over the frames that are averaged, (1, y, x)."""

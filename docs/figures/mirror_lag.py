@@ -95,9 +95,9 @@ def draw(folder: Path, picture: Path) -> None:
 
 
 def along_a_line(lag_s: float, point_s: float) -> np.ndarray:
-    """(points,) where the mirror is, in the mean of a point's time, before or behind the point [m].
+    """(points,) how far the mirror is ahead of each point in the mean of its time [m]; behind it: below zero.
 
-    The time is later than the point's ticks by the lag. It is the second line of a scan.
+    That time is later than the point's ticks by the lag. It is the second line of a scan.
     """
     config = built_in()
     state = RigState(config)
@@ -131,7 +131,7 @@ def draw_lines(picture: Path) -> None:
         axes.set(
             title=f"{1e3 * point_s:.0f} ms a point, {0.01 / point_s:.0f} m/s", xlabel="point of the line"
         )
-        axes.set_ylabel("mirror before its point (mm)")
+        axes.set_ylabel("mirror ahead of its point (mm)")
         axes.legend(frameon=False)
     save(figure, picture)
 

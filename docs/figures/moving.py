@@ -36,7 +36,7 @@ from simulators.scenes import scene
 CONFIG = Path(__file__).parents[2] / "configs" / "video.toml"
 POINT_S, FRAMES = 50e-6, 10
 PULSE = VirtualPulse(0.08)
-GRID = VoxelGrid.from_spec(1.9, 1.9, 0.019, (0.7, 1.5, 0.05))
+GRID = VoxelGrid.from_spec(1.9, 1.9, 0.019, (0.8, 1.4, 0.05))
 
 
 def drawn(config: RigConfig, plan: ScanPlan, number: int) -> Photons:

@@ -21,10 +21,12 @@ SCALE = Normalize(0.6, 3.0)
 
 def main() -> None:
     """Draw a panel for each scene."""
-    figure = Figure(figsize=(9, 5.6), layout="constrained")
+    figure = Figure(figsize=(11, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(3, 4, sharex=True, sharey=True)
-    for axes, name in zip(panels.flat, SCENES, strict=True):
+    panels = figure.subplots(3, 5, sharex=True, sharey=True)
+    for axes in panels.flat[len(SCENES) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels.flat, SCENES, strict=False):
         drawn = axes.imshow(
             scene(name).depth_map(X_M, Y_M)[:, ::-1],
             extent=(X_M[-1], X_M[0], Y_M[0], Y_M[-1]),

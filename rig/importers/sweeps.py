@@ -114,7 +114,7 @@ class Sweeps:
         """Return (n, 2) the sync pulses between which each point was measured, the mirror's lag aside."""
         until = len(self.exposure) if self.trusted is None else self.trusted
         ends = np.append(self.tag[1:], np.iinfo(np.int64).max)
-        last = np.minimum(np.append(self.step[1:], until), until)
+        last = np.minimum(np.append(self.step[1:], until), until)[: len(self.step)]
         parts = [np.empty((0, 2), np.int64)]
         for number, (first, stop) in enumerate(zip(self.step.tolist(), last.tolist(), strict=True)):
             here = slice(*np.searchsorted(seen.tag, [self.tag[number], ends[number]]))

@@ -96,6 +96,7 @@ class LiveFigure:
             subject.rig,
             f"{show(subject.exposure_s, 's')} a position",
             f"{subject.steps:,} positions, {orders.get(subject.order, subject.order)}",
+            "continuous" if subject.motion == "continuous" else "",
             f"{subject.channels} channels" if subject.channels > 1 else "",
         ]
         write(0.06, 0.926, "  ·  ".join(fact for fact in facts if fact), size=10, color=MUTED)
@@ -294,7 +295,9 @@ def _warnings(seen: Seen) -> list[str]:
     """Return the newest warnings, each with the positions that it concerns."""
     newest = seen.warnings[-WARNINGS:]
     older = len(seen.warnings) - len(newest)
-    lines = [f"Warning, positions {one.first:,} to {one.last:,}: {one.sentence}" for one in newest]
+    lines = [
+        f"{one.kind.capitalize()}, positions {one.first:,} to {one.last:,}: {one.sentence}" for one in newest
+    ]
     if older:
         lines[0] += f" ({older} more in the log)"
     return lines

@@ -6,7 +6,7 @@ its own, for whatever draws it, in another thread too.
 """
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 
 import numpy as np
@@ -24,6 +24,8 @@ from rig.model.devices import Rates
 HISTOGRAM_BINS = 1500
 #: Moments at which the rate is kept at most; neighbours are put together when there are more.
 MOMENTS = 400
+#: Least exposure of a moment, as a part of the usual.
+ENOUGH = 0.25
 #: Warnings that are kept, the newest.
 WARNINGS = 20
 
@@ -34,8 +36,8 @@ class Subject:
 
     Attributes
     ----------
-    name, rig, exposure_s, order
-        The scan file's name, the rig's, the exposure of a step, and the order of the steps.
+    name, rig, exposure_s, order, motion
+        The scan file's name, the rig's, exposure and order of the steps, and how the mirror moves.
     steps, channels
         How many there are.
     laser_m
@@ -57,6 +59,7 @@ class Subject:
     rig: str
     exposure_s: float
     order: str
+    motion: str
     steps: int
     channels: int
     laser_m: NDArray[np.float64]
@@ -80,6 +83,7 @@ class Subject:
             rig=state.config.name if state else "",
             exposure_s=one.exposure_s,
             order=getattr(one.positions, "order", "list"),
+            motion=one.motion,
             steps=description.steps,
             channels=description.channel_count,
             laser_m=description.laser_m,
@@ -170,11 +174,15 @@ class RateHistory:
         self._sums[number] += photons, live_s
 
     def curve(self) -> tuple[NDArray, NDArray]:
-        """Return times in seconds, and photons a second of exposure, where something was measured."""
-        there = self._sums[:, 1] > 0
+        """Return times in seconds, and photons a second of exposure, where enough was measured.
+
+        A moment with few positions says more of these than of the rate, and is left out.
+        """
+        photons, live_s = self._sums.T
+        measured = live_s[live_s > 0]
+        there = live_s > (ENOUGH * np.median(measured) if len(measured) else 0)
         times_s = (np.arange(len(self._sums)) + 0.5) * self._width_s
-        photons, live_s = self._sums[there].T
-        return times_s[there], photons / live_s
+        return times_s[there], photons[there] / live_s[there]
 
 
 class LiveState:
@@ -245,7 +253,7 @@ class LiveState:
 
     def _warn(self, said: Noticed) -> None:
         before = self._warnings.pop(said.sentence, said)  # the newest come last
-        self._warnings[said.sentence] = Noticed(said.sentence, min(before.first, said.first), said.last)
+        self._warnings[said.sentence] = replace(said, first=min(before.first, said.first))
         while len(self._warnings) > WARNINGS:
             del self._warnings[next(iter(self._warnings))]
 

@@ -368,7 +368,7 @@ class MotionConfig(_Section):
     travel_m: Point
     """From one end of its way to the other; without motion it stands in the middle."""
     duration_s: Seconds = Field(gt=0)
-    """Time from one end to the other; the scan begins at the first."""
+    """Time from one end to the other; it sets off from the first when the bench's clock begins."""
 
 
 class SimulationConfig(_Section):

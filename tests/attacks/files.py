@@ -26,7 +26,11 @@ from rig.errors import RigError
 DEADLINE_S, MEMORY_BYTES = 20.0, 2**30
 
 
-def scan_file(folder: Path) -> Path:
+def tagged_scan_file(folder: Path) -> Path:
+    return scan_file(folder, tagged=True)
+
+
+def scan_file(folder: Path, *, tagged: bool = False) -> Path:
     from rig.files import ScanDescription, ScanWriter
     from rig.model.config import built_in
     from rig.model.plan import ScanPlan
@@ -36,7 +40,7 @@ def scan_file(folder: Path) -> Path:
     plan = ScanPlan.grid(config, columns=8, rows=5, skip_m=0.0)
     laser_m = np.random.default_rng(5).normal(size=(40, 3))
     described = ScanDescription(
-        laser_m, np.zeros((1, 3)), 400, 16e-12, 0.0, plan=plan, state=RigState(config)
+        laser_m, np.zeros((1, 3)), 400, 16e-12, 0.0, plan=plan, state=RigState(config), tagged=tagged
     )
     with ScanWriter.create(folder / "good.h5", described) as writer:
         for step in range(40):
@@ -110,6 +114,23 @@ def import_any(path: Path) -> None:
     import_scan(path, path.with_suffix(".imported"), bin_width_s=32e-12, wall_size_m=0.5, time_origin="wall")
 
 
+def kept_records_file(folder: Path) -> Path:
+    """Two sweeps of 4 points each; the second begins with the third point."""
+    from rig.files import ScanDescription
+    from rig.files.records import PtuRecorder
+    from support.picoquant_files import records_of
+
+    recorder = PtuRecorder(
+        folder / "good.ptu", ScanDescription(np.eye(4, 3), np.zeros((1, 3)), 400, 16e-12, 0.0, tagged=True)
+    )
+    for first in (0, 2):
+        marks = [(1000 * tick, "marker", mask) for tick, mask in enumerate([4, 3, 1, 3, 1, 2])]
+        photons = [(137 * number, "photon", 7 * number, 0) for number in range(40)]
+        recorder.add(records_of(sorted(marks + photons, key=lambda event: event[0])), first)
+    recorder.close(4)
+    return folder / "good.ptu"
+
+
 def import_records(path: Path) -> None:
     from rig.importers import import_scan
 
@@ -128,10 +149,12 @@ def import_older(path: Path) -> None:
 #: By name: what makes a good file, and what reads any.
 PARSERS = {
     "scan": (scan_file, read_scan),
+    "scan-tagged": (tagged_scan_file, read_scan),
     "volume": (volume_file, read_volume),
     "import": (matlab_file, import_any),
     "import-scan": (scan_file, import_any),
     "import-records": (records_file, import_records),
+    "import-kept-records": (kept_records_file, import_records),
     "import-older-records": (older_records_file, import_older),
     "import-older-curves": (older_curves_file, import_older),
 }

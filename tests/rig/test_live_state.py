@@ -161,3 +161,13 @@ def test_warnings_and_rates_take_bounded_memory():
     assert len(moments_s) <= live_state.MOMENTS
     assert moments_s[-1] == pytest.approx(100_000, rel=0.01)
     np.testing.assert_allclose(photons_per_s, 3000)
+
+
+def test_a_moment_with_few_positions_is_no_dip_of_the_rate():
+    history = RateHistory()
+    for second in range(10):
+        history.add(float(second), 300 if second != 4 else 1, 0.1 if second != 4 else 0.001)
+    moments_s, photons_per_s = history.curve()
+    assert len(moments_s) == 9
+    np.testing.assert_allclose(photons_per_s, 3000)
+    assert RateHistory().curve()[0].shape == (0,)

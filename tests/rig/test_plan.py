@@ -1,5 +1,6 @@
 """The plan: its grid, its order, and what it refuses before anything moves."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.errors import LimitError
 from rig.acquire.preflight import check
 from rig.errors import RefusedError, UsageError
-from rig.model.config import built_in, built_in_with
+from rig.model.config import built_in, built_in_with, load
 from rig.model.plan import Grid, ScanPlan, Square
 from rig.model.pointing import Pointing
 from rig.model.state import RigState
@@ -169,3 +170,13 @@ def test_lines_may_be_farther_apart_than_positions():
     assert plan.passes[0].positions.area_m == pytest.approx((0.04, 0.24))
     assert np.ptp(plan.spots_m, axis=0) == pytest.approx([0.04, 0.24, 0.0])
     np.testing.assert_allclose(np.diff(np.unique(plan.spots_m[:, 1].round(9))), 0.08)
+
+
+def test_only_a_mirror_that_rests_is_bound_to_whole_milliseconds(tmp_path):
+    config = load(Path(__file__).parents[2] / "configs" / "video.toml")
+    state = RigState(config)
+    found = check(ScanPlan.grid(config, motion="continuous", frames=10), state, tmp_path)
+    # 4,180 points of 50 us, and 22 turns of 2 ms: a frame; and what it takes to set off and to stop
+    assert found.duration_s == pytest.approx(10 * (4180 * 50e-6 + 22 * 2e-3), rel=0.02)
+    with pytest.raises(LimitError, match="nearest possible value is 1 ms"):
+        check(ScanPlan.grid(config), state, tmp_path)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rig.errors import UsageError
 from rig.files import ScanDescription, ScanFile, ScanWriter, read_volume
+from rig.image.truth import true_depth
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
@@ -119,3 +121,14 @@ def test_a_scan_of_one_frame_is_no_film(rig, tmp_path):
     done = rig("recon", "one.h5", "--each-frame")
     assert done.code == 2
     assert "holds one whole frame" in done.err
+
+
+def test_the_truth_of_a_moment_is_the_scene_moved():
+    x_m, y_m = np.arange(-0.6, 0.6, 0.01) + 1e-4, np.arange(-0.4, 0.4, 0.01) + 1e-4
+    still = true_depth("scene:four", x_m, y_m)
+    moved = true_depth("scene:four@20cm,-5cm,30cm", x_m, y_m)
+    np.testing.assert_allclose(moved[:-5, 20:], still[5:, :-20] + 0.3, atol=1e-12)
+    with pytest.raises(UsageError, match="write x, y and z"):
+        true_depth("scene:four@20cm", x_m, y_m)
+    with pytest.raises(UsageError, match="no scene 'five'"):
+        true_depth("scene:five@1cm,0cm,0cm", x_m, y_m)

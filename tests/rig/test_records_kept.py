@@ -9,13 +9,15 @@ import pytest
 
 from drivers.hydraharp.records import T3, Batch, Decoder, Encoder
 from drivers.hydraharp.stream import TaggedRecords
+from rig.acquire.acquisition import Watch, acquire, interrupted, resume
 from rig.acquire.assembly import Assembler, LineRead, Timing
+from rig.acquire.events import LineDone
 from rig.errors import DataFileError, UsageError
-from rig.files import ScanDescription
+from rig.files import ScanDescription, ScanFile
 from rig.files.picoquant import STEPS, SWEEPS, place_of, read_head
 from rig.files.records import PtuRecorder, beside
 from rig.importers import import_scan
-from rig.model.config import built_in
+from rig.model.config import built_in, built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
@@ -253,6 +255,7 @@ def test_time_goes_on_between_sweeps(tmp_path, description):
         (SWEEPS, 0, 1e18, "times that no scan has"),
         (SWEEPS, 1, 25.0, "do not follow one another"),
         (SWEEPS, 1, float("nan"), "holds no numbers"),
+        (SWEEPS, 0, -1.0, "no whole point of 24"),
     ],
 )
 def test_damaged_sweeps_are_named(tmp_path, description, tag, number, value, said):
@@ -264,6 +267,51 @@ def test_damaged_sweeps_are_named(tmp_path, description, tag, number, value, sai
     (tmp_path / "b.ptu").write_bytes(content)
     with pytest.raises(DataFileError, match=said):
         imported(tmp_path / "b.ptu", tmp_path)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    """A simulated rig whose mirror is followed, and a plan for it."""
+    config = built_in_with({"galvo": {"kind": "analogue"}, "simulation": {"seed": 4}})
+    plan = ScanPlan.grid(config, columns=8, rows=6, spacing_m=0.15, exposure_s=0.01, motion="continuous")
+    return RigState(config), plan
+
+
+def scanned(path):
+    with ScanFile(path) as scan:
+        return scan.counts(range(scan.steps)), scan.status, scan.done.sum(), scan.warnings
+
+
+def test_records_of_a_scan_import_to_what_its_file_holds(tmp_path, rig):
+    state, plan = rig
+    path, asked = tmp_path / "scan.h5", []
+    stop = Watch(
+        [lambda event: asked.append(event) if isinstance(event, LineDone) else None],
+        should_stop=lambda: bool(asked),
+        records=beside(path),
+    )
+    acquire(plan, state, path, stop)
+    counts, status, measured, _ = scanned(path)
+    assert status == "interrupted"
+    assert 0 < measured < len(plan)
+    import_scan(beside(path), tmp_path / "first.h5")
+    np.testing.assert_array_equal(load(tmp_path / "first.h5")[1], counts[:measured, 0])
+
+    resume(*interrupted(path), path)
+    counts, status, _, _ = scanned(path)
+    assert status == "complete"
+    import_scan(tmp_path / "scan-2.ptu", tmp_path / "second.h5")
+    np.testing.assert_array_equal(load(tmp_path / "second.h5")[1], counts[measured:, 0])
+
+
+def test_a_scan_goes_on_without_its_records_and_says_so(tmp_path, rig, monkeypatch):
+    state, plan = rig
+    path = tmp_path / "scan.h5"
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=50 << 20))
+    acquire(plan, state, path, Watch(records=beside(path)))
+    _, status, _, warnings = scanned(path)
+    assert status == "complete"
+    assert any("scan.ptu ends here, its disk has only 52 MB free" in said for said in warnings)
 
 
 def test_ptufile_reads_records_of_a_killed_scan(tmp_path, description):

@@ -57,7 +57,7 @@ class MirrorLag(Calibration):
     kind: ClassVar[str] = "lag"
     belongs_to: ClassVar[tuple[str, ...]] = ("galvo", "point_clock")
 
-    lag_s: float = Field(ge=0)
+    lag_s: float = Field(ge=0, le=1)
     lag_error_s: float
     point_s: float
     """Time of a point,"""
