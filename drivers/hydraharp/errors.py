@@ -89,7 +89,8 @@ REMEDIES = {
         "Another program holds the HydraHarp: close it, or switch the instrument off and on."
     ),
     ErrorCode.DEVICE_VERSION_MISMATCH: "Install the firmware and library release that belong together.",
-    ErrorCode.DEVICE_NOT_OPEN: _DEFECT,
+    # the driver calls no index that it has not opened: an instrument that was open is gone
+    ErrorCode.DEVICE_NOT_OPEN: "The instrument is gone: " + _RECONNECT[0].lower() + _RECONNECT[1:],
     ErrorCode.INSTANCE_RUNNING: "Stop the running measurement first.",
     ErrorCode.INVALID_ARGUMENT: _DEFECT,
     ErrorCode.INVALID_MODE: _DEFECT,

@@ -24,6 +24,14 @@ MAX_INPUTS, MAX_BINNINGS = 4096, 64
 LATE_S = 1.0
 CLOCK_ERROR = 1e-3
 
+#: The vendor's documents name some jitter as all that a divider costs. Were the skipped pulses not counted in
+#: again, most photons would lie beyond the histogram: told until somebody has seen it on an instrument.
+DIVIDED = (
+    "The sync divider is {divider}. That photons are timed against the pulses that it skips too, as the "
+    "vendor's documents suggest, was not confirmed on an instrument: hold the counts of a histogram against "
+    "the count rate once."
+)
+
 
 @dataclass(frozen=True)
 class Rates:
@@ -56,7 +64,7 @@ class Instrument(ABC):
     clock
         The time to wait by.
     serial
-        Serial number of the instrument; None takes the first that can be opened.
+        Serial number of the instrument; None takes the only one that is there.
     settings
         How it is set.
 
@@ -93,7 +101,8 @@ class Instrument(ABC):
         Raises
         ------
         DeviceNotFoundError
-            If the instrument is not connected, or the library is of another release.
+            If the instrument is not connected, none is named and several are, or the library is of another
+            release.
         LimitError
             If this instrument has no such input or bin width; no setting is sent then.
         HydraHarpError
@@ -186,6 +195,8 @@ class Instrument(ABC):
         unknown = int(raised) & ~sum(hh.WARNING_SENTENCES)
         if unknown:
             sentences.append(" ".join(library.get_warnings_text(index, unknown).split()))
+        if self._settings.sync_divider > 1:
+            sentences.append(DIVIDED.format(divider=self._settings.sync_divider))
         return tuple(sentences)
 
     @property
@@ -291,7 +302,7 @@ def system_error(library: HHLib, index: int, name: str) -> DeviceError:
 
 
 def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
-    """Open the instrument with this serial number, or the first that opens if ``serial`` is None.
+    """Open the instrument with this serial number, or the only one if ``serial`` is None.
 
     All others that had to be opened to learn their serial numbers are closed again.
 
@@ -306,8 +317,9 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
         If it was not found but an instrument is there that could not be opened, e.g. because another
         program uses it: that may be the one.
     DeviceNotFoundError
-        If it is not connected.
+        If it is not connected, or none is named and several are there.
     """
+    chosen: tuple[int, str] | None = None
     others: list[str] = []
     unopened: HydraHarpError | None = None
     for index in range(hh.MAX_DEVICES):
@@ -317,10 +329,18 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
             if error.code != ErrorCode.DEVICE_OPEN_FAIL:
                 unopened = unopened or error
             continue
-        if serial is None or found == serial:
+        if found == serial:
             return index, found
+        if serial is None and chosen is None:
+            chosen = index, found
+            continue
         others.append(found)
         library.close_device(index)
+    if chosen is not None and not others and unopened is None:
+        return chosen
+    if chosen is not None:
+        library.close_device(chosen[0])
+        raise _several([chosen[1], *others], library.name, unopened)
     if unopened is not None:
         raise unopened
     there = f"only {', '.join(others)} can be opened" if others else "no HydraHarp is there"
@@ -330,4 +350,15 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
         there,
         "Check serial number, power and USB cable; "
         "on Linux a missing udev permission for USB vendor 0e0d looks the same.",
+    )
+
+
+def _several(serials: list[str], library: str, unopened: HydraHarpError | None) -> DeviceNotFoundError:
+    """Return what to raise where it is not said which of several instruments is meant."""
+    one_more = f", and one that cannot be opened ({unopened.code_name})" if unopened else ""
+    return DeviceNotFoundError(
+        "HydraHarp",
+        f"open the only one through {library}",
+        f"there are {', '.join(serials)}{one_more}",
+        "Say which one is meant by its serial number (tcspc.serial).",
     )

@@ -86,7 +86,9 @@ class HydraHarpLimits:
     level, zero_cross
         Of a discriminator; both positive, though the signals are negative.
     sync_dividers
-        The divided sync rate may be up to 12.5 MHz (manual).
+        By what the sync rate can be divided.
+    most_sync_hz, most_divided_hz
+        Highest sync rate, and highest after the divider (manual).
     marker_hold_off
         Time after a marker in which its input takes no other. The instrument counts it in steps of about 8 ns
         (header); how it rounds is unconfirmed.
@@ -103,6 +105,8 @@ class HydraHarpLimits:
     level: Steps = Steps(0, 1000, "mV", 1e-3)
     zero_cross: Steps = Steps(0, 40, "mV", 1e-3)
     sync_dividers: tuple[int, ...] = (1, 2, 4, 8, 16)
+    most_sync_hz: float = 150e6
+    most_divided_hz: float = 12.5e6
     marker_hold_off: Steps = Steps(0, 524_296, "ns", 1e-9)
 
     def check_exposure(self, exposure_s: float) -> None:
@@ -204,6 +208,20 @@ class HydraHarpLimits:
                 f"it divides by {', '.join(others)} or {last}",
                 "Choose one of these.",
             )
+
+    def check_sync_rate(self, sync_hz: float, divider: int) -> None:
+        """Raise `LimitError` unless sync pulses may come so often with this divider."""
+        if sync_hz <= min(self.most_sync_hz, divider * self.most_divided_hz) * (1 + SAME):
+            return
+        enough = [one for one in self.sync_dividers if sync_hz <= one * self.most_divided_hz * (1 + SAME)]
+        possible = bool(enough) and sync_hz <= self.most_sync_hz * (1 + SAME)
+        raise LimitError(
+            self.device,
+            f"time against {sync_hz / 1e6:g} MHz of sync pulses with a sync divider of {divider}",
+            f"it takes {self.most_divided_hz / 1e6:g} MHz after the divider, and "
+            f"{self.most_sync_hz / 1e6:g} MHz before it",
+            f"Set the sync divider to {enough[0]}." if possible else "Choose a slower laser rate.",
+        )
 
     def _require_within(self, what: str, value: int, limits: tuple[int, int]) -> None:
         low, high = limits

@@ -4,6 +4,7 @@ import errno
 import importlib
 from typing import Any
 
+import usb.control
 import usb.core
 import usb.util
 
@@ -86,7 +87,7 @@ def _is_usb488(device: usb.core.Device) -> bool:
 def _serial_number(device: usb.core.Device, name: str) -> str | None:
     """Return the serial number, or None where the device tells none."""
     try:
-        number = device.serial_number
+        number = _string(device)
     except usb.core.USBError as problem:
         if problem.errno == errno.EACCES:
             raise LinkError(
@@ -96,11 +97,22 @@ def _serial_number(device: usb.core.Device, name: str) -> str | None:
                 "On Linux, add a udev rule for its USB identifiers.",
             ) from problem
         return None
-    except ValueError:  # pyusb: no language, therefore no strings
-        return None
     finally:
         usb.util.dispose_resources(device)
     return None if number is None else str(number)
+
+
+def _string(device: usb.core.Device) -> str | None:
+    """Return what pyusb says of the serial number.
+
+    Where the list of languages cannot be read, pyusb says that there are none; asked directly, the device
+    tells why.
+    """
+    try:
+        return device.serial_number
+    except ValueError:
+        usb.control.get_descriptor(device, 254, usb.util.DESC_TYPE_STRING, 0)
+        return None
 
 
 def _describe(device: usb.core.Device, serial: str | None) -> str:

@@ -24,13 +24,17 @@ from drivers.optotune import registers
 from drivers.optotune.frames import FLAG
 from drivers.optotune.limits import OptotuneLimits
 from drivers.optotune.pro_mode import ProMode
-from drivers.optotune.status import FAULTS, LATCHED, MirrorStatus
+from drivers.optotune.status import FAULTS, LATCHED, OVERLOADS, MirrorStatus
+
+#: Line speed (manual); on USB (CDC-ACM) the number has no effect.
+BAUD = 256_000
 
 #: Takes a board from the binary "Pro" mode back to Simple mode: SET_COMM_MODE 0, checksum left out.
 LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
 
 # asked thousands of times a second while the mirror settles; plain numbers are ten times as fast as flags
-_CANNOT_HOLD, _NOT_STABLE = int(FAULTS | MirrorStatus.TRIMMED), int(MirrorStatus.NOT_STABLE)
+_CANNOT_HOLD = int(FAULTS | OVERLOADS | MirrorStatus.TRIMMED)
+_NOT_STABLE = int(MirrorStatus.NOT_STABLE)
 _STATUS = re.compile(r"(0[xX])?[0-9a-fA-F]{1,8}")
 
 
@@ -46,7 +50,8 @@ class OptotuneMirror:
     limits
         A position outside is refused unsent.
     expected_identity
-        Text that the board's identification must contain, to tell two boards apart; None takes any.
+        Text that the board's identification, its serial number included, must contain, to tell two boards
+        apart; None takes any.
     timeout_s
         Longest wait for one answer.
     poll_interval_s
@@ -57,7 +62,7 @@ class OptotuneMirror:
     limits
         As given.
     identity
-        What the board answered to GETID.
+        What the board answered to GETID, and to GETSN where it knows that.
     """
 
     def __init__(
@@ -70,9 +75,8 @@ class OptotuneMirror:
         timeout_s: float = 0.5,
         poll_interval_s: float = 1e-3,
     ) -> None:
-        # The manual says 256000 baud; on USB (CDC-ACM) the number has no effect.
         self._line = SerialLine(
-            address, device="steering mirror", baudrate=256000, terminator=b"\r\n", timeout_s=timeout_s
+            address, device="steering mirror", baudrate=BAUD, terminator=b"\r\n", timeout_s=timeout_s
         )
         self._clock = clock
         self.limits = replace(limits or OptotuneLimits(), device=self._line.name)
@@ -204,10 +208,11 @@ class OptotuneMirror:
         while looks_stable < 2:
             status = self._status_word()
             if status & _CANNOT_HOLD:
-                self._refuse_on(MirrorStatus(status), FAULTS | MirrorStatus.TRIMMED, "hold a position")
+                self._refuse_on(MirrorStatus(status), MirrorStatus(_CANNOT_HOLD), "hold a position")
             looks_stable = 0 if status & _NOT_STABLE else looks_stable + 1
             if looks_stable < 2:
-                if self._clock.now_s() >= deadline_s:
+                # an answer that was long in coming must not make a mirror that stands one that moves
+                if not looks_stable and self._clock.now_s() >= deadline_s:
                     raise RefusedError(
                         self._line.name,
                         f"settle within {timeout_s:g} s",
@@ -287,7 +292,9 @@ class OptotuneMirror:
     def _status_word(self) -> int:
         if self._pro:
             return self._pro.value(registers.STATUS)
-        answer = self._line.ask("STATUS")
+        answer = self._line.ask("STATUS").rstrip(" ")
+        if answer == "OK":  # which one public driver expects where the manual has a number without a bit
+            return 0
         if not _STATUS.fullmatch(answer):
             self._not_ok("tell its STATUS", answer)
         return int(answer, 16)
@@ -319,14 +326,19 @@ class OptotuneMirror:
 
     def _identify(self) -> None:
         identity = self._line.ask("GETID")
-        if identity in ("", "NO", "OK", "ERROR") or not identity.isprintable():
+        if not _is_a_name(identity):
             raise self._not_a_mirror("GETID", f"{identity!r} came")
+        # that every board and firmware knows GETSN, and in what form it answers, is unconfirmed
+        with suppress(LinkError):
+            serial = self._line.ask("GETSN").strip()
+            if _is_a_name(serial):
+                identity = f"{identity}, serial {serial}"
         if self._expected_identity is not None and self._expected_identity not in identity:
             raise DeviceNotFoundError(
                 self._line.name,
                 f"be {self._expected_identity!r}",
                 f"it is {identity!r}",
-                "Another board has this address: check the addresses in the configuration.",
+                "Another board has this address: check galvo.address and galvo.serial.",
             )
         self.identity = identity
 
@@ -341,12 +353,18 @@ class OptotuneMirror:
     def _refuse_on(self, status: MirrorStatus, bits: MirrorStatus, asked: str) -> None:
         wrong = status & bits
         if wrong:
+            remedy = "Check the cable to the mirror head and let it cool down; then connect again."
+            if wrong & OVERLOADS:
+                remedy = (
+                    "It was asked for more than its current limit allows: use smaller or slower steps, and "
+                    "check that nothing touches the mirror; then connect again."
+                )
             names = ", ".join(bit.name.lower().replace("_", " ") for bit in wrong if bit.name)
             raise RefusedError(
                 self._line.name,
                 asked,
                 f"its status says: {names} (0x{status:08X})",
-                "Check the cable to the mirror head and let it cool down; then connect again.",
+                remedy,
             )
 
     def _not_ok(self, asked: str, answer: str) -> None:
@@ -367,9 +385,18 @@ class OptotuneMirror:
         )
 
     def _not_a_mirror(self, asked: str, answered: str) -> DeviceNotFoundError:
+        remedy = "Check the address: another device, or none, is there."
+        if f"{asked!r} came" in answered:
+            remedy = "It sends back what it is sent: switch the echo of this line or adapter off."
+        elif "\\x" in answered:
+            remedy = (
+                f"What came is no text: the line's speed is not {BAUD} baud, or another device is there. "
+                "Check both."
+            )
         return DeviceNotFoundError(
-            self._line.name,
-            f"answer {asked} like an Optotune MR-E board",
-            answered,
-            "Check the address: another device, or none, is there.",
+            self._line.name, f"answer {asked} like an Optotune MR-E board", answered, remedy
         )
+
+
+def _is_a_name(answer: str) -> bool:
+    return answer not in ("", "NO", "OK", "ERROR") and answer.isprintable()

@@ -29,6 +29,13 @@ FAULTS = (
     | MirrorStatus.MIRROR_TEMPERATURE
     | MirrorStatus.EEPROM_INVALID
 )
+#: It could not do what was asked, now or since it was last acknowledged; it may have been elsewhere.
+OVERLOADS = (
+    MirrorStatus.OUTPUT_LIMIT
+    | MirrorStatus.AVERAGE_OUTPUT_LIMIT
+    | MirrorStatus.WAS_OUTPUT_LIMIT
+    | MirrorStatus.WAS_AVERAGE_OUTPUT_LIMIT
+)
 LATCHED = (
     MirrorStatus.WAS_DISCONNECTED
     | MirrorStatus.WAS_HEAD_TEMPERATURE

@@ -9,6 +9,7 @@ from typing import cast
 
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
+from rig.acquire import sync
 from rig.acquire.assembly import LineFailed, LineRead, Timing, warm_up
 from rig.acquire.continuous import SweepDevices, follow
 from rig.acquire.events import (
@@ -247,14 +248,12 @@ class ScanEngine:
         self._wait(RATE_SETTLING_S)
         rates = devices.tcspc.rates()
         if rates.sync_hz <= 0:
-            raise RefusedError(
-                "the timing instrument sees no sync pulses although the laser says that it emits. "
-                "Check the sync cable and tcspc.sync_level, then scan again"
-            )
+            raise RefusedError(sync.none_came(devices.tcspc.settings()))
         self._vigil.require_bearable(rates)
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
+        warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
@@ -387,7 +386,8 @@ class ScanEngine:
 
         def meanwhile() -> bool:
             devices.laser.beat(LIBRARY_LEASE_S)
-            self._vigil.look()
+            for sentence in self._vigil.look():
+                self._tell(Noticed(sentence, step.index, step.index))
             return until_s - devices.clock.now_s() > WORTH_CUTTING_S and self._should_stop()
 
         devices.laser.beat(LIBRARY_LEASE_S)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.devices.kinds import TIMING, time_axis, timing_limits
+from rig.acquire.times import check_times
+from rig.devices.kinds import TIMING, check_settings, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
@@ -82,9 +83,9 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     Raises
     ------
     RefusedError
-        If a spot is outside the mirror's limits, or the disk would overflow.
+        If a spot is outside the mirror's limits, times do not fit each other, or the disk would overflow.
     drivers.errors.LimitError
-        If the timing instrument cannot be set so.
+        If laser or timing instrument cannot be set so.
     """
     if not folder.is_dir():
         raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
@@ -96,11 +97,13 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     _check_angles(plan, state, found)
     if plan.continuous:
         _check_continuous(state)
+    check_settings(state.config)
     limits = timing_limits(state.config)
     limits.check_histogram(found.bins, found.bin_width_s)
     for one in plan.passes:
         if one.motion == "step":  # otherwise the point clock ticks, of which the instrument knows nothing
             limits.check_exposure(one.exposure_s)
+    check_times(plan, state)
     free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(

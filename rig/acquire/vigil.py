@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from math import ceil, isclose, sqrt
 from typing import Protocol
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, LinkError, ProtocolError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
 from rig.model.config import RigConfig
@@ -147,8 +147,13 @@ class Vigil:
             self._looked_s = now_s
             self._bright(self._rates())
 
-    def look(self) -> None:
+    def look(self) -> list[str]:
         """Look at mirror and count rates during a long exposure, and now and then at everything.
+
+        Returns
+        -------
+        list of str
+            What was noticed and does not end the scan.
 
         Raises
         ------
@@ -159,13 +164,19 @@ class Vigil:
         """
         now_s = self._rig.clock.now_s()
         if now_s - self._looked_s < LOOK_S:
-            return
+            return []
+        noticed = []
         self._looked_s = now_s
         self._rig.laser.beat(ASKING_LEASE_S)
-        self._rig.galvo.wait_settled(self._settle_timeout_s)
+        try:
+            self._rig.galvo.wait_settled(self._settle_timeout_s)
+        except (LinkError, ProtocolError) as first:  # one answer that is lost or garbled ends no exposure
+            self._rig.galvo.wait_settled(self._settle_timeout_s)
+            noticed.append(f"the mirror was asked a second time: {first}")
         if now_s - self._read_s >= READ_BACK_S:
             self._require_settings()
         self._bright(self._rates())
+        return noticed
 
     def vouch(self) -> list[str]:
         """Read everything back, and hold it against the beginning.

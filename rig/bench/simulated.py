@@ -107,7 +107,7 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
 
 def timing_faults(config: RigConfig) -> "Timing":
     """Return what the clock of the timing instrument does wrong."""
-    from simulators.wire.hydraharp import Nonlinearity, Timing
+    from simulators.wire.hydraharp import Nonlinearity, Pulses, Timing
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults
@@ -115,6 +115,7 @@ def timing_faults(config: RigConfig) -> "Timing":
         dead_time_s=faults.dead_time_s,
         nonlinearity=Nonlinearity(rms=faults.nonlinearity, seed=simulation.seed),
         drift_s_per_s=faults.drift_per_minute_s / 60,
+        pulses=Pulses(faults.sync_pulse_v, faults.input_pulse_v, faults.line_noise_v),
     )
 
 

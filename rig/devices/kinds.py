@@ -106,6 +106,8 @@ class TimingKind:
         The same instrument, recording each photon; None where it cannot.
     limits
         What it can be asked for.
+    check
+        Raises `drivers.errors.LimitError` unless it can be set as configured, and take the laser's pulses.
     time_axis
         Number and width of the bins that it will have, as far as that is known without it.
     """
@@ -113,13 +115,14 @@ class TimingKind:
     open: Callable[[RigConfig, Wires, int], AbstractContextManager[Tcspc]]
     open_tagger: Callable[[RigConfig, Wires], AbstractContextManager[TimeTagger]] | None
     limits: TimingLimits
+    check: Callable[[RigConfig], None]
     time_axis: Callable[[Any], tuple[int, float]]
 
 
 def open_optotune(config: OptotuneConfig, wires: Wires) -> AbstractContextManager[Galvo]:
     """Return the steering mirror, to be entered."""
     limits = OptotuneLimits((config.max_angle_x_rad, config.max_angle_y_rad))
-    return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits)
+    return OptotuneMirror(wires.galvo, clock=wires.clock, limits=limits, expected_identity=config.serial)
 
 
 def open_analogue_galvo(config: AnalogueGalvoConfig, wires: Wires) -> AbstractContextManager[Galvo]:
@@ -151,34 +154,46 @@ def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[Gate
 
 def open_katana(config: KatanaConfig, wires: Wires) -> AbstractContextManager[Laser]:
     """Return a Katana 05, to be entered."""
-    settings = KatanaSettings(
+    return KatanaLaser(wires.laser, clock=wires.clock, settings=katana_settings(config))
+
+
+def katana_settings(config: KatanaConfig) -> KatanaSettings:
+    """Return how a Katana 05 is set, or raise `drivers.errors.LimitError`."""
+    return KatanaSettings(
         model=KATANA_05,
         power=config.power_setpoint,
         repetition_hz=config.repetition_hz,
         trigger=config.trigger,
     )
-    return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
 def open_katana_08hp(config: Katana08Config, wires: Wires) -> AbstractContextManager[Laser]:
     """Return a Katana 08HP, to be entered."""
-    settings = KatanaSettings(
+    return KatanaLaser(wires.laser, clock=wires.clock, settings=katana_08hp_settings(config))
+
+
+def katana_08hp_settings(config: Katana08Config) -> KatanaSettings:
+    """Return how a Katana 08HP is set, or raise `drivers.errors.LimitError`."""
+    return KatanaSettings(
         model=KATANA_08HP,
         power=config.power_w,
         repetition_hz=config.repetition_hz,
         trigger=config.trigger,
     )
-    return KatanaLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
 def open_nkt(config: NktConfig, wires: Wires) -> AbstractContextManager[Laser]:
     """Return a SuperK laser, to be entered."""
-    settings = NktSettings(
+    return NktLaser(wires.laser, clock=wires.clock, settings=nkt_settings(config))
+
+
+def nkt_settings(config: NktConfig) -> NktSettings:
+    """Return how a SuperK laser is set, or raise `drivers.errors.LimitError`."""
+    return NktSettings(
         level_percent=config.level_percent,
         oscillator_hz=config.oscillator_hz,
         repetition_hz=config.repetition_hz,
     )
-    return NktLaser(wires.laser, clock=wires.clock, settings=settings)
 
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -219,6 +234,13 @@ def _harp(config: RigConfig) -> dict[str, Any]:
     }
 
 
+def check_hydraharp(config: RigConfig) -> None:
+    """Raise `LimitError` unless a HydraHarp can be set so, and take the laser's pulses."""
+    assert isinstance(config.tcspc, HydraHarpConfig)
+    _harp(config)
+    HYDRAHARP_LIMITS.check_sync_rate(config.laser.repetition_hz, config.tcspc.sync_divider)
+
+
 def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
     """Return the point clock, to be entered."""
     return DaqPointClock(wires.daq(config.device), PulseLines(config.markers, config.step or None))
@@ -245,6 +267,12 @@ LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {
     "katana-08hp": open_katana_08hp,
     "nkt": open_nkt,
 }
+#: How a laser of each kind is set, or `drivers.errors.LimitError` where it cannot be set so.
+LASER_SETTINGS: dict[str, Callable[[Any], object]] = {
+    "katana": katana_settings,
+    "katana-08hp": katana_08hp_settings,
+    "nkt": nkt_settings,
+}
 DETECTORS: dict[str, Callable[[Any, Wires], AbstractContextManager[GatedSpad]]] = {"id120": open_id120}
 POINT_CLOCKS: dict[str, Callable[[Any, Wires], AbstractContextManager[PointClock]]] = {"daq": open_daq_clock}
 TIMING: dict[str, TimingKind] = {
@@ -252,10 +280,17 @@ TIMING: dict[str, TimingKind] = {
         open_hydraharp,
         open_hydraharp_tagger,
         HYDRAHARP_LIMITS,
+        check_hydraharp,
         lambda config: (config.bins, config.bin_width_s),
     ),
-    "playback": TimingKind(open_playback, None, AnyExposure(), _axis_of_file),
+    "playback": TimingKind(open_playback, None, AnyExposure(), lambda config: None, _axis_of_file),
 }
+
+
+def check_settings(config: RigConfig) -> None:
+    """Raise `drivers.errors.LimitError` unless laser and timing instrument can be set as configured."""
+    LASER_SETTINGS[config.laser.kind](config.laser)
+    TIMING[config.tcspc.kind].check(config)
 
 
 def timing_limits(config: RigConfig) -> TimingLimits:

@@ -69,6 +69,8 @@ class OptotuneConfig(_GalvoConfig):
     kind: Literal["optotune"] = "optotune"
     address: str | None = None
     """Serial port or pyserial URL."""
+    serial: str | None = None
+    """The board's serial number, or another part of what it says of itself, when there are several boards."""
     settle_time_s: Seconds = Field(0.006, ge=0)
     """Usual time to settle after a small step; used only to estimate how long a scan takes."""
     turn_time_s: Seconds = Field(0.008, gt=0)
@@ -449,6 +451,12 @@ class FaultsConfig(_Section):
     """How much later counts come with each minute."""
     largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
     """Where a bin of the timing instrument is full."""
+    sync_pulse_v: Volts = Field(0.3, ge=0)
+    """Height of the laser's sync pulses; at a higher tcspc.sync_level none is seen."""
+    input_pulse_v: Volts = Field(0.3, ge=0)
+    """Height of the detector's pulses; at a higher tcspc.input_level none is seen."""
+    line_noise_v: Volts = Field(2e-3, ge=0)
+    """Noise of both lines, root mean square, which a level near zero counts."""
 
 
 class MotionConfig(_Section):

@@ -174,9 +174,8 @@ class RigState:
 
     @property
     def sync_period_s(self) -> float:
-        """Time between the sync pulses that the timing instrument sees."""
-        divider: int = getattr(self.config.tcspc, "sync_divider", 1)
-        return divider / self.config.laser.repetition_hz
+        """Time between sync pulses, in which all times lie; a sync divider changes nothing in that."""
+        return 1 / self.config.laser.repetition_hz
 
     @property
     def doubts(self) -> tuple[str, ...]:

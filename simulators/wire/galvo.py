@@ -18,6 +18,8 @@ HEAD_TEMPERATURE = 1 << 1
 MIRROR_TEMPERATURE = 1 << 2
 EEPROM_INVALID = 1 << 3
 NOT_STABLE = 1 << 4
+OUTPUT_LIMIT = 1 << 5
+AVERAGE_OUTPUT_LIMIT = 1 << 6
 TRIMMED = 1 << 7
 
 #: Which bit of the status is remembered by which "was" bit; EEPROM and stability are not remembered.
@@ -41,6 +43,8 @@ class GalvoBoard(LineFirmware):
         Its mirror is steered, its clock is followed.
     identity
         The answer to GETID.
+    serial
+        The answer to GETSN (its form is unconfirmed); None: a firmware that does not know this command.
     memory
         How many samples the memory of patterns holds.
 
@@ -50,11 +54,22 @@ class GalvoBoard(LineFirmware):
         Status bits that hold because something is broken; set by whoever breaks it, see `break_down`.
     drop_answers, garble_answers
         So many of the next answers are lost, or arrive with a flipped bit.
+    echoes
+        Whether the line sends back what it is sent, before the answer.
     """
 
-    def __init__(self, bench: Bench, *, identity: str = "MR-E-2 simulated", memory: int = MEMORY) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        identity: str = "MR-E-2 simulated",
+        serial: str | None = "SIM0001",
+        memory: int = MEMORY,
+    ) -> None:
         super().__init__(terminator=b"\r\n", longest=64)
         self.identity = identity
+        self.serial = serial
+        self.echoes = False
         self.faults = 0
         self.drop_answers = 0
         self.garble_answers = 0
@@ -78,6 +93,8 @@ class GalvoBoard(LineFirmware):
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the wire."""
+        if self.echoes:
+            self.output += data
         if self._bench.clock.now_s() < self._deaf_until_s:
             return
         if not self._pro_mode:
@@ -126,6 +143,8 @@ class GalvoBoard(LineFirmware):
             return "NO" if just_switched else "OK"
         if verb == "GETID":
             return self.identity
+        if verb == "GETSN" and self.serial is not None:
+            return self.serial
         if verb == "STATUS":
             return f"{self._status():08X}"
         if verb == "ACKNOWLEDGE":

@@ -45,6 +45,7 @@ Table = dict[str, list[bytes]]
 GALVO: Table = {
     "START": [b"OK\r\n"],
     "GETID": [b"MR-E-2 board\r\n"],
+    "GETSN": [b"12345\r\n"],
     "STATUS": [b"00000100\r\n", b"00000010\r\n", b"00000000\r\n"],
     "ACKNOWLEDGE": [b"OK\r\n"],
     "XY": [b"OK\r\n"],
@@ -272,7 +273,10 @@ def harp(random: Random) -> dict[str, Any]:
 def read_harp(given: dict[str, Any]) -> None:
     """Open, measure, ask for rates, warnings and settings."""
     with HydraHarp(
-        _library(given), clock=StepClock(), settings=replace(HydraHarpSettings(), bins=1024)
+        _library(given),
+        clock=StepClock(),
+        serial="1000001",
+        settings=replace(HydraHarpSettings(), bins=1024),
     ) as instrument:
         instrument.measure(0.001)
         rates = instrument.rates()
@@ -285,7 +289,7 @@ def read_harp(given: dict[str, Any]) -> None:
 
 def read_stream(given: dict[str, Any]) -> None:
     """Open in time-tagged mode, and take what is recorded."""
-    with HydraHarpStream(_library(given), clock=StepClock()) as stream:
+    with HydraHarpStream(_library(given), clock=StepClock(), serial="1000001") as stream:
         stream.start(0.001)
         number = 0
         for piece in stream.pieces():

@@ -5,6 +5,8 @@ owners of the instrument. Nothing here opens an instrument that is connected, un
 """
 
 import ctypes
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -40,6 +42,25 @@ ARGUMENT_FIRST = [
     ("HH_SetStopOverflow", 2, 0),
     ("HH_SetMarkerHoldoffTime", -1),
     ("HH_SetMarkerEdges", 2, 2, 2, 2),
+    ("HH_SetInputCFD", -1, 100, 10),
+    ("HH_SetInputCFD", 0, 1001, 10),
+    ("HH_SetInputCFD", 0, 100, 41),
+    ("HH_SetInputCFD", 0, -1, 10),
+    ("HH_SetInputChannelOffset", -1, 0),
+    ("HH_SetInputChannelOffset", 0, 100_000),
+    ("HH_SetInputChannelOffset", 0, -100_000),
+    ("HH_SetInputChannelEnable", -1, 0),
+    ("HH_SetSyncChannelOffset", 100_000),
+    ("HH_SetSyncChannelOffset", -100_000),
+    ("HH_SetMarkerEnable", 2, 0, 0, 0),
+    ("HH_SetMarkerEnable", 0, 0, 0, -1),
+    ("HH_GetHistogram", -1, 0),
+    ("HH_GetHistogram", 0, 2),
+    ("HH_StartMeas", -1),
+    ("HH_StartMeas", 360_000_001),
+    ("HH_SetBinning", -1),
+    ("HH_GetCountRate", -1),
+    ("HH_GetWarningsText", -1),
 ]
 
 STATE_FIRST = [
@@ -51,7 +72,17 @@ STATE_FIRST = [
     ("HH_Initialize", 0, 2),
     ("HH_Initialize", 0, -1),
     ("HH_GetWarningsText", 0),
+    ("HH_SetInputChannelEnable", 0, 2),
+    ("HH_SetInputChannelEnable", 9, 1),
+    ("HH_SetInputChannelOffset", 9, 0),
+    ("HH_GetCountRate", 9),
+    ("HH_GetModuleInfo", -1),
+    ("HH_GetModuleIndex", -1),
 ]
+
+#: With the index 8 the vendor's library answers as it should, and from then on none of its functions can be
+#: looked up (every later one is an undefined symbol): only in a process of its own.
+DAMAGES = ("HH_Calibrate", 8)
 
 
 VENDOR = next((path for path in candidates() if Path(path).is_file()), None)
@@ -107,6 +138,11 @@ def test_close_is_never_an_error(functions, index):
 @pytest.mark.parametrize("name", [n for n, types in DECLARED.items() if types[0] == "int"])
 @pytest.mark.parametrize("index", [-1, 8])
 def test_index_out_of_range(functions, name, index):
+    if (name, index) == DAMAGES and isinstance(functions, ctypes.CDLL):
+        program = f"import ctypes; print(ctypes.CDLL({VENDOR!r}).{name}({index}))"
+        ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+        assert ended.stdout.strip() == "-17"
+        return
     assert call(functions, name, *arguments_for(name, index))[0] == -17
 
 
@@ -115,9 +151,9 @@ def test_after_an_open_in_vain(functions, name):
     assert call(functions, name, *arguments_for(name, CLOSED))[0] == -10
 
 
-@pytest.mark.parametrize("name", ["HH_Calibrate", "HH_GetFeatures", "HH_StopMeas", "HH_GetFlags"])
+@pytest.mark.parametrize("name", sorted(set(DECLARED) - NO_DEVICE_NEEDED))
 def test_before_any_open(functions, name):
-    assert call(functions, name, *arguments_for(name, UNTOUCHED))[0] == -20
+    assert call(functions, name, *arguments_for(name, UNTOUCHED))[0] == -10
 
 
 @pytest.mark.parametrize(("name", "arguments"), [(n, a) for n, *a in ARGUMENT_FIRST])

@@ -10,25 +10,23 @@ from simulators.wire.hydraharp.timing import Nonlinearity
 
 @given(
     times_fs=st.lists(st.integers(-150_000_000, 450_000_000), min_size=1, max_size=30),
-    divider=st.sampled_from([1, 2, 16]),
     shift_ps=st.integers(-199_998, 199_998),
     offset_ns=st.integers(0, 200),
     width_ps=st.sampled_from([1, 4, 1024]),
     length=st.sampled_from([1024, 65536]),
 )
-def test_bins_of(times_fs, divider, shift_ps, offset_ns, width_ps, length):
+def test_bins_of(times_fs, shift_ps, offset_ns, width_ps, length):
     period_fs = 100_000_000
     edges, expected = [], []
     for i, time_fs in enumerate(times_fs):
         time_fs = 2 * time_fs + 1 + 2000 * shift_ps + 2 * period_fs * i  # odd: on no edge
-        edges.append(time_fs // (2 * period_fs * divider))
-        time_fs = time_fs % (2 * period_fs * divider) - 2_000_000 * offset_ns
+        edges.append(time_fs // (2 * period_fs))
+        time_fs = time_fs % (2 * period_fs) - 2_000_000 * offset_ns
         expected.append(min(max(time_fs // (2000 * width_ps) + 1, 0), length + 1))
     edge, after_s = after_edge(
         (2 * np.array(times_fs) + 1) * 0.5e-15,
         np.arange(len(times_fs)),
         period_s=100e-9,
-        divider=divider,
         shift_s=shift_ps * 1e-12,
     )
     got = bins_of(

@@ -14,6 +14,7 @@ from drivers.hydraharp.settings import HydraHarpSettings
 from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.hydraharp.codes import Slot
 from support.hydraharp_wire import SteadyLight, bench_with
 
 PAPER_BIN_S = 4e-12
@@ -68,11 +69,66 @@ def test_offsets_and_periods(settings, time_s, bin_index):
     simulator.raise_pending()
 
 
-def test_divider_shows_every_pulse_between_two_edges():
-    _, harp = rig(bench_with([4e-9 + 1e-12], 1000), sync_divider=2, bins=65536)
+@pytest.mark.parametrize("divider", [1, 2, 16])
+def test_a_divider_loses_no_photon(divider):
+    """20 MHz need a divider: each photon is timed against its own pulse, those after skipped pulses too."""
+    bench = bench_with([4e-9 + 1e-12, 54e-9 + 1e-12], 1000, repetition_hz=20e6)
+    _, harp = rig(bench, sync_divider=divider)
     with harp:
-        assert filled(harp.measure(10e-3)) == {1000: 5, 26000: 5}
-        assert harp.rates().sync_hz == 10e6
+        assert filled(harp.measure(20e-3)) == {1000: 20}
+        assert harp.rates().sync_hz == 20e6
+        told = [sentence for sentence in harp.warnings() if f"divider is {divider}" in sentence]
+        assert len(told) == (divider > 1)
+
+
+def test_of_several_instruments_one_has_to_be_named():
+    bench = bench_with([2e-12], 1000)
+    with pytest.raises(DeviceNotFoundError, match=r"there are 1000001, 1000002, 1000003\..*tcspc\.serial"):
+        rig(bench, instrument={"others": ("1000002", "1000003")})[1].__enter__()
+    simulator, harp = rig(bench, instrument={"others": ("1000002", "1000003")}, serial="1000002")
+    with harp:
+        assert "serial 1000002" in harp.identity
+        assert simulator.connection.slots.count(Slot.OPEN) == 1
+        assert harp.measure(10e-3).photons == 10
+    assert Slot.OPEN not in simulator.connection.slots
+
+
+def test_an_instrument_that_goes_in_the_middle_is_said_to_be_gone():
+    simulator, harp = rig(bench_with([2e-12], 1000))
+    with harp:
+        harp.measure(10e-3)
+        simulator.connection.connected = False
+        with pytest.raises(HydraHarpError, match=r"-10 .*The instrument is gone: check the USB cable"):
+            harp.measure(10e-3)
+
+
+@pytest.mark.parametrize(
+    ("levels", "sync_hz", "input_hz"),
+    [
+        ({}, (10e6, 10e6), (1000, 1000)),
+        ({"sync_level_v": 0.3}, (0, 0), (1000, 1000)),  # the pulses are 300 mV high
+        ({"input_level_v": 0.301}, (10e6, 10e6), (0, 0)),
+        ({"input_level_v": 0.299}, (10e6, 10e6), (1000, 1000)),
+        ({"input_level_v": 10e-3}, (10e6, 10e6), (2000, 3000)),  # 300 MHz exp(-25 / 2) of noise: 1118 Hz
+        ({"sync_level_v": 5e-3}, (20e6, 24e6), (1000, 1000)),  # 13.2 MHz of noise, cut at 12.5 MHz
+        ({"input_level_v": 0.0}, (10e6, 10e6), (12.5e6, 12.6e6)),
+    ],
+)
+def test_levels_decide_what_is_seen(levels, sync_hz, input_hz):
+    simulator, harp = rig(bench_with([2e-12], 1000), **levels)
+    with harp:
+        rates = harp.rates()
+        assert sync_hz[0] <= rates.sync_hz <= sync_hz[1]
+        assert input_hz[0] <= rates.input_hz <= input_hz[1]
+        photons = harp.measure(1.0).photons
+    # noise falls anywhere in the period of 100 ns, of which 60 ns are counted; 5 sigma of Poisson counts
+    noise = 0.6 * (rates.input_hz - 1000) if rates.input_hz > 1000 else 0.0
+    expected = 0 if not rates.sync_hz or not rates.input_hz else 1000 + noise
+    if sync_hz == (10e6, 10e6):
+        assert abs(photons - expected) <= 5 * noise**0.5
+    if not rates.sync_hz:
+        assert photons == 0
+    simulator.raise_pending()
 
 
 def test_each_input_has_its_row():

@@ -15,6 +15,9 @@ FEATURES = ("HH_GetFeatures(0)", 0x07)
 BEFORE = [
     ("HH_GetLibraryVersion()", "3.0"),
     ("HH_OpenDevice(0)", "1000001"),
+    *(
+        (f"HH_OpenDevice({other})", Returns(-1)) for other in range(1, 8)
+    ),  # none is named: is it the only one?
     ("HH_Initialize(0, 3, 0)",),
     ("HH_GetHardwareInfo(0)", "HydraHarp 400", "930004", "2.0"),
     ("HH_GetNumOfInputChannels(0)", 1),

@@ -1,5 +1,7 @@
 """The driver's calls, in order, against a scripted library (order, waits: HHLib manual, vendor demos)."""
 
+import re
+
 import pytest
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError
@@ -238,6 +240,28 @@ def test_others_are_closed_again():
         *CLOSE,
     ]
     play(lines)
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [
+        ([("HH_OpenDevice(1)", "1000007"), ("HH_CloseDevice(1)",)], "there are 1000001, 1000007. Say which"),
+        (
+            [("HH_OpenDevice(1)", Returns(-2))],
+            "there are 1000001, and one that cannot be opened (DEVICE_BUSY)",
+        ),
+    ],
+)
+def test_of_several_none_is_taken_unless_it_is_named(second, words):
+    lines = [VERSION, ("HH_OpenDevice(0)", "1000001"), *second]
+    lines += [(f"HH_OpenDevice({i})", Returns(-1)) for i in range(2, 8)] + [("HH_CloseDevice(0)",)]
+    script = ScriptedLibrary(lines)
+    with (
+        pytest.raises(DeviceNotFoundError, match=re.escape(words)),
+        HydraHarp(HHLib(script.functions, name="script"), clock=script),
+    ):
+        pass
+    script.finish()
 
 
 def test_wrong_serial_names_what_is_there():

@@ -63,6 +63,68 @@ def test_a_fault_is_named_while_settling_and_on_connect(rig, bits, words):
         pytest.fail("connected to a broken mirror")
 
 
+@pytest.mark.parametrize("bit", [board_bits.OUTPUT_LIMIT, board_bits.AVERAGE_OUTPUT_LIMIT])
+@pytest.mark.parametrize("over", [False, True])
+def test_a_current_limit_is_a_fault_also_when_it_is_over(rig, bit, over):
+    """While it was limited the mirror may have been anywhere; a new connection acknowledges it."""
+    with rig.galvo() as mirror:
+        mirror.point(0.1, 0.1)
+        rig.board.break_down(bit)
+        if over:
+            rig.board.repair()
+        with pytest.raises(RefusedError, match=r"output limit.*smaller or slower steps"):
+            mirror.wait_settled(timeout_s=0.1)
+    rig.board.repair()
+    with rig.galvo() as mirror:
+        mirror.point(0.1, 0.1)
+        mirror.wait_settled(timeout_s=0.1)
+
+
+class SilentBoard(GalvoBoard):
+    """A firmware that says nothing to a command that it does not know."""
+
+    def answer(self, line):
+        return b"" if line == b"GETSN" else super().answer(line)
+
+
+@pytest.mark.parametrize("kind", [GalvoBoard, SilentBoard])
+def test_a_board_without_serial_number_is_taken_too(kind):
+    bench = Bench()
+    address = protocol_sim.attach("test/nameless", kind(bench, serial=None), bench.clock)
+    try:
+        with OptotuneMirror(address, clock=bench.clock) as mirror:
+            assert mirror.identity == "MR-E-2 simulated"
+            mirror.point(0.1, 0.1)
+    finally:
+        protocol_sim.detach(address)
+
+
+def test_two_boards_are_told_apart_by_their_serial_numbers(rig):
+    with rig.galvo(expected_identity="SIM0001") as mirror:
+        assert mirror.identity.endswith("serial SIM0001")
+    with pytest.raises(DeviceNotFoundError, match=r"SIM0002.*check galvo\.address and galvo\.serial"):
+        rig.galvo(expected_identity="SIM0002").__enter__()
+
+
+def test_a_line_that_echoes_is_told(rig):
+    rig.board.echoes = True
+    with pytest.raises(DeviceNotFoundError, match="switch the echo of this line or adapter off"):
+        rig.galvo().__enter__()
+
+
+def test_a_line_of_another_speed_is_told(rig, monkeypatch):
+    """At another speed bytes arrive as others, many of them above 127."""
+    receive = rig.board.receive
+
+    def scrambled(data):
+        receive(data)
+        rig.board.output[:] = bytes(0xE0 | byte >> 3 for byte in rig.board.output or b"\0\0")
+
+    monkeypatch.setattr(rig.board, "receive", scrambled)
+    with pytest.raises(DeviceNotFoundError, match="speed is not 256000 baud"):
+        rig.galvo().__enter__()
+
+
 def test_past_faults_are_acknowledged_on_connect(rig):
     rig.board.break_down(board_bits.HEAD_TEMPERATURE)
     rig.board.repair()
@@ -137,7 +199,9 @@ def test_unplugged_before_leaving(rig):
 
 
 def test_another_board_at_the_address(rig):
-    with pytest.raises(DeviceNotFoundError, match=r"'MR-E-2 number 2'.*it is 'MR-E-2 simulated'"):
+    with pytest.raises(
+        DeviceNotFoundError, match=r"'MR-E-2 number 2'.*it is 'MR-E-2 simulated, serial SIM0001'"
+    ):
         rig.galvo(expected_identity="MR-E-2 number 2").__enter__()
     with rig.galvo(expected_identity="MR-E-2"):
         pass

@@ -44,7 +44,7 @@ def test_a_board_that_says_goodbye_to_pro_mode_late(plug):
     board.output.clear()
     address = plug(Slow(board, bench.clock, 0.1), bench.clock)
     with OptotuneMirror(address, clock=bench.clock, timeout_s=0.5) as mirror:
-        assert mirror.identity == "MR-E-2 simulated"
+        assert mirror.identity == "MR-E-2 simulated, serial SIM0001"
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.02])

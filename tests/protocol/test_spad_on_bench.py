@@ -160,7 +160,8 @@ def test_without_libusb_the_extra_is_named(monkeypatch):
     ("code", "words"),
     [(errno.EACCES, "udev"), (errno.EBUSY, "another program"), (errno.EIO, "connection broke")],
 )
-def test_a_bus_that_refuses_is_explained(rig, code, words):
+@pytest.mark.parametrize("serial", [None, "SIM0001"])
+def test_a_bus_that_refuses_is_explained(rig, code, words, serial):
     class Refusing(UsbBackend):
         """A bus that opens nothing where rights are missing, and else lets nobody claim an instrument."""
 
@@ -174,4 +175,4 @@ def test_a_bus_that_refuses_is_explained(rig, code, words):
             raise USBError("refused", -1, code)
 
     with pytest.raises(LinkError, match=words):
-        Id120Spad(backend=Refusing([rig.instrument]), clock=rig.bench.clock).__enter__()
+        Id120Spad(backend=Refusing([rig.instrument]), clock=rig.bench.clock, serial=serial).__enter__()

@@ -44,7 +44,12 @@ def lines(*exchanges):
     return [step for sent, answered in exchanges for step in (Step(">", sent), Step("<", answered))]
 
 
-HANDSHAKE = lines((b"START\r\n", b"OK\r\n"), (b"GETID\r\n", b"MR-E-2\r\n"), (b"STATUS\r\n", b"00000000\r\n"))
+HANDSHAKE = lines(
+    (b"START\r\n", b"OK\r\n"),
+    (b"GETID\r\n", b"MR-E-2\r\n"),
+    (b"GETSN\r\n", b"NO\r\n"),
+    (b"STATUS\r\n", b"00000000\r\n"),
+)
 PARK = lines((b"XY=0.000000000;0.000000000\r\n", b"OK\r\n"))
 
 
@@ -54,7 +59,7 @@ def test_mirror_session(play):
         play(read_transcript("galvo_session.txt")) as address,
         OptotuneMirror(address, clock=clock) as mirror,
     ):
-        assert mirror.identity == "MR-E-2 simulated"
+        assert mirror.identity == "MR-E-2 simulated, serial SIM0001"
         mirror.point(radians(19.8), -radians(14.6))
         mirror.wait_settled(timeout_s=0.1)
         # Three looks at the status, one poll interval of 1 ms between them.
@@ -104,7 +109,7 @@ def test_mirror_tells_what_an_answer_to_a_move_means(play, answer, error, words)
         assert "XY=0.1" in raised.value.asked
 
 
-@pytest.mark.parametrize("status", [b"0000001g", b"", b"123456789", b"OK"])
+@pytest.mark.parametrize("status", [b"0000001g", b"", b"123456789", b" 0000000", b"OKAY"])
 def test_mirror_refuses_a_status_that_is_none(play, status):
     steps = HANDSHAKE + lines((b"STATUS\r\n", status + b"\r\n")) + PARK
     with (
@@ -113,6 +118,15 @@ def test_mirror_refuses_a_status_that_is_none(play, status):
         pytest.raises(ProtocolError, match="STATUS"),
     ):
         mirror.status()
+
+
+@pytest.mark.parametrize(
+    ("answer", "status"), [(b"OK", 0), (b"00000000 ", 0), (b"00000010  ", 16), (b"0x10 ", 16), (b"OK ", 0)]
+)
+def test_mirror_status_comes_in_more_than_one_form(play, answer, status):
+    steps = HANDSHAKE + lines((b"STATUS\r\n", answer + b"\r\n")) + PARK
+    with play(steps) as address, OptotuneMirror(address, clock=StepClock()) as mirror:
+        assert mirror.status() == status
 
 
 def test_mirror_status_has_the_bits_of_the_manual(play):

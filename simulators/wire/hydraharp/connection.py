@@ -1,39 +1,42 @@
 """What all C functions share: which instrument is at a device index, and in what state it must be."""
 
+from collections.abc import Mapping
+
 from simulators.wire.hydraharp.codes import DEVICES, Code, Slot
 from simulators.wire.hydraharp.exports import require
 from simulators.wire.hydraharp.instrument import Instrument
 
 
 class Connection:
-    """The library's device indices, with one instrument connected at index 0.
+    """The library's device indices, with the instruments connected at the first of them.
 
     Parameters
     ----------
-    instrument
-        The instrument.
-    serial
-        Its serial number.
+    instruments
+        The instruments, by their serial numbers.
     sync_period_unit_s
         Unit of `HH_GetSyncPeriod`.
 
     Attributes
     ----------
     connected
-        Set False to unplug the instrument before it is opened.
+        Set False to unplug the instruments: none can be opened, and one that is open answers as if it were
+        not (unconfirmed; an error of the USB link is as likely).
     busy
-        Set True to let another program have the instrument.
+        Set True to let another program have the instruments.
+    serials
+        The instruments' serial numbers, by index.
     slots
         The state of each device index.
     """
 
-    def __init__(self, instrument: Instrument, serial: str, sync_period_unit_s: float) -> None:
-        self.instrument = instrument
-        self.serial = serial
+    def __init__(self, instruments: Mapping[str, Instrument], sync_period_unit_s: float) -> None:
+        self.serials = tuple(instruments)
+        self._instruments = tuple(instruments.values())
         self.sync_period_unit_s = sync_period_unit_s
         self.connected = True
         self.busy = False
-        self.slots = [Slot.UNTOUCHED] * DEVICES
+        self.slots = [Slot.CLOSED] * DEVICES
 
     def slot(self, devidx: int) -> Slot:
         """Return the state of an index, or answer that there is no such index."""
@@ -42,10 +45,8 @@ class Connection:
 
     def opened(self, devidx: int) -> Instrument:
         """Return the instrument at an index, or answer why there is none."""
-        slot = self.slot(devidx)
-        require(slot is not Slot.UNTOUCHED, Code.INVALID_MEMORY)
-        require(slot is Slot.OPEN, Code.DEVICE_NOT_OPEN)
-        return self.instrument
+        require(self.slot(devidx) is Slot.OPEN and self.connected, Code.DEVICE_NOT_OPEN)
+        return self._instruments[devidx]
 
     def initialized(self, devidx: int) -> Instrument:
         """Return the instrument at an index if it is open and initialised."""

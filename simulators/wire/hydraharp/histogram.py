@@ -12,16 +12,19 @@ def after_edge(
     pulse: NDArray[np.int64],
     *,
     period_s: float,
-    divider: int,
     shift_s: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return which sync edge each detection is timed against, and the time after it.
 
-    A start-stop clock knows only the latest sync edge before a detection. So a time beyond the period (a
+    A start-stop clock knows only the latest sync pulse before a detection. So a time beyond the period (a
     photon from far away, or a late dark count) is measured from a later pulse than the one that made it, and
-    a time that a channel offset made negative from an earlier one: times fold into [0, period). A divider
-    hides all but every n-th pulse, so the period of the start edges is n pulses, and the photons of the n
-    pulses between two edges appear side by side.
+    a time that a channel offset made negative from an earlier one: times fold into [0, period).
+
+    A divider hides all but every n-th pulse from the clock. The instrument knows the period, counts in the
+    pulses between, and takes their times off, so that neither a time nor a number tells of the divider. The
+    vendor's documents say so between the lines: all that a divider costs is some jitter (manuals of HydraHarp
+    and MultiHarp), and programs that read T3 files take a sync number times the undivided period as time.
+    On a real instrument it is unconfirmed.
 
     Parameters
     ----------
@@ -31,8 +34,6 @@ def after_edge(
         (photons,) which sync pulse that is.
     period_s
         Time between sync pulses [s].
-    divider
-        Sync divider.
     shift_s
         Offset of the input less that of the sync input [s].
 
@@ -42,10 +43,6 @@ def after_edge(
         Numbers and times, both (photons,) in the order given.
     """
     times_s, edge = times_s + shift_s, pulse
-    if divider > 1:
-        edge = pulse // divider
-        times_s += period_s * (pulse - edge * divider)
-        period_s *= divider
     if len(times_s) and (times_s.min() < 0 or times_s.max() >= period_s):
         later = np.floor(times_s / period_s)  # np.mod takes ten times as long
         times_s -= later * period_s

@@ -33,21 +33,21 @@ def get_error_string(connection: Connection, errstring: Any, errcode: int) -> No
 
 @_declare("HH_OpenDevice", INT, TEXT_OUT)
 def open_device(connection: Connection, devidx: int, serial: Any) -> None:
-    """Open index 0; opening it twice is answered as busy, which is unconfirmed."""
+    """Open an index that has an instrument; opening it twice is answered as busy, which is unconfirmed."""
     require(connection.slot(devidx) is not Slot.OPEN, Code.DEVICE_BUSY)
-    connection.slots[devidx] = Slot.CLOSED
-    require(devidx == 0 and connection.connected, Code.DEVICE_OPEN_FAIL)
+    require(devidx < len(connection.serials) and connection.connected, Code.DEVICE_OPEN_FAIL)
     require(not connection.busy, Code.DEVICE_BUSY)
     connection.slots[devidx] = Slot.OPEN
-    connection.instrument.initialized = False
-    write_text(serial, connection.serial)
+    connection.opened(devidx).initialized = False
+    write_text(serial, connection.serials[devidx])
 
 
 @_declare("HH_CloseDevice", INT)
 def close_device(connection: Connection, devidx: int) -> None:
     """Close; never an error for a valid index. A running measurement ends."""
     if connection.slot(devidx) is Slot.OPEN:
-        connection.instrument.running = False
+        if connection.connected:
+            connection.opened(devidx).running = False
         connection.slots[devidx] = Slot.CLOSED
 
 
@@ -75,7 +75,7 @@ def get_hardware_info(connection: Connection, devidx: int, model: Any, partno: A
 def get_serial_number(connection: Connection, devidx: int, serial: Any) -> None:
     """Tell the serial number."""
     connection.initialized(devidx)
-    write_text(serial, connection.serial)
+    write_text(serial, connection.serials[devidx])
 
 
 @_declare("HH_GetFeatures", INT, INT_OUT)

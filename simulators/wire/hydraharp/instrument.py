@@ -1,18 +1,17 @@
 """The instrument behind the functions: its settings and what a measurement does. No C, no error codes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.bench import Channel, Detections, Syncs
+from simulators.bench import Detections, Syncs
 from simulators.wire.hydraharp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
+from simulators.wire.hydraharp.discriminators import Discriminators, MeasuredBench
 from simulators.wire.hydraharp.fifo import Fifo
 from simulators.wire.hydraharp.histogram import HistogramMemory, after_edge, bins_of
 from simulators.wire.hydraharp.records import DTIME_BINS
-from simulators.wire.hydraharp.tagging import MarkerSettings, TaggedBench, TagStream
+from simulators.wire.hydraharp.tagging import MarkerSettings, TagStream
 from simulators.wire.hydraharp.timing import Timing
 
 #: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
@@ -20,36 +19,6 @@ RATE_GATE_S = 0.1
 #: Highest divided sync rate, and highest sum of input rates over USB [Hz] (source: manual).
 HIGHEST_SYNC_HZ = 12.5e6
 HIGHEST_TAGGED_HZ = 9e6
-
-
-class Time(Protocol):
-    """The time of a bench."""
-
-    def now_s(self) -> float:
-        """Return the bench time in seconds."""
-        ...
-
-
-class MeasuredBench(TaggedBench, Protocol):
-    """What the instrument needs of a bench, here or in another process; see `simulators.bench.Bench`."""
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """The detector's channels."""
-        ...
-
-    @property
-    def clock(self) -> Time:
-        """The bench's clock."""
-        ...
-
-    def sync_rate_hz(self) -> float:
-        """Return the sync pulses a second, now."""
-        ...
-
-    def count_rate_hz(self, channel: int) -> float:
-        """Return the expected detections a second of a channel, by its number, now."""
-        ...
 
 
 @dataclass
@@ -96,7 +65,7 @@ class Instrument:
     Parameters
     ----------
     bench
-        Gives time, sync pulses and detections.
+        Gives time, sync pulses and detections, which the discriminators at the inputs see or do not see.
     inputs
         Number of inputs.
     count_depth
@@ -110,7 +79,8 @@ class Instrument:
     def __init__(
         self, bench: MeasuredBench, inputs: int, count_depth: int, timing: Timing, fifo: Fifo
     ) -> None:
-        self.bench = bench
+        self.discriminators = Discriminators(bench, inputs, timing.pulses)
+        self.bench = self.discriminators
         self.timing = timing
         self.inputs = inputs
         self.fifo = fifo
@@ -125,6 +95,7 @@ class Instrument:
         self.calibrated = False
         self.mode = mode
         self.external_reference = external_reference
+        self.discriminators.reset()
         self.settings = Settings(input_offset_ps=[0] * self.inputs, input_enabled=[True] * self.inputs)
         self.sync_hz_read = 0
         self.input_hz_read = [0] * self.inputs
@@ -195,13 +166,11 @@ class Instrument:
         self._stream = self._tagging(now_s) if self.mode is Mode.T3 and triggered else None
 
     def _tagging(self, start_s: float) -> TagStream:
-        settings = self.settings
         return TagStream(
             self.bench,
             self._enabled(),
             self._timed,
-            divider=settings.sync_divider,
-            markers=settings.markers,
+            markers=self.settings.markers,
             fifo=self.fifo,
             start_s=start_s,
         )
@@ -301,7 +270,6 @@ class Instrument:
             counted.time_s,
             counted.pulse + first_pulse,
             period_s=period_s,
-            divider=settings.sync_divider,
             shift_s=(settings.input_offset_ps[at_input] - settings.sync_offset_ps) * 1e-12,
         )
         bins = bins_of(

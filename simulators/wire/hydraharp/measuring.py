@@ -34,8 +34,9 @@ def clear_hist_mem(connection: Connection, devidx: int) -> None:
 @_declare("HH_StartMeas", INT, INT)
 def start_meas(connection: Connection, devidx: int, tacq: int) -> None:
     """Start; that an instrument never calibrated refuses is unconfirmed."""
+    require(0 <= tacq <= LONGEST_ACQUISITION_MS)
     instrument = connection.idle(devidx)
-    require(1 <= tacq <= LONGEST_ACQUISITION_MS)
+    require(tacq >= 1)
     require(instrument.calibrated, Code.NOT_CALIBRATED)
     instrument.start(tacq / 1000)
 
@@ -55,8 +56,9 @@ def ctc_status(connection: Connection, devidx: int, ctcstatus: Any) -> None:
 @_declare("HH_GetHistogram", INT, UINT_OUT, INT, INT)
 def get_histogram(connection: Connection, devidx: int, chcount: Any, channel: int, clear: int) -> None:
     """Copy out the counts; that this is refused before StopMeas is unconfirmed."""
+    require(channel >= 0 and clear in (0, 1))
     instrument = connection.idle(devidx)
-    require(0 <= channel < instrument.inputs and clear in (0, 1))
+    require(channel < instrument.inputs)
     require(instrument.mode is Mode.HISTOGRAM, Code.INVALID_MODE)
     memory = instrument.memories[channel]
     memmove(chcount, memory.address, 4 * instrument.settings.length)
@@ -85,8 +87,9 @@ def get_sync_rate(connection: Connection, devidx: int, syncrate: Any) -> None:
 @_declare("HH_GetCountRate", INT, INT, INT_OUT)
 def get_count_rate(connection: Connection, devidx: int, channel: int, cntrate: Any) -> None:
     """Tell an input's rate."""
+    require(channel >= 0)
     instrument = connection.initialized(devidx)
-    require(0 <= channel < instrument.inputs)
+    require(channel < instrument.inputs)
     cntrate[0] = instrument.read_count_rate(channel)
 
 
@@ -111,6 +114,7 @@ def get_warnings(connection: Connection, devidx: int, warnings: Any) -> None:
 @_declare("HH_GetWarningsText", INT, TEXT_OUT, INT)
 def get_warnings_text(connection: Connection, devidx: int, text: Any, warnings: int) -> None:
     """Name the warnings, one a line."""
+    require(warnings >= 0)
     connection.opened(devidx)
     write_text(text, "\n".join(f"WARNING: {bit.name}" for bit in Warn if warnings & bit))
 

@@ -39,37 +39,37 @@ def set_sync_div(connection: Connection, devidx: int, div: int) -> None:
 
 @_declare("HH_SetSyncCFD", INT, INT, INT)
 def set_sync_cfd(connection: Connection, devidx: int, level: int, zerocross: int) -> None:
-    """Accept the discriminator's setting; pulses are found at any level."""
+    """Set the sync's discriminator; its zero crossing is accepted, and changes nothing."""
     _require_cfd(level, zerocross)
-    connection.idle(devidx)
+    connection.idle(devidx).discriminators.sync_level_v = level * 1e-3
 
 
 @_declare("HH_SetSyncChannelOffset", INT, INT)
 def set_sync_channel_offset(connection: Connection, devidx: int, value: int) -> None:
     """Delay the sync input; that a positive value delays is unconfirmed."""
-    instrument = connection.idle(devidx)
     require(abs(value) <= LARGEST_CHANNEL_OFFSET_PS)
-    instrument.settings.sync_offset_ps = value
+    connection.idle(devidx).settings.sync_offset_ps = value
 
 
 @_declare("HH_SetInputCFD", INT, INT, INT, INT)
 def set_input_cfd(connection: Connection, devidx: int, channel: int, level: int, zerocross: int) -> None:
-    """Accept the discriminator's setting; pulses are found at any level."""
-    _with_channel(connection, devidx, channel)
+    """Set an input's discriminator; its zero crossing is accepted, and changes nothing."""
+    require(channel >= 0)
     _require_cfd(level, zerocross)
+    _with_channel(connection, devidx, channel).discriminators.input_level_v[channel] = level * 1e-3
 
 
 @_declare("HH_SetInputChannelOffset", INT, INT, INT)
 def set_input_channel_offset(connection: Connection, devidx: int, channel: int, value: int) -> None:
     """Delay an input; that a positive value delays is unconfirmed."""
-    instrument = _with_channel(connection, devidx, channel)
-    require(abs(value) <= LARGEST_CHANNEL_OFFSET_PS)
-    instrument.settings.input_offset_ps[channel] = value
+    require(channel >= 0 and abs(value) <= LARGEST_CHANNEL_OFFSET_PS)
+    _with_channel(connection, devidx, channel).settings.input_offset_ps[channel] = value
 
 
 @_declare("HH_SetInputChannelEnable", INT, INT, INT)
 def set_input_channel_enable(connection: Connection, devidx: int, channel: int, enable: int) -> None:
     """Switch an input on or off."""
+    require(channel >= 0)
     instrument = _with_channel(connection, devidx, channel)
     require(enable in (0, 1))
     instrument.settings.input_enabled[channel] = enable == 1
@@ -87,8 +87,9 @@ def set_stop_overflow(connection: Connection, devidx: int, stop_ovfl: int, stopc
 @_declare("HH_SetBinning", INT, INT)
 def set_binning(connection: Connection, devidx: int, binning: int) -> None:
     """Set the bin width."""
+    require(binning >= 0)
     instrument = _not_t2(connection, devidx)
-    require(0 <= binning < BINNING_STEPS)
+    require(binning < BINNING_STEPS)
     instrument.settings.binning = binning
 
 
@@ -137,9 +138,8 @@ def set_marker_edges(connection: Connection, devidx: int, *edges: int) -> None:
 @_declare("HH_SetMarkerEnable", INT, INT, INT, INT, INT)
 def set_marker_enable(connection: Connection, devidx: int, *enable: int) -> None:
     """Switch the marker inputs on or off."""
-    instrument = connection.idle(devidx)
     require(all(switch in (0, 1) for switch in enable))
-    instrument.settings.markers.enabled = [switch == 1 for switch in enable]
+    connection.idle(devidx).settings.markers.enabled = [switch == 1 for switch in enable]
 
 
 def _require_cfd(level: int, zerocross: int) -> None:
@@ -148,7 +148,7 @@ def _require_cfd(level: int, zerocross: int) -> None:
 
 def _with_channel(connection: Connection, devidx: int, channel: int) -> Instrument:
     instrument = connection.idle(devidx)
-    require(0 <= channel < instrument.inputs)
+    require(channel < instrument.inputs)
     return instrument
 
 

@@ -1,17 +1,19 @@
 """The simulated library: one instrument, and the 44 C functions that reach it."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 from simulators.wire.hydraharp import information, measuring, setting
 from simulators.wire.hydraharp.connection import Connection
+from simulators.wire.hydraharp.discriminators import MeasuredBench
 from simulators.wire.hydraharp.exports import Exports, as_c_functions
 from simulators.wire.hydraharp.fifo import Fifo
-from simulators.wire.hydraharp.instrument import Instrument, MeasuredBench
+from simulators.wire.hydraharp.instrument import Instrument
 from simulators.wire.hydraharp.timing import Timing
 
 
 class HydraHarpSimulator:
-    """HHLib 3.0 with one HydraHarp connected, at index 0.
+    """HHLib 3.0 with one HydraHarp connected, at index 0, or with several.
 
     Parameters
     ----------
@@ -19,6 +21,8 @@ class HydraHarpSimulator:
         The optical bench that it measures; each detector channel is connected to its input.
     serial
         Serial number, at most 7 characters.
+    others
+        Serial numbers of further instruments, at the indices from 1 on; all of them measure the same bench.
     inputs
         Number of inputs; by default 2, or as many as the detector needs. A real HydraHarp has 8 at most
         (MAXINPCHAN of its header); the simulated one takes more, so that a detector of many pixels fits.
@@ -45,20 +49,23 @@ class HydraHarpSimulator:
         bench: MeasuredBench,
         *,
         serial: str = "1000001",
+        others: Sequence[str] = (),
         inputs: int | None = None,
         count_depth: int = 2**32 - 1,
         timing: Timing | None = None,
         fifo: Fifo | None = None,
         sync_period_unit_s: float = 1.0,
     ) -> None:
-        if len(serial) > 7:
-            raise ValueError(f"serial {serial!r} is longer than 7 characters")
+        for one in (serial, *others):
+            if len(one) > 7:
+                raise ValueError(f"serial {one!r} is longer than 7 characters")
         needed = 1 + max((channel.input for channel in bench.channels), default=0)
         inputs = max(needed, 2) if inputs is None else inputs
         if inputs < needed:
             raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")
         self.instrument = Instrument(bench, inputs, count_depth, timing or Timing(), fifo or Fifo())
-        self.connection = Connection(self.instrument, serial, sync_period_unit_s)
+        instruments = {one: Instrument(bench, inputs, count_depth, Timing(), Fifo()) for one in others}
+        self.connection = Connection({serial: self.instrument, **instruments}, sync_period_unit_s)
         self._pending: list[BaseException] = []
         exports = Exports([*information.EXPORTS, *setting.EXPORTS, *measuring.EXPORTS])
         self.functions: SimpleNamespace = as_c_functions(exports, self.connection, self._pending.append)

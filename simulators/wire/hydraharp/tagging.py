@@ -117,8 +117,6 @@ class TagStream:
         The detector channel behind each input that is switched on.
     timed
         The clocks behind the inputs.
-    divider
-        Of the sync.
     markers
         Settings of the marker inputs.
     fifo
@@ -138,14 +136,13 @@ class TagStream:
         channels: Mapping[int, int],
         timed: Timed,
         *,
-        divider: int,
         markers: MarkerSettings,
         fifo: Fifo,
         start_s: float,
     ) -> None:
         self.sync_lost = False
         self._bench, self._channels, self._timed = bench, channels, timed
-        self._divider, self._markers, self._fifo = divider, MarkerInputs(markers), fifo
+        self._markers, self._fifo = MarkerInputs(markers), fifo
         self._start_s = self._drawn_s = start_s
         self._pieces = 0
         self._pulses = 0.0
@@ -178,11 +175,11 @@ class TagStream:
             self._fastest_hz = max(self._fastest_hz, syncs.hz)
             self.sync_lost = self.sync_lost or not syncs.hz
         # what is yet to be drawn may belong before this
-        early = 2 + ceil(MOST_EARLY_S * self._fastest_hz / self._divider)
+        early = 2 + ceil(MOST_EARLY_S * self._fastest_hz)
         self._tell(self._edge() - early)
 
     def _edge(self) -> int:
-        return round(self._pulses) // self._divider
+        return round(self._pulses)
 
     def _events(self, syncs: Syncs) -> Iterator[Events]:
         yield self._marked(syncs)
@@ -199,7 +196,7 @@ class TagStream:
         masks: dict[int, int] = {}
         parts: dict[int, float] = {}
         for at_s, bit in self._markers.before(syncs.end_s):
-            pulses = (self._pulses + max(at_s - syncs.begin_s, 0.0) * syncs.hz) / self._divider
+            pulses = self._pulses + max(at_s - syncs.begin_s, 0.0) * syncs.hz
             edge = floor(pulses)
             masks[edge] = masks.get(edge, 0) | 1 << bit
             parts.setdefault(edge, pulses - edge)

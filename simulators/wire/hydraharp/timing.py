@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from simulators.bench import Detections
 from simulators.wire.hydraharp.codes import LONGEST_HISTOGRAM
+from simulators.wire.hydraharp.discriminators import Pulses
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def _counted(times, edges):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Timing:
-    """The faults of one instrument; by default it has none.
+    """The faults of one instrument, of which it has none by default, and the pulses that it gets.
 
     Attributes
     ----------
@@ -78,6 +79,8 @@ class Timing:
         below that is said of the instrument, unconfirmed). 0 is off.
     nonlinearity
         Of the bins.
+    pulses
+        Heights of the pulses at its inputs.
     drift_s_per_s
         How fast the times of all counts grow, from the moment the bench was built (warming cables; some ps a
         minute, unconfirmed). 0 is off.
@@ -86,6 +89,7 @@ class Timing:
     dead_time_s: float = 0.0
     nonlinearity: Nonlinearity = field(default_factory=Nonlinearity)
     drift_s_per_s: float = 0.0
+    pulses: Pulses = field(default_factory=Pulses)
 
     def registered(self, arrived: Detections, period_s: float, start_s: float) -> Detections:
         """Return which detections the input counts, and when, in a measurement begun at ``start_s``."""

@@ -27,7 +27,7 @@ from typing import Any, Self
 import numpy as np
 
 from simulators.bench import Bench, Channel, Detections, Mark, Syncs
-from simulators.wire.hydraharp import Nonlinearity, Timing
+from simulators.wire.hydraharp import Nonlinearity, Pulses, Timing
 from simulators.wire.served import NO_REQUEST
 
 #: Longest first line of a request or answer: the samples of 100,000 ticks of a DAQ board, see `board`.
@@ -145,7 +145,7 @@ class _ServedClock:
 
 
 class ServedBench:
-    """A bench in another process; satisfies `simulators.wire.hydraharp.instrument.MeasuredBench`.
+    """A bench in another process; satisfies `simulators.wire.hydraharp.discriminators.MeasuredBench`.
 
     Every method raises ConnectionError if the server is gone or talks nonsense.
 
@@ -274,5 +274,5 @@ def _channel(told: dict[str, Any]) -> Channel:
 
 def _faults(told: dict[str, Any]) -> TimingFaults:
     timing = dict(told["timing"])
-    nonlinearity = Nonlinearity(**timing.pop("nonlinearity"))
-    return TimingFaults(Timing(**timing, nonlinearity=nonlinearity), int(told["count_depth"]))
+    nonlinearity, pulses = Nonlinearity(**timing.pop("nonlinearity")), Pulses(**timing.pop("pulses"))
+    return TimingFaults(Timing(**timing, nonlinearity=nonlinearity, pulses=pulses), int(told["count_depth"]))

@@ -1,0 +1,40 @@
+"""What is said of sync pulses that do not come, or not as often as the laser gives them."""
+
+from math import isclose
+
+from rig.model.devices import Rates, Settings
+from rig.model.quantities import show
+
+#: The sync rate is the laser's within this part; the instrument counts for 100 ms, by a clock of its own.
+AS_SET = 0.01
+
+
+def none_came(settings: Settings) -> str:
+    """Return why a scan does not begin when the timing instrument sees no sync pulses.
+
+    Parameters
+    ----------
+    settings
+        The timing instrument's, as read back.
+    """
+    level_v = settings.get("sync_level_v")
+    level = ""
+    if level_v is not None:
+        level = (
+            f" and tcspc.sync_level ({show(float(level_v), 'V')}: pulses that are not as high are not seen)"
+        )
+    return (
+        "the timing instrument sees no sync pulses although the laser says that it emits. "
+        f"Check the sync cable{level}, then scan again"
+    )
+
+
+def doubts(rates: Rates, repetition_hz: float, settings: Settings) -> tuple[str, ...]:
+    """Return a warning where the sync rate is not the laser's, of an instrument with a discriminator."""
+    if "sync_level_v" not in settings or isclose(rates.sync_hz, repetition_hz, rel_tol=AS_SET):
+        return ()
+    return (
+        f"The sync rate is {show(rates.sync_hz, 'Hz')}, and the laser is set to {show(repetition_hz, 'Hz')}: "
+        "at a level that is too low noise is counted, at one that is too high pulses are lost "
+        f"(tcspc.sync_level, {show(float(settings['sync_level_v']), 'V')}).",
+    )
