@@ -170,9 +170,10 @@ def fit_geometry(
         rig = geometry(unknowns, config)
         return np.nan_to_num(np.concatenate([*(one.residuals(rig) for one in data), unknowns]), nan=MISSED)
 
-    every = np.arange(len(WIDTHS))
-    # a search from far away may get stuck: a robust one, and one for the incidence while the rest is wrong
-    at, _ = _search(residuals, np.zeros(len(WIDTHS)), np.delete(every, INCIDENCE), "linear")
+    every, at = np.arange(len(WIDTHS)), np.zeros(len(WIDTHS))
+    # a search from far away may get stuck: a robust one, and one for an incidence that no spots tell
+    if not any(isinstance(one, Spots) for one in data):
+        at, _ = _search(residuals, at, np.delete(every, INCIDENCE), "linear")
     at, by_unknown = _search(residuals, at, every, "linear")
     if robust:
         at, by_unknown = _search(residuals, at, every, "huber")

@@ -61,7 +61,7 @@ def test_legs_from_drawn_arrivals_rectify_and_know_how_well():
 
 @pytest.mark.parametrize("seed", [2, 4])
 def test_arrivals_alone_do_not_lead_the_search_astray(seed):
-    """Without a calibrated mirror they say little of its incidence; the rest of the rig is found first."""
+    """Without spots they say little of the incidence; the rest of the rig is found first."""
     rng = np.random.default_rng(seed)
     config = misaligned(signs=rng.choice([-1, 1], 16))
     x_m, y_m = np.meshgrid(np.linspace(-0.85, 0.85, 7), np.linspace(-0.6, 0.6, 5))
