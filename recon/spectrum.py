@@ -11,7 +11,6 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 from recon.capture import Capture, Positions
@@ -187,10 +186,12 @@ class _Family:
         matrix: NDArray[np.floating],
     ) -> Iterator[tuple[int, NDArray[np.floating]]]:
         """As `sums`, from the row, the bin and the weight of each photon."""
+        from recon.photon_sums import sum_photons
+
         starts = np.array(self.edges)
         piece = np.searchsorted(starts, np.arange(starts[0], starts[-1]), side="right") - 1
         summed = np.zeros((len(starts) - 1, rows, matrix.shape[1]), matrix.dtype)
-        _sum_photons(row, bins - starts[0], weight, piece, matrix, summed)
+        sum_photons(row, bins - starts[0], weight, piece, matrix, summed)
         yield from self._of_members(dict(zip(self.edges, summed, strict=False)))
 
     def _of_members(
@@ -217,22 +218,3 @@ def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> ND
     centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s
     factors = np.exp(-1j * np.multiply.outer(centres_s, family.band.frequencies_rad_per_s))
     return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)
-
-
-@njit(nogil=True, cache=True, fastmath=True)
-def _sum_photons(
-    row: NDArray[np.intp],
-    place: NDArray[np.intp],
-    weight: NDArray[np.floating],
-    piece: NDArray[np.intp],
-    matrix: NDArray[np.floating],
-    summed: NDArray[np.floating],
-) -> None:
-    """Add to (pieces, rows, 2 F) sums the factors of each photon's bin; what is outside is left out."""
-    for photon in range(len(row)):
-        at = place[photon]
-        if 0 <= at < len(matrix):
-            total = summed[piece[at], row[photon]]
-            factors = matrix[at]
-            for number in range(len(factors)):
-                total[number] += weight[photon] * factors[number]
