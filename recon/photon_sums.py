@@ -1,4 +1,4 @@
-"""Fourier sums photon by photon: a compiled kernel, in a file of its own because the rest needs numpy alone."""
+"""Fourier sums photon by photon: a compiled kernel in a file of its own, since the rest needs numpy alone."""
 
 import numpy as np
 from numba import njit
