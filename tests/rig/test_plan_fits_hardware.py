@@ -119,7 +119,7 @@ def test_a_scan_at_80_mhz_loses_no_photon_to_the_divider(rig, tmp_path):
     for divider in (8, 16):
         config, out = tmp_path / "rig.toml", tmp_path / f"{divider}.h5"
         config.write_text(
-            '[laser]\nrepetition = "80MHz"\n[detector]\ngated = false\n'
+            '[laser]\nrepetition = "80MHz"\npower_setpoint = 10\n[detector]\ngated = false\n'
             f'[tcspc]\nsync_divider = {divider}\nbins = 3125\noffset = "0ns"\n[simulation]\n'
         )
         done = rig("scan", "--config", config, "--grid", "3x2", "--spacing", "20cm", "--out", out)

@@ -221,7 +221,8 @@ def as_of_a_real_rig(path, **of_harp):
 
 
 HERE = (
-    '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\n[tcspc]\nlibrary = "here.so"\n'
+    '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\npower_setpoint = 10\n'
+    '[tcspc]\nlibrary = "here.so"\n'
 )
 
 

@@ -87,7 +87,7 @@ actions = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(actions, st.sampled_from([1, 2, 3]), st.sampled_from([8, 16, 64]), st.integers(0, 99))
 def test_whatever_is_done_the_file_holds_what_was_given(tmp_path_factory, todo, channels, chunk, seed):
     folder = tmp_path_factory.mktemp("any")

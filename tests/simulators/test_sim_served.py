@@ -237,6 +237,7 @@ def test_the_laser_answers_while_photons_are_drawn():
                 assert slow.begun.wait(20)
                 with serial.Serial(server.addresses.laser, timeout=20) as port:
                     port.write(b"leg=1\nleg?\n")
+                    assert port.readline() == b"leg=1\n"
                     assert port.readline() == b"leg status: 1\n"
                 assert not seen.done()
                 slow.may_end.set()
