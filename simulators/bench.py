@@ -137,6 +137,8 @@ class LightState:
         Whether the detector can detect at all.
     gated
         True: sensitive only inside the gate. False: free running.
+    gate_triggered
+        Whether anything opens the gate; a gated detector is never sensitive without.
     gate_delay_s, gate_width_s
         When the gate is half open after the sync pulse, at the detector; the time until it is half closed.
     hold_off_s
@@ -156,6 +158,7 @@ class LightState:
     repetition_hz: float = 10e6
     biased: bool = False
     gated: bool = False
+    gate_triggered: bool = True
     gate_delay_s: float = 0.0
     gate_width_s: float = 40e-9
     hold_off_s: float = 100e-9
@@ -163,6 +166,11 @@ class LightState:
     blocked: bool = False
     covered: bool = False
     lamp_hz: float = 0.0
+
+    @property
+    def detecting(self) -> bool:
+        """Whether the detector is sensitive at any time."""
+        return self.biased and (self.gate_triggered or not self.gated)
 
     @property
     def sync_hz(self) -> float:
