@@ -134,11 +134,11 @@ class LightState:
     repetition_hz
         Pulses a second.
     biased
-        Whether the detector can detect at all.
+        Whether the detector has its bias.
+    triggered
+        Whether anything opens the gate; without it a gated detector detects nothing.
     gated
         True: sensitive only inside the gate. False: free running.
-    gate_triggered
-        Whether anything opens the gate; a gated detector is never sensitive without.
     gate_delay_s, gate_width_s
         When the gate is half open after the sync pulse, at the detector; the time until it is half closed.
     hold_off_s
@@ -157,8 +157,8 @@ class LightState:
     power: float = 1.0
     repetition_hz: float = 10e6
     biased: bool = False
+    triggered: bool = True
     gated: bool = False
-    gate_triggered: bool = True
     gate_delay_s: float = 0.0
     gate_width_s: float = 40e-9
     hold_off_s: float = 100e-9
@@ -168,14 +168,14 @@ class LightState:
     lamp_hz: float = 0.0
 
     @property
-    def detecting(self) -> bool:
-        """Whether the detector is sensitive at any time."""
-        return self.biased and (self.gate_triggered or not self.gated)
-
-    @property
     def sync_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
         return self.repetition_hz if self.emitting else 0.0
+
+    @property
+    def sensitive(self) -> bool:
+        """Whether the detector can detect at all."""
+        return self.biased and (self.triggered or not self.gated)
 
     @property
     def on_wall(self) -> float:

@@ -1,1 +1,1 @@
-"""Gate delayers: boxes that give the detector its gate pulse a settable time after the laser's sync pulse."""
+"""Gate delayers: what lets a gate open a set time after the laser's sync pulse. One file a product."""

@@ -49,7 +49,7 @@ class DelayerFirmware(LineFirmware):
 
     def move_gate(self, *, on: bool, delay_s: float) -> None:
         """Let the gate open a delay after each sync pulse, or never."""
-        wanted: dict[str, bool | float] = {"gate_triggered": on}
+        wanted: dict[str, bool | float] = {"triggered": on}
         if on:
             wanted["gate_delay_s"] = self._insertion_delay_s + delay_s
         changed = {name: value for name, value in wanted.items() if getattr(self._bench.light, name) != value}

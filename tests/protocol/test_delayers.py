@@ -118,18 +118,18 @@ def test_the_box_answers_what_the_transcript_says(name, piece):
 def test_the_gate_opens_only_while_the_delayer_triggers_it(name):
     with on_bench(name) as (delayer, _, bench):
         bench.change_light(biased=True, gated=True)
-        assert not bench.light.detecting
+        assert not bench.light.sensitive
         delayer.set_delay(20e-9)
-        assert not bench.light.detecting
+        assert not bench.light.sensitive
         delayer.enable()
-        assert bench.light.detecting
+        assert bench.light.sensitive
         assert bench.light.gate_delay_s == pytest.approx(20e-9 + KINDS[name][3], abs=1e-12)
         delayer.set_delay(0.0)
         assert bench.light.gate_delay_s == pytest.approx(KINDS[name][3], abs=1e-12)
         delayer.disable()
-        assert not bench.light.detecting
+        assert not bench.light.sensitive
         delayer.enable()
-    assert not bench.light.gate_triggered
+    assert not bench.light.triggered
 
 
 @pytest.mark.parametrize("delay_s", [-1e-12, float("nan"), float("inf"), 1e4])
@@ -164,7 +164,7 @@ def test_a_delay_is_rounded_to_the_steps_of_the_box(name):
 def test_without_a_delay_it_is_not_enabled(name):
     with on_bench(name) as (delayer, _, bench), pytest.raises(RefusedError, match="no delay was set"):
         delayer.enable()
-    assert not bench.light.gate_triggered
+    assert not bench.light.triggered
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_another_output_that_keeps_it_busy_is_named(name, said):
         delayer.set_delay(0.0)
         with pytest.raises(LimitError, match=r"with output [GC] as it is set"):
             delayer.enable()
-        assert not bench.light.gate_triggered
+        assert not bench.light.triggered
 
 
 def test_channels_that_are_delayed_from_each_other_are_added_up():
@@ -243,7 +243,7 @@ def test_one_spoiled_answer_is_an_error_and_never_leaves_the_gate_running(name, 
     with plugged(firmware, bench) as address:
         with suppress(DeviceNotFoundError, LinkError, ProtocolError, RefusedError):
             session(address, name)
-        assert not bench.light.gate_triggered
+        assert not bench.light.triggered
         firmware.answer = honest
         firmware.drop_answers = firmware.garble_answers = 0
         assert session(address, name)["enabled"] is True
@@ -346,7 +346,7 @@ def test_a_delayer_on_the_network_is_reached_by_a_socket_address():
     assert session(address, "dg645")["enabled"] is True
     server.join(5.0)
     assert not server.is_alive()
-    assert not bench.light.gate_triggered
+    assert not bench.light.triggered
     listening.close()
     with pytest.raises(DeviceNotFoundError, match="there is no such port"):
         session(address, "dg645")

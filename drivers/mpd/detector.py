@@ -1,0 +1,337 @@
+"""MPD Fast-Gated SPAD: the computer opens and closes its gate; a person sets bias and hold-off.
+
+Source: one published driver, in use at 10 MHz (gSTED-sFCS): two-letter commands joined by ``;`` and ended by
+``#``. Not yet run by us on the hardware. No command for bias, hold-off, excess bias or threshold is public:
+they are set in MPD's own program, and read back here. UNCONFIRMED: what settings are answered, so that they
+are read back instead; that the virtual serial port does as well as that driver's D2XX; widths at other rates.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isclose
+from types import TracebackType
+from typing import Self
+
+from drivers.clock import Clock
+from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
+from drivers.leaving import leave
+from drivers.lines.serial import SerialLine
+from drivers.mpd.settings import WIDTHS_S, MpdSettings, checked_width_ps
+from drivers.mpd.status import HOLD_OFF_STEP_S, NAMES, NEEDED, Status, parse_piece
+
+BAUD = 115200
+
+#: The published driver waits so long before it reads what came, and then 0.1 s at most.
+ANSWER_S = 0.3
+
+#: By how much the width in effect may be another one. UNCONFIRMED: the steps of the width.
+WIDTH_WITHIN_S = 0.5e-9
+
+#: The gate's rate is the laser's within this part.
+RATE_WITHIN = 0.01
+
+#: So often the gate is closed before it is said to be open.
+DISABLE_TRIES = 3
+
+PROGRAM = "MPD's program"
+BEWARE = f"Treat the detector as SENSITIVE and BIASED: switch its bias off by hand, in {PROGRAM}."
+
+
+class MpdSpad:
+    """A Fast-Gated SPAD; a context manager that leaves its gate closed.
+
+    Closed is: gated by the trigger input, and the gate as short as it can be. Where no trigger comes, it then
+    never opens. The bias stays as a person has set it.
+
+    Parameters
+    ----------
+    address
+        Serial address, e.g. ``/dev/ttyUSB0``.
+    clock
+        The time to wait by.
+    settings
+        What it is set to, and what a person has set.
+    timeout_s
+        Longest wait for one piece of an answer.
+
+    Attributes
+    ----------
+    identity
+        What it was recognised as; empty before.
+    """
+
+    #: What only a person can set; the delay is that of a cable, or of a delayer.
+    by_hand = frozenset({"bias", "hold_off", "gate_delay"})
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        clock: Clock,
+        settings: MpdSettings | None = None,
+        timeout_s: float = 0.5,
+    ) -> None:
+        self._line = SerialLine(
+            address, device="detector", baudrate=BAUD, terminator=b"#", timeout_s=timeout_s
+        )
+        self.name = self._line.name
+        self.identity = ""
+        self._clock = clock
+        settings = settings or MpdSettings()
+        self._gated = settings.gated
+        self._width_s = settings.gate_width_s
+        self._hold_off_s = settings.hold_off_s
+        self._trigger_hz = settings.trigger_hz
+        self._connected = False
+        self._enabled = False
+
+    def __enter__(self) -> Self:
+        self._open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        leave([self.disable, self._hang_up], problem)
+
+    def enable(self) -> None:
+        """Open the configured gate, if a person has made the detector ready for it.
+
+        While the laser is dark no gate may be triggered yet; a rate of 0 is not refused.
+
+        Raises
+        ------
+        RefusedError
+            It has no bias, reports an error, holds off for another time, is gated at another rate than the
+            laser's, or did not take mode or width. The gate was closed.
+        LinkError, ProtocolError
+            No answer, or none that makes sense. It was told to close the gate.
+        """
+        self._require_connection()
+        try:
+            self._require_ready(self._status())
+            self._set_mode(gated=self._gated)
+            if self._gated:
+                self._set_width(self._width_s)
+            self._require_rate(self._status())
+            self._enabled = True
+        except BaseException as problem:
+            leave([self.disable], problem)
+            raise
+
+    def disable(self) -> None:
+        """Close the gate as far as it can be, and verify that; safe to call at any time. The bias stays.
+
+        Raises
+        ------
+        RefusedError
+            It says that it is free running, or that its gate is longer.
+        LinkError, ProtocolError
+            It was told to close, and whether it did cannot be known.
+        """
+        self._enabled = False
+        if not self._connected:
+            return
+        doubt: BaseException | None = None
+        interrupted: BaseException | None = None
+        for _ in range(DISABLE_TRIES):  # neither a garbled answer nor an interrupt must leave it open
+            try:
+                self._set_mode(gated=True)
+                self._set_width(WIDTHS_S[0])
+                break
+            except DeviceError as problem:
+                doubt = type(problem)(self.name, "close its gate", problem.answered, BEWARE)
+            except BaseException as problem:
+                doubt = interrupted = problem
+        else:
+            assert doubt is not None
+            raise doubt
+        if interrupted is not None:
+            raise interrupted
+
+    def set_gate(self, delay_s: float, width_s: float) -> None:
+        """Choose how long the gate stays open; its delay is not the detector's to set, and is not looked at.
+
+        Raises
+        ------
+        LimitError
+            It cannot be so wide; nothing was sent.
+        RefusedError
+            It keeps another width.
+        LinkError, ProtocolError
+            No answer, or none that makes sense.
+        """
+        checked_width_ps(self.name, width_s)
+        self._width_s = width_s
+        if self._enabled and self._gated:
+            self._set_width(width_s)
+
+    def set_hold_off(self, hold_off_s: float) -> None:
+        """Expect another hold-off, which a person has set, and verify that it is.
+
+        Raises
+        ------
+        RefusedError
+            The detector says another one.
+        LinkError, ProtocolError
+            No answer, or none that makes sense.
+        """
+        self._hold_off_s = hold_off_s
+        self._require_hold_off(self._status())
+
+    @contextmanager
+    def let_go(self) -> Iterator[None]:
+        """Close the port, so that a person can use MPD's program, and open it again at the end.
+
+        Raises
+        ------
+        LinkError
+            The other program is still there.
+        """
+        self.disable()
+        self._hang_up()
+        yield
+        self._open()
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """Return bias, gate, rate, hold-off and temperature as read back.
+
+        The hold-off is what a person is said to have set, if what is read back is that within a step: the fit
+        is another module's.
+        """
+        self._require_connection()
+        status = self._status()
+        hold_off_s = self._hold_off_s if self._holds_off_so_long(status) else status.hold_off_s
+        return {"identity": self.identity, **status.settings(), "hold_off_s": hold_off_s}
+
+    def _open(self) -> None:
+        try:
+            self._line.open()
+        except LinkError as problem:
+            raise LinkError(
+                self.name,
+                problem.asked,
+                problem.answered,
+                f"{problem.remedy} Close {PROGRAM}: it holds the port.",
+            ) from problem
+        try:
+            self._identify()
+            self._connected = True
+            self.disable()
+        except BaseException as problem:
+            leave([self._hang_up], problem)
+            raise
+
+    def _identify(self) -> None:
+        try:
+            self._status()
+        except DeviceError as problem:
+            raise DeviceNotFoundError(
+                self.name,
+                "answer like a Fast-Gated SPAD",
+                problem.answered,
+                f"{problem.remedy} Perhaps another device is there.",
+            ) from None
+        self.identity = "MPD Fast-Gated SPAD"
+
+    def _hang_up(self) -> None:
+        self._connected = False
+        self._line.close()
+
+    def _require_ready(self, status: Status) -> None:
+        if not status.biased:
+            raise self._not_ready("have its bias", "the bias is off", "switch the bias on")
+        if status.error:
+            raise self._not_ready(
+                "be in order", f"it reports error {status.error}", "look up and clear its error"
+            )
+        self._require_hold_off(status)
+
+    def _require_hold_off(self, status: Status) -> None:
+        if not self._holds_off_so_long(status):
+            raise self._not_ready(
+                f"hold off for {self._hold_off_s * 1e9:g} ns",
+                f"it holds off for about {status.hold_off_s * 1e9:g} ns",
+                "set the hold-off, or correct detector.hold_off",
+            )
+
+    def _require_rate(self, status: Status) -> None:
+        """Refuse a gate that follows something else than the laser."""
+        if (
+            self._gated
+            and status.gate_hz
+            and not isclose(status.gate_hz, self._trigger_hz, rel_tol=RATE_WITHIN)
+        ):
+            raise RefusedError(
+                self.name,
+                f"be gated at the laser's {self._trigger_hz / 1e6:g} MHz",
+                f"its gate opens at {status.gate_hz / 1e6:g} MHz",
+                f"Check the trigger cable, and the trigger's threshold and edge in {PROGRAM}.",
+            )
+
+    def _holds_off_so_long(self, status: Status) -> bool:
+        return abs(status.hold_off_s - self._hold_off_s) <= HOLD_OFF_STEP_S * (1 + 1e-9)
+
+    def _set_mode(self, *, gated: bool) -> None:
+        self._tell(f"TS0;{'GM' if gated else 'FR'};AD")
+        if self._status().free_running is gated:
+            was = "it is free running" if gated else "it is gated"
+            raise RefusedError(
+                self.name,
+                "be gated by its trigger" if gated else "run freely",
+                was,
+                f"Look at it in {PROGRAM}; connect anew.",
+            )
+
+    def _set_width(self, width_s: float) -> None:
+        self._tell(f"TO{checked_width_ps(self.name, width_s)};AD")
+        kept_s = self._status().gate_width_s
+        if abs(kept_s - width_s) > WIDTH_WITHIN_S:
+            raise RefusedError(
+                self.name,
+                f"open its gate for {width_s * 1e9:g} ns",
+                f"it keeps {kept_s * 1e9:g} ns",
+                "Choose another detector.gate_width; connect anew.",
+            )
+
+    def _tell(self, command: str) -> None:
+        """Send settings. What they are answered is not known, and is thrown away."""
+        self._line.tell(command)
+        self._clock.sleep(ANSWER_S)
+        self._line.pending()
+
+    def _status(self) -> Status:
+        """Ask for everything; the answer is as many pieces as there are names, or fewer and then silence."""
+        codes: dict[str, int] = {}
+        self._line.tell("AQ;DC")
+        try:
+            for _ in range(3 * len(NAMES)):  # pieces that are not known may be among them
+                text = self._line.receive("answer 'AQ;DC'").decode("ascii", "backslashreplace")
+                if piece := parse_piece(text):
+                    codes.setdefault(*piece)
+                if len(codes) == len(NAMES):
+                    break
+        except LinkError:
+            if not codes:
+                raise
+        missing = [name for name in NEEDED if name not in codes]
+        if missing:
+            self._line.lost_step()
+            raise ProtocolError(
+                self.name,
+                "answer 'AQ;DC'",
+                f"{', '.join(missing)} did not come",
+                f"Check that the line runs at {BAUD} baud, and that a Fast-Gated SPAD is there.",
+            )
+        return Status(codes)
+
+    def _not_ready(self, asked: str, answered: str, by_hand: str) -> RefusedError:
+        return RefusedError(
+            self.name, asked, answered, f"In {PROGRAM}, {by_hand}; close it, and begin again."
+        )
+
+    def _require_connection(self) -> None:
+        if not self._connected:
+            raise LinkError(
+                self.name, "answer", "it is not connected", "Use the detector inside its with block."
+            )
