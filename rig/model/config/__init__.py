@@ -4,13 +4,14 @@ Files are TOML with quantities as text. Without a file the built-in simulated ri
 and commented in ``configs/simulated.toml``.
 """
 
-from rig.model.config.detectors import DetectorConfig, Id120Config
+from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
-from rig.model.config.lasers import Katana08Config, KatanaConfig, LaserConfig, NktConfig
+from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.reading import built_in, built_in_with, load, recorded
 from rig.model.config.rig import RigConfig
 from rig.model.config.section import DeviceSection, Point
+from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
 from rig.model.config.simulation import FaultsConfig, SimulationConfig
 from rig.model.config.timing import HydraHarpConfig, PlaybackConfig, TcspcConfig
 from rig.model.config.use import CalibrationConfig
@@ -19,8 +20,11 @@ __all__ = [
     "AnalogueGalvoConfig",
     "CalibrationConfig",
     "DaqClockConfig",
+    "DaqShutterConfig",
     "DetectorConfig",
     "DeviceSection",
+    "ExternalDetectorConfig",
+    "ExternalLaserConfig",
     "FaultsConfig",
     "GalvoConfig",
     "HydraHarpConfig",
@@ -33,6 +37,8 @@ __all__ = [
     "PlaybackConfig",
     "Point",
     "RigConfig",
+    "SerialShutterConfig",
+    "ShutterConfig",
     "SimulationConfig",
     "TcspcConfig",
     "built_in",

@@ -39,6 +39,14 @@ class Id120Config(DetectorConfig):
     """Bias above breakdown."""
 
 
+class ExternalDetectorConfig(DetectorConfig):
+    """A detector without a data interface: a person sets bias, gate and hold-off as it is written here."""
+
+    kind: Literal["external"] = "external"
+    model: str = "detector"
+    """What it is, for people."""
+
+
 class ChannelConfig(Section):
     """One pixel of the detector: what it looks at, and where its pulses go."""
 
