@@ -1,7 +1,7 @@
-"""MPD's Fast-Gated SPAD: the driver against transcripts, against wrong answers, and with the simulated module."""
+"""MPD's Fast-Gated SPAD: the driver against transcripts, wrong answers, and the simulated module."""
 
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from itertools import pairwise
 
 import pytest
@@ -14,7 +14,6 @@ from drivers.errors import (
     DeviceNotFoundError,
     LimitError,
     LinkError,
-    ProtocolError,
     RefusedError,
 )
 from drivers.mpd.detector import MpdSpad
@@ -200,7 +199,7 @@ def test_what_it_says_of_itself(rig):
         ({"error": 7}, r"it reports error 7.*In MPD's program, look up and clear its error"),
         (
             {"hold_off_s": 81e-9},
-            r"hold off for 100 ns.*holds off for about 81 ns.*set the hold-off, or correct detector\.hold_off",
+            r"hold off for 100 ns.*off for about 81 ns.*set the hold-off, or correct detector\.hold_off",
         ),
     ],
 )
@@ -249,10 +248,9 @@ def test_leaving_closes_also_when_answers_are_lost(rig, how_many):
     one = rig.mpd().__enter__()
     one.enable()
     module_of(rig).drop_answers = how_many
-    try:
+    told = nullcontext() if how_many < 6 else pytest.raises(DeviceError, match="SENSITIVE")
+    with told:
         one.__exit__(None, None, None)
-    except DeviceError as problem:
-        assert "SENSITIVE" in str(problem)
     assert (rig.bench.light.gated, rig.bench.light.gate_width_s) == (True, 10e-9)
 
 
@@ -279,7 +277,7 @@ def test_unplugged_while_sensitive_is_told_to_the_person(rig):
             one.enable()
             rig.unplug_all()
 
-    with pytest.raises(LinkError, match="close its gate.*SENSITIVE and BIASED"):
+    with pytest.raises(LinkError, match=r"close its gate.*SENSITIVE and BIASED"):
         work()
 
 
