@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import (
     AnalogueGalvoConfig,
+    DaqClockConfig,
     FaultsConfig,
     KatanaConfig,
     NktConfig,
@@ -78,7 +79,7 @@ def daq_wiring(config: RigConfig) -> "DaqWiring":
     from simulators.wire.daq import DaqWiring
 
     wiring = DaqWiring((), None)
-    if clock := config.point_clock:
+    if isinstance(clock := config.point_clock, DaqClockConfig):
         wiring = replace(wiring, markers=clock.markers, step=clock.step or None)
     if isinstance(galvo := config.galvo, AnalogueGalvoConfig):
         wiring = replace(wiring, channels=galvo.channels, volts_per_degree=galvo.volts_per_degree)
