@@ -89,7 +89,7 @@ def test_an_answer_that_is_no_number_is_told_and_the_output_goes_off(play, answe
 
 @pytest.mark.parametrize("number", [*ERRORS, 11, 99])
 def test_errors_are_told_in_words(play, number):
-    steps = [*BEGIN, *asked(b"SP25#", b"ERR%d#" % number), *END]
+    steps = [*BEGIN, *asked(b"SP10#", b"ERR%d#" % number), *END]
     told = ERRORS.get(number, f"answers error {number}")
     with play(steps) as address, pytest.raises(RefusedError, match=told), psd(address) as one:
         one.set_delay(31.5e-9)
@@ -98,10 +98,10 @@ def test_errors_are_told_in_words(play, number):
 @pytest.mark.parametrize(
     ("exchanges", "told"),
     [
-        ([(b"SP25#", b"29#"), (b"SD2500#", b"2400#")], "set SD2500, but it kept 2400"),
-        ([(b"SP25#", b"35#")], r"delay by 31\.5 ns, but with a pulse of 35 ns it cannot"),
+        ([(b"SP10#", b"12#"), (b"SD19500#", b"19400#")], "set SD19500, but it kept 19400"),
+        ([(b"SP10#", b"35#")], r"delay by 31\.5 ns, but with a pulse of 35 ns it cannot"),
         (
-            [(b"SP25#", b"25#"), (b"SD6500#", b"6500#"), (b"RP#", b"22#"), (b"RD#", b"6500#")],
+            [(b"SP10#", b"11#"), (b"SD20500#", b"20500#"), (b"RP#", b"8#"), (b"RD#", b"20500#")],
             r"delay by 31\.5 ns, but it delays by 28\.5 ns",
         ),
     ],
@@ -137,9 +137,9 @@ def test_what_is_no_delayer_is_not_taken_for_one(play, said):
         pytest.fail("connected")
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.99e-9, 299.2e-9, -1e-9, float("nan"), float("inf")])
+@pytest.mark.parametrize("delay_s", [0.0, 0.99e-9, 129.2e-9, -1e-9, float("nan"), float("inf")])
 def test_limits_refuse_before_anything_is_sent(rig, delay_s):
-    with rig.psd() as one, pytest.raises(LimitError, match=r"by 1 to 299\.09 ns.*It was not sent"):
+    with rig.psd() as one, pytest.raises(LimitError, match=r"by 1 to 129\.09 ns.*It was not sent"):
         one.set_delay(delay_s)
 
 
@@ -154,7 +154,7 @@ def test_a_level_that_is_not_possible_is_refused_without_a_delayer(level_v):
 def unit():
     bench = Bench(clock=BenchClock())
     address = protocol_sim.attach("all/psd", PsdFirmware(bench), bench.clock)
-    with PsdDelayer(address, clock=bench.clock) as one:
+    with PsdDelayer(address, clock=bench.clock, settings=PsdSettings(repetition_hz=1e6)) as one:
         yield one, bench
     protocol_sim.detach(address)
 
@@ -175,6 +175,19 @@ def test_the_same_delay_is_made_in_the_same_way_whatever_was_before(unit, ps):
     one.set_delay(250e-9)
     one.set_delay(ps / 1e12)
     assert one.settings() == first
+
+
+@pytest.mark.parametrize(("repetition_hz", "longest_ns"), [(80e6, 10 + 49.09), (10e6, 129.09), (1e6, 299.09)])
+def test_a_pulse_leaves_room_before_the_next(rig, repetition_hz, longest_ns):
+    """The longest delay is that of the longest pulse, 0.8 of the time between two, and of the fine delay."""
+    with rig.psd(repetition_hz=repetition_hz) as one:
+        for delay_ns in (1.0, 9.0, 12.5, 31.5, longest_ns - 2):
+            one.set_delay(delay_ns * 1e-9)
+            said = one.settings()
+            assert said["delay_s"] == pytest.approx(delay_ns * 1e-9, abs=5.1e-12)
+            assert said["pulse_width_s"] <= 0.8 / repetition_hz + 2e-9  # the unit's rounding
+        with pytest.raises(LimitError, match="It was not sent"):
+            one.set_delay(longest_ns * 1e-9 + 10e-12)
 
 
 def test_connecting_and_leaving_switch_the_output_off(rig):
