@@ -11,8 +11,9 @@ from drivers.daq.nidaqmx_board import NidaqmxBoard
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
-from rig.devices.kinds import DETECTORS, LASERS, Wires
-from rig.model.config import DaqClockConfig, HydraHarpConfig, RigConfig
+from rig.devices.delayed_gate import open_detector
+from rig.devices.kinds import LASERS, Wires
+from rig.model.config import DaqClockConfig, HydraHarpConfig, Id120Config, RigConfig
 from rig.model.devices import GatedSpad, Laser
 
 
@@ -22,8 +23,7 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
     harp = config.tcspc
     with ExitStack() as stack:
         wires = _wires(config)
-        if config.detector.address:
-            wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
+        wires = stack.enter_context(_detector_wires(config, wires))
         if isinstance(harp, HydraHarpConfig) and harp.address:
             wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
         served = {
@@ -42,12 +42,19 @@ def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractC
 
 @contextmanager
 def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
-    """Open the detector alone."""
-    detector, wires = config.detector, _wires(config)
-    with ExitStack() as stack:
-        if detector.address:
-            wires = replace(wires, usb_backend=stack.enter_context(detector_at(detector.address)))
-        yield stack.enter_context(DETECTORS.of(detector).open(detector, wires))
+    """Open the detector alone, with the delayer of its gate."""
+    with _detector_wires(config, _wires(config)) as wires, open_detector(config, wires) as detector:
+        yield detector
+
+
+@contextmanager
+def _detector_wires(config: RigConfig, wires: Wires) -> Iterator[Wires]:
+    """Reach a served detector that is on USB."""
+    if isinstance(config.detector, Id120Config) and config.detector.address:
+        with detector_at(config.detector.address) as backend:
+            yield replace(wires, usb_backend=backend)
+    else:
+        yield wires
 
 
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
@@ -66,4 +73,7 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         hhlib=hhlib,
         daq=daq,
         clock=clock or SystemClock(),
+        sync_hz=config.laser.repetition_hz,
+        detector=config.detector.address or "",
+        delayer=(config.delayer.address if config.delayer else None) or "",
     )

@@ -4,6 +4,7 @@ A new device of a known role costs its driver, its simulator at the wire, its se
 and a line in its role's table.
 """
 
+from rig.devices.kinds.delayers import DELAYERS
 from rig.devices.kinds.detectors import DETECTORS
 from rig.devices.kinds.galvos import GALVOS
 from rig.devices.kinds.kind import Kind, Kinds
@@ -14,6 +15,7 @@ from rig.devices.kinds.wires import Wires
 from rig.model.config import RigConfig
 
 __all__ = [
+    "DELAYERS",
     "DETECTORS",
     "GALVOS",
     "LASERS",
@@ -34,4 +36,6 @@ def check_settings(config: RigConfig) -> None:
     GALVOS.of(config.galvo).check(config.galvo)
     LASERS.of(config.laser).check(config.laser)
     DETECTORS.of(config.detector).check(config.detector)
+    if config.delayer:
+        DELAYERS.of(config.delayer).check(config.delayer)
     TIMING.of(config.tcspc).check(config)

@@ -14,8 +14,10 @@ class Wires:
 
     Attributes
     ----------
-    galvo, laser
+    galvo, laser, detector, delayer
         Serial ports or pyserial URLs.
+    sync_hz
+        Sync pulses a second, which come to all that follows the laser.
     usb_backend
         Of pyusb; None for the system's.
     hhlib
@@ -32,3 +34,6 @@ class Wires:
     hhlib: Callable[[], HHLib]
     daq: Callable[[str], SharedBoard]
     clock: Clock
+    sync_hz: float
+    detector: str = ""
+    delayer: str = ""

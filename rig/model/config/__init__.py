@@ -4,7 +4,8 @@ Files are TOML with quantities as text. Without a file the built-in simulated ri
 and commented in ``configs/simulated.toml``.
 """
 
-from rig.model.config.detectors import DetectorConfig, Id120Config
+from rig.model.config.delayers import DelayerConfig, PsdConfig
+from rig.model.config.detectors import DetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.lasers import Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig
@@ -19,6 +20,7 @@ __all__ = [
     "AnalogueGalvoConfig",
     "CalibrationConfig",
     "DaqClockConfig",
+    "DelayerConfig",
     "DetectorConfig",
     "DeviceSection",
     "FaultsConfig",
@@ -28,10 +30,12 @@ __all__ = [
     "Katana08Config",
     "KatanaConfig",
     "LaserConfig",
+    "MpdConfig",
     "NktConfig",
     "OptotuneConfig",
     "PlaybackConfig",
     "Point",
+    "PsdConfig",
     "RigConfig",
     "SimulationConfig",
     "TcspcConfig",

@@ -6,7 +6,8 @@ from pydantic import GetCoreSchemaHandler, ValidationError, ValidationInfo, Vali
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.errors import ConfigError
-from rig.model.config.detectors import DetectorConfig, Id120Config
+from rig.model.config.delayers import DelayerConfig, PsdConfig
+from rig.model.config.detectors import DetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.installed import InstalledKind, installed, names
 from rig.model.config.lasers import Katana08Config, KatanaConfig, LaserConfig, NktConfig
@@ -117,7 +118,8 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
 ROLES = {
     "galvo": ByKind("galvo", GalvoConfig, OptotuneConfig, AnalogueGalvoConfig),
     "laser": ByKind("laser", LaserConfig, KatanaConfig, Katana08Config, NktConfig),
-    "detector": ByKind("detector", DetectorConfig, Id120Config),
+    "detector": ByKind("detector", DetectorConfig, Id120Config, MpdConfig),
+    "delayer": ByKind("delayer", DelayerConfig, PsdConfig),
     "point_clock": ByKind("point_clock", PointClockConfig, DaqClockConfig),
     "tcspc": ByKind("tcspc", TcspcConfig, HydraHarpConfig, PlaybackConfig),
 }

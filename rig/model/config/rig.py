@@ -4,7 +4,8 @@ from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from rig.model.config.detectors import ChannelConfig, DetectorConfig, Id120Config
+from rig.model.config.delayers import DelayerConfig
+from rig.model.config.detectors import ChannelConfig, DetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.lasers import KatanaConfig, LaserConfig
@@ -23,6 +24,8 @@ class RigConfig(Section):
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
     detector: Annotated[DetectorConfig, ROLES["detector"]] = Id120Config()
+    delayer: Annotated[DelayerConfig, ROLES["delayer"]] | None = None
+    """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector does, or cables."""
     tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
@@ -100,7 +103,9 @@ class RigConfig(Section):
     def serial_addresses(self) -> dict[str, str | None]:
         """Where the devices on a serial line are, by their section."""
         galvo = {"galvo": self.galvo.address} if isinstance(self.galvo, OptotuneConfig) else {}
-        return {**galvo, "laser": self.laser.address}
+        detector = {"detector": self.detector.address} if isinstance(self.detector, MpdConfig) else {}
+        delayer = {"delayer": self.delayer.address} if self.delayer else {}
+        return {**galvo, "laser": self.laser.address, **detector, **delayer}
 
     @property
     def simulated(self) -> bool:
@@ -143,6 +148,7 @@ _NOT_MEASURED_WITH = (
     "detector.max_count_rate",
     "detector.serial",
     "detector.address",
+    "delayer.address",
     "tcspc.library",
     "tcspc.serial",
     "tcspc.address",
