@@ -31,10 +31,12 @@ WIDTHS_NS = (1, 250)
 FINE_PS = (0, 49_090)
 FINE_STEP_PS = 10
 
-#: The coarse delay stays so far below what is asked, so that rounding it by the unit (3 or 4 ns) leaves
-#: something for the fine one; and it is asked for in these steps, so that a small move is of the fine one.
-RESERVE_NS = 5
-COARSE_STEP_NS = 10
+#: The coarse delay is asked for in these steps, so that a small move is one of the fine delay alone; and it
+#: stays so far below the whole, for the unit rounds it, and a long pulse leaves no room before the next.
+COARSE_STEP_NS, RESERVE_NS = 10, 20
+#: No shorter pulse is asked for without need, and none longer than this part of the time between two pulses
+#: of the input. UNCONFIRMED: which pulses trigger a detector well, and which the unit can still send.
+SHORT_NS, ROUNDED_BY_NS, LONGEST_PART = 5, 4, 0.8
 
 TRIGGER_V = (-2.0, 2.0)
 TRIGGER_STEP_V = 0.01
@@ -68,6 +70,8 @@ class PsdSettings:
     ----------
     trigger_level_v
         Level at the input at which a pulse counts; None leaves what is set at the unit.
+    repetition_hz
+        Pulses a second that come to the input.
 
     Raises
     ------
@@ -76,6 +80,12 @@ class PsdSettings:
     """
 
     trigger_level_v: float | None = None
+    repetition_hz: float = 10e6
+
+    @property
+    def longest_ns(self) -> int:
+        """The longest pulse that is asked for."""
+        return max(min(WIDTHS_NS[1], int(LONGEST_PART * 1e9 / self.repetition_hz)), WIDTHS_NS[0])
 
     def __post_init__(self) -> None:
         level = self.trigger_level_v
@@ -157,8 +167,7 @@ class PsdDelayer:
             No answer, or none that makes sense.
         """
         total_ps = self._checked_ps(delay_s)
-        below_ns = total_ps // 1000 // COARSE_STEP_NS * COARSE_STEP_NS - RESERVE_NS
-        width_ns = self._ask("SP", min(max(below_ns, WIDTHS_NS[0]), WIDTHS_NS[1]))
+        width_ns = self._ask("SP", self._coarse_ns(total_ps // 1000))
         fine_ps = total_ps - 1000 * width_ns
         if not FINE_PS[0] <= fine_ps <= FINE_PS[1]:
             raise self._refused(
@@ -225,9 +234,16 @@ class PsdDelayer:
             "fine_delay_s": fine_ps / 1e12,
         }
 
+    def _coarse_ns(self, total_ns: int) -> int:
+        """Return the coarse delay to ask for: always the same one for the same delay."""
+        coarse_ns = total_ns // COARSE_STEP_NS * COARSE_STEP_NS - RESERVE_NS
+        if coarse_ns < SHORT_NS:
+            coarse_ns = min(SHORT_NS, max(total_ns - ROUNDED_BY_NS, WIDTHS_NS[0]))
+        return min(coarse_ns, self._settings.longest_ns)
+
     def _checked_ps(self, delay_s: float) -> int:
         lowest_ps = 1000 * WIDTHS_NS[0] + FINE_PS[0]
-        highest_ps = 1000 * WIDTHS_NS[1] + FINE_PS[1]
+        highest_ps = 1000 * self._settings.longest_ns + FINE_PS[1]
         if not isfinite(delay_s) or not lowest_ps <= round(delay_s * 1e12) <= highest_ps:
             raise LimitError(
                 self.name,

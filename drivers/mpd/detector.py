@@ -30,6 +30,9 @@ WIDTH_WITHIN_S = 0.5e-9
 #: The gate's rate is the laser's within this part.
 RATE_WITHIN = 0.01
 
+#: Pieces of an answer, those that are not known too; more are no answer.
+MOST_PIECES = 40
+
 #: So often the gate is closed before it is said to be open.
 DISABLE_TRIES = 3
 
@@ -110,10 +113,7 @@ class MpdSpad:
         self._require_connection()
         try:
             self._require_ready(self._status())
-            self._set_mode(gated=self._gated)
-            if self._gated:
-                self._set_width(self._width_s)
-            self._require_rate(self._status())
+            self._require_rate(self._set(gated=self._gated, width_s=self._width_s))
             self._enabled = True
         except BaseException as problem:
             leave([self.disable], problem)
@@ -136,8 +136,7 @@ class MpdSpad:
         interrupted: BaseException | None = None
         for _ in range(DISABLE_TRIES):  # neither a garbled answer nor an interrupt must leave it open
             try:
-                self._set_mode(gated=True)
-                self._set_width(WIDTHS_S[0])
+                self._set(gated=True, width_s=WIDTHS_S[0])
                 break
             except DeviceError as problem:
                 doubt = type(problem)(self.name, "close its gate", problem.answered, BEWARE)
@@ -164,7 +163,7 @@ class MpdSpad:
         checked_width_ps(self.name, width_s)
         self._width_s = width_s
         if self._enabled and self._gated:
-            self._set_width(width_s)
+            self._set(gated=True, width_s=width_s)
 
     def set_hold_off(self, hold_off_s: float) -> None:
         """Expect another hold-off, which a person has set, and verify that it is.
@@ -272,27 +271,27 @@ class MpdSpad:
     def _holds_off_so_long(self, status: Status) -> bool:
         return abs(status.hold_off_s - self._hold_off_s) <= HOLD_OFF_STEP_S * (1 + 1e-9)
 
-    def _set_mode(self, *, gated: bool) -> None:
+    def _set(self, *, gated: bool, width_s: float) -> Status:
+        """Set mode and width, verify both by what it then says of itself, and return that."""
         self._tell(f"TS0;{'GM' if gated else 'FR'};AD")
-        if self._status().free_running is gated:
-            was = "it is free running" if gated else "it is gated"
+        if gated:
+            self._tell(f"TO{checked_width_ps(self.name, width_s)};AD")
+        status = self._status()
+        if status.free_running is gated:
             raise RefusedError(
                 self.name,
                 "be gated by its trigger" if gated else "run freely",
-                was,
+                "it is free running" if gated else "it is gated",
                 f"Look at it in {PROGRAM}; connect anew.",
             )
-
-    def _set_width(self, width_s: float) -> None:
-        self._tell(f"TO{checked_width_ps(self.name, width_s)};AD")
-        kept_s = self._status().gate_width_s
-        if abs(kept_s - width_s) > WIDTH_WITHIN_S:
+        if gated and abs(status.gate_width_s - width_s) > WIDTH_WITHIN_S:
             raise RefusedError(
                 self.name,
                 f"open its gate for {width_s * 1e9:g} ns",
-                f"it keeps {kept_s * 1e9:g} ns",
+                f"it keeps {status.gate_width_s * 1e9:g} ns",
                 "Choose another detector.gate_width; connect anew.",
             )
+        return status
 
     def _tell(self, command: str) -> None:
         """Send settings. What they are answered is not known, and is thrown away."""
@@ -303,16 +302,15 @@ class MpdSpad:
     def _status(self) -> Status:
         """Ask for everything; the answer is as many pieces as there are names, or fewer and then silence."""
         codes: dict[str, int] = {}
+        came: list[str] = []
         self._line.tell("AQ;DC")
         try:
-            for _ in range(3 * len(NAMES)):  # pieces that are not known may be among them
-                text = self._line.receive("answer 'AQ;DC'").decode("ascii", "backslashreplace")
-                if piece := parse_piece(text):
+            while len(codes) < len(NAMES) and len(came) < MOST_PIECES:
+                came.append(self._line.receive("answer 'AQ;DC'").decode("ascii", "backslashreplace"))
+                if piece := parse_piece(came[-1]):
                     codes.setdefault(*piece)
-                if len(codes) == len(NAMES):
-                    break
         except LinkError:
-            if not codes:
+            if not came:
                 raise
         missing = [name for name in NEEDED if name not in codes]
         if missing:
@@ -320,7 +318,7 @@ class MpdSpad:
             raise ProtocolError(
                 self.name,
                 "answer 'AQ;DC'",
-                f"{', '.join(missing)} did not come",
+                f"{', '.join(missing)} did not come, but {'#'.join(came)[:80]!r}",
                 f"Check that the line runs at {BAUD} baud, and that a Fast-Gated SPAD is there.",
             )
         return Status(codes)

@@ -9,7 +9,8 @@ from drivers.daq.board import SharedBoard
 from drivers.hydraharp.library import HHLib
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
-from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
+from rig.devices.delayed_gate import open_detector
+from rig.devices.kinds import GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
 from rig.devices.wires import wires_by_address
 from rig.errors import RefusedError
 from rig.light.guarded import GuardedHere
@@ -74,7 +75,7 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     with ExitStack() as stack:
         galvo = stack.enter_context(GALVOS.of(config.galvo).open(config.galvo, wires))
         clock = stack.enter_context(_point_clock(config, wires, tagged))
-        spad = stack.enter_context(DETECTORS.of(config.detector).open(config.detector, wires))
+        spad = stack.enter_context(open_detector(config, wires))
         yield Devices(
             galvo=galvo,
             point_clock=clock,
@@ -147,6 +148,9 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 hhlib=lambda: HHLib(instruments.hhlib),
                 daq=lambda device: board,
                 clock=bench.clock,
+                sync_hz=config.laser.repetition_hz,
+                detector=instruments.detector_url,
+                delayer=instruments.delayer_url,
             ),
             bench,
         )

@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.bench.gates import detector_head, gate_delayer
 from rig.bench.simulated import daq_wiring, laser_head, simulated_bench, timing_faults
 from rig.errors import UsageError
 from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
@@ -45,7 +46,16 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
-        server = stack.enter_context(BenchServer(bench, faults, daq_wiring(config), laser=laser_head(config)))
+        server = stack.enter_context(
+            BenchServer(
+                bench,
+                faults,
+                daq_wiring(config),
+                laser=laser_head(config),
+                detector=detector_head(config),
+                delayer=gate_delayer(config),
+            )
+        )
         if write:
             ChangeLog(bench, write)
         yield server
@@ -81,6 +91,8 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
     and are guarded as such.
     """
     places = {"galvo": addresses.galvo, "laser": addresses.laser, "detector": addresses.detector}
+    if config.delayer is not None and addresses.delayer is not None:
+        places["delayer"] = addresses.delayer
     if isinstance(config.galvo, AnalogueGalvoConfig):
         places["galvo"] = addresses.timing  # the board's, too
     if config.point_clock is not None:

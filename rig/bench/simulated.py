@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.gates import detector_head, gate_delayer
 from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import (
     AnalogueGalvoConfig,
@@ -58,6 +59,8 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     return bench, SimulatedInstruments(
         bench,
         laser=laser_head(config),
+        detector=detector_head(config),
+        delayer=gate_delayer(config),
         timing=timing_faults(config),
         count_depth=depth,
         wiring=daq_wiring(config),

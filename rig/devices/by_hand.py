@@ -8,8 +8,8 @@ from typing import Self
 
 from drivers.errors import RefusedError
 from rig.errors import RefusedError as NobodyError
-from rig.model.config import ExternalDetectorConfig
-from rig.model.devices import ByHand, Operator, Settings
+from rig.model.config import ExternalDelayerConfig, ExternalDetectorConfig
+from rig.model.devices import Operator, Request, Settings
 from rig.model.quantities import show
 
 #: What is said of a laser that only a person can switch off.
@@ -68,7 +68,7 @@ class DetectorByHand:
             if self._gated
             else "free running"
         )
-        wanted = ByHand(
+        wanted = Request(
             "detector",
             f"Set the detector ({self._model}): bias on; {gate}; hold-off {show(hold_off_s, 's', 4)}",
             {
@@ -104,6 +104,69 @@ class DetectorByHand:
             "gate_delay_s": delay_s,
             "gate_width_s": width_s,
             "hold_off_s": hold_off_s,
+        }
+
+
+class DelayerByHand:
+    """A delayer of the gate that a person sets.
+
+    Parameters
+    ----------
+    config
+        What it is.
+    operator
+        Who sets it; None where nobody is there, as in the guard's process.
+    """
+
+    def __init__(self, config: ExternalDelayerConfig, operator: Operator | None) -> None:
+        self.identity = f"{config.model}, without a data interface"
+        self._model = config.model
+        self._operator = operator
+        self._wanted_s = 0.0
+        self._confirmed_s: float | None = None
+        self._answer = NEVER_ASKED
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def set_delay(self, delay_s: float) -> None:
+        """Want a delay; a person is asked for it before the next light."""
+        self._wanted_s = delay_s
+
+    def enable(self) -> None:
+        """Have it confirmed that the delayer is set as wanted, unless it was before.
+
+        Raises
+        ------
+        RigError
+            The person says no, or nobody can answer.
+        """
+        if self._confirmed_s == self._wanted_s:
+            return
+        self._confirmed_s = None
+        wanted = Request(
+            "delayer",
+            f"Set the delayer of the gate ({self._model}) to {show(self._wanted_s, 's', 4)}, its output on",
+            {"triggered": True, "delay_s": self._wanted_s},
+        )
+        self._answer = somebody(self._operator, wanted).set_by_hand(wanted)
+        self._confirmed_s = self._wanted_s
+
+    def disable(self) -> None:
+        """Do nothing: no program can switch it off."""
+
+    def settings(self) -> Settings:
+        """Return what a person was asked for, and the answer; nothing is read back."""
+        return {
+            "identity": self.identity,
+            "set": "by hand",
+            "answer": self._answer,
+            "delay_s": self._wanted_s,
         }
 
 
@@ -183,14 +246,6 @@ class UnseenLaser:
     def __init__(self, model: str) -> None:
         self.identity = f"{model}, without a data interface"
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
-
     def arm(self) -> None:
         """Do nothing: there is nothing to prepare."""
 
@@ -209,7 +264,7 @@ class UnseenLaser:
         return {"identity": self.identity, "switched": "by hand, behind the shutter"}
 
 
-def somebody(operator: Operator | None, wanted: ByHand) -> Operator:
+def somebody(operator: Operator | None, wanted: Request) -> Operator:
     """Return who sets something by hand.
 
     Raises

@@ -1,6 +1,12 @@
 """A laser behind a shutter: there is light while both let it out, and none when the shutter is closed."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
 from drivers.leaving import leave
+from rig.devices.by_hand import UnseenLaser
+from rig.devices.kinds import LASERS, SHUTTERS, Wires
+from rig.model.config import ExternalLaserConfig, RigConfig
 from rig.model.devices import Laser, Settings, Shutter
 
 
@@ -56,3 +62,27 @@ class BehindShutter:
         """Return those of the laser, and where the shutter is."""
         shutter = {f"shutter_{name}": value for name, value in self._shutter.settings().items()}
         return {**self._laser.settings(), **shutter, "identity": self.identity, "emitting": self.emitting()}
+
+
+@contextmanager
+def open_laser(config: RigConfig, wires: Wires) -> Iterator[Laser]:
+    """Open the laser, behind its shutter where there is one; leave it dark at the end.
+
+    The laser is opened first: it is dark then, should the shutter's line move while that is opened.
+
+    Raises
+    ------
+    drivers.errors.DeviceError
+        If one of them is missing, is another one, or fails.
+    """
+    section, shutter = config.laser, config.shutter
+    with ExitStack() as stack:
+        if shutter is None:
+            yield stack.enter_context(LASERS.of(section).open(section, wires))
+            return
+        laser: Laser
+        if isinstance(section, ExternalLaserConfig):
+            laser = UnseenLaser(section.model)
+        else:
+            laser = stack.enter_context(LASERS.of(section).open(section, wires))
+        yield BehindShutter(laser, stack.enter_context(SHUTTERS.of(shutter).open(shutter, wires)))

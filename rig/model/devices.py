@@ -415,7 +415,7 @@ class Board:
 
 
 @dataclass(frozen=True)
-class ByHand:
+class Request:
     """Something that only a person can set, because the device has no interface for it.
 
     Attributes
@@ -439,7 +439,7 @@ class ByHand:
 class Operator(Protocol):
     """The person at the rig, or the bench in their place."""
 
-    def set_by_hand(self, wanted: ByHand, meanwhile: Callable[[], bool] = lambda: False) -> str:
+    def set_by_hand(self, wanted: Request, meanwhile: Callable[[], bool] = lambda: False) -> str:
         """Have something set by hand; return who says that it is so, and when.
 
         ``meanwhile`` is called several times a second; where it returns True the question is no longer

@@ -4,7 +4,14 @@ Files are TOML with quantities as text. Without a file the built-in simulated ri
 and commented in ``configs/simulated.toml``.
 """
 
-from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config
+from rig.model.config.delayers import (
+    DelayerConfig,
+    Dg645Config,
+    ExternalDelayerConfig,
+    PsdConfig,
+    T560Config,
+)
+from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig
@@ -21,8 +28,11 @@ __all__ = [
     "CalibrationConfig",
     "DaqClockConfig",
     "DaqShutterConfig",
+    "DelayerConfig",
     "DetectorConfig",
     "DeviceSection",
+    "Dg645Config",
+    "ExternalDelayerConfig",
     "ExternalDetectorConfig",
     "ExternalLaserConfig",
     "FaultsConfig",
@@ -32,14 +42,17 @@ __all__ = [
     "Katana08Config",
     "KatanaConfig",
     "LaserConfig",
+    "MpdConfig",
     "NktConfig",
     "OptotuneConfig",
     "PlaybackConfig",
     "Point",
+    "PsdConfig",
     "RigConfig",
     "SerialShutterConfig",
     "ShutterConfig",
     "SimulationConfig",
+    "T560Config",
     "TcspcConfig",
     "built_in",
     "built_in_with",

@@ -1,6 +1,6 @@
 """Sections of detectors, and of their channels."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -45,6 +45,16 @@ class ExternalDetectorConfig(DetectorConfig):
     kind: Literal["external"] = "external"
     model: str = "detector"
     """What it is, for people."""
+
+
+class MpdConfig(DetectorConfig):
+    """An MPD Fast-Gated SPAD; bias and hold-off are set by hand, in MPD's program."""
+
+    needs_address: ClassVar[bool] = True
+
+    kind: Literal["mpd"] = "mpd"
+    address: str | None = None
+    """Serial port or pyserial URL."""
 
 
 class ChannelConfig(Section):

@@ -6,7 +6,14 @@ from pydantic import GetCoreSchemaHandler, ValidationError, ValidationInfo, Vali
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.errors import ConfigError
-from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config
+from rig.model.config.delayers import (
+    DelayerConfig,
+    Dg645Config,
+    ExternalDelayerConfig,
+    PsdConfig,
+    T560Config,
+)
+from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.installed import InstalledKind, installed, names
 from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
@@ -118,7 +125,8 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
 ROLES = {
     "galvo": ByKind("galvo", GalvoConfig, OptotuneConfig, AnalogueGalvoConfig),
     "laser": ByKind("laser", LaserConfig, KatanaConfig, Katana08Config, NktConfig, ExternalLaserConfig),
-    "detector": ByKind("detector", DetectorConfig, Id120Config, ExternalDetectorConfig),
+    "detector": ByKind("detector", DetectorConfig, Id120Config, MpdConfig, ExternalDetectorConfig),
+    "delayer": ByKind("delayer", DelayerConfig, PsdConfig, Dg645Config, T560Config, ExternalDelayerConfig),
     "point_clock": ByKind("point_clock", PointClockConfig, DaqClockConfig),
     "shutter": ByKind("shutter", ShutterConfig, DaqShutterConfig, SerialShutterConfig),
     "tcspc": ByKind("tcspc", TcspcConfig, HydraHarpConfig, PlaybackConfig),

@@ -4,7 +4,14 @@ from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from rig.model.config.detectors import ChannelConfig, DetectorConfig, ExternalDetectorConfig, Id120Config
+from rig.model.config.delayers import DelayerConfig, ExternalDelayerConfig
+from rig.model.config.detectors import (
+    ChannelConfig,
+    DetectorConfig,
+    ExternalDetectorConfig,
+    Id120Config,
+    MpdConfig,
+)
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.lasers import ExternalLaserConfig, KatanaConfig, LaserConfig
@@ -24,6 +31,8 @@ class RigConfig(Section):
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
     detector: Annotated[DetectorConfig, ROLES["detector"]] = Id120Config()
+    delayer: Annotated[DelayerConfig, ROLES["delayer"]] | None = None
+    """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector does, or cables."""
     tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
@@ -122,11 +131,11 @@ class RigConfig(Section):
                 else "the laser is switched by hand, and no program can put it out: of its emission only the "
                 "sync pulses tell, where they come with the light"
             )
+        by_hand = "set by hand and cannot be read back: what the file says is what a person says"
         if isinstance(self.detector, ExternalDetectorConfig):
-            told.append(
-                "bias, gate and hold-off of the detector are set by hand and cannot be read back: they are "
-                "what a person says"
-            )
+            told.append(f"bias, gate and hold-off of the detector are {by_hand}")
+        if isinstance(self.delayer, ExternalDelayerConfig):
+            told.append(f"the delay of the gate is {by_hand}")
         return tuple(told)
 
     @property
@@ -140,9 +149,12 @@ class RigConfig(Section):
     def serial_addresses(self) -> dict[str, str | None]:
         """Where the devices on a serial line are, by their section."""
         galvo = {"galvo": self.galvo.address} if isinstance(self.galvo, OptotuneConfig) else {}
-        laser = {} if isinstance(self.laser, ExternalLaserConfig) else {"laser": self.laser.address}
-        shutter = {"shutter": self.shutter.address} if self.shutter and self.shutter.needs_address else {}
-        return {**galvo, **laser, **shutter}
+        detector = {"detector": self.detector.address} if isinstance(self.detector, MpdConfig) else {}
+        others = {"laser": self.laser, "delayer": self.delayer, "shutter": self.shutter}
+        on_lines = {
+            name: one.address for name, one in others.items() if one is not None and one.needs_address
+        }
+        return {**galvo, **detector, **on_lines}
 
     @property
     def simulated(self) -> bool:
@@ -185,6 +197,7 @@ _NOT_MEASURED_WITH = (
     "detector.max_count_rate",
     "detector.serial",
     "detector.address",
+    "delayer.address",
     "tcspc.library",
     "tcspc.serial",
     "tcspc.address",
