@@ -35,6 +35,11 @@ def warn(message: str) -> None:
     err.print(Text("warning:", "yellow"), _plain(message))
 
 
+def shout(message: str) -> None:
+    """Tell the person what must not be missed."""
+    err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
+
+
 def _plain(text: str) -> Text:
     """Return text as it is: no markup in it, and no control characters."""
     return Text(printable(text))
