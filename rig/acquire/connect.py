@@ -57,7 +57,7 @@ def open_devices(
     begin_s
         Time at which the clock of a simulated bench begins.
     operator
-        Who sets by hand what has no data interface; None where nobody is there. The simulated rig has its own.
+        Who sets by hand what has no data interface; None where nobody is there. A simulated rig has its own.
 
     Raises
     ------

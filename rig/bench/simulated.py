@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,16 @@ from rig.model.config import (
     DaqClockConfig,
     DaqShutterConfig,
     ExternalLaserConfig,
+    DeviceSection,
     FaultsConfig,
+    Katana08Config,
     KatanaConfig,
     NktConfig,
     RigConfig,
     SerialShutterConfig,
     SimulationConfig,
 )
+from rig.model.config.kinds import ROLES
 from rig.model.quantities import parse
 
 if TYPE_CHECKING:
@@ -73,15 +76,33 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
 
 
 def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead] | None":
-    """Return what makes the simulated laser of the configured kind, on a bench; None without interface."""
+    """Return what makes the simulated laser of the configured kind, on a bench; None without interface.
+
+    Raises
+    ------
+    ConfigError
+        If the package that brings the kind has no simulator.
+    """
     from simulators.wire.laser import Katana08Head, KatanaHead
     from simulators.wire.nkt import NktMainboard
 
-    if isinstance(config.laser, ExternalLaserConfig):
+    laser = config.laser
+    if isinstance(laser, ExternalLaserConfig):
         return None
-    if isinstance(config.laser, NktConfig):
-        return partial(NktMainboard, oscillator_hz=config.laser.oscillator_hz)
-    return KatanaHead if isinstance(config.laser, KatanaConfig) else Katana08Head
+    if isinstance(laser, NktConfig):
+        return partial(NktMainboard, oscillator_hz=laser.oscillator_hz)
+    own = {KatanaConfig: KatanaHead, Katana08Config: Katana08Head}
+    return own.get(type(laser)) or _simulated_elsewhere("laser", laser)
+
+
+def _simulated_elsewhere(role: str, section: DeviceSection) -> "Callable[[Bench], Any]":
+    """Return the simulator that an installed package brings."""
+    found = ROLES[role].installed(section.kind)
+    if found is None or found.simulated is None:
+        raise ConfigError(
+            f"{role}.kind = '{section.kind}' has no simulator: leave [simulation] out, or choose another kind"
+        )
+    return found.simulated
 
 
 def port_shutter(config: RigConfig) -> "Callable[[Bench], PortShutter] | None":

@@ -197,7 +197,7 @@ def tell_light(event: LightChanged) -> str:
     if event.on:
         err.print(f"[bold red]LASER ON[/] since {time_of_day}")
         return "[bold red]LASER ON[/]"
-    err.print(f"laser dark, read back {time_of_day}")
+    err.print(f"laser dark, {event.how.removesuffix(' twice')} {time_of_day}")
     return "dark"
 
 

@@ -42,7 +42,7 @@ def off(config: ThisRig = None, as_json: AsJson = False) -> None:
     else:
         for one in done:
             if one["dark"]:
-                console.say(f"{one['rig']}: the laser at {one['laser']} is dark, read back twice.")
+                console.say(f"{one['rig']}: the laser at {one['laser']} is dark.")
         if not done:
             console.say("No program here has a laser in its hands. To reach one anyway: --config FILE")
     if still := [str(one["laser"]) for one in done if not one["dark"]]:
