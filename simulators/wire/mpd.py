@@ -1,8 +1,9 @@
 """The firmware of an MPD Fast-Gated SPAD, gating the bench's detector; a person has set bias and hold-off.
 
 Source: one published driver. UNCONFIRMED, and so choices made here: which names ``AQ`` and which ``DC`` are
-answered with, that settings take effect with ``AD``, that only a width is answered, what an unknown command
-is answered (nothing), and the gate's rate where no trigger comes (0). The fits are those of that driver.
+answered with, that settings take effect with ``AD``, what they are answered (``answers_settings``), what an
+unknown command is answered (nothing), and the gate's rate where no trigger comes (0). The fits are those of
+that driver.
 """
 
 import re
@@ -51,6 +52,8 @@ class MpdModule(LineFirmware):
 
     Attributes
     ----------
+    answers_settings
+        Whether the choice of a mode is answered, as that of a width is.
     gate_stuck
         Whether the gate no longer follows the commands.
     gate_hz
@@ -62,6 +65,7 @@ class MpdModule(LineFirmware):
     def __init__(self, bench: Bench, by_hand: ByHand | None = None) -> None:
         super().__init__(terminator=b"#", longest=128)
         self.by_hand = by_hand or ByHand()
+        self.answers_settings = True
         self.gate_stuck = False
         self.gate_hz: float | None = None
         self.drop_answers = 0
@@ -116,7 +120,7 @@ class MpdModule(LineFirmware):
         value = int(match[2])
         if match[1] == "TS":
             self._wanted["TS"] = value
-            return []
+            return [f"TS{value}"] if self.answers_settings else []
         low, high = WIDTHS_PS
         self._wanted["TO"] = min(max(value, low), high)
         return [f"TO{self._wanted['TO']}"]

@@ -68,12 +68,21 @@ def test_session(play):
         lambda said: b"SN4711#" + said + b"FW1.2#",
         lambda said: said.replace(b"CC228#", b""),
         lambda said: said.replace(b"#", b"#\r\n"),
+        lambda said: b"TO7#" + said,
     ],
-    ids=["another order", "with an echo", "with more", "with less", "in lines"],
+    ids=["another order", "with an echo", "with more", "with less", "in lines", "after a late answer"],
 )
 def test_answers_of_other_forms_are_understood(play, change):
     with play(retold(change)) as address, spad(address) as one:
         one.enable()
+
+
+def test_settings_that_are_not_answered_are_waited_for_and_read_back(play):
+    silent = [one for one in SESSION if not one.data.startswith((b"TS0#", b"TO10000#", b"TO40000#"))]
+    clock = StepClock()
+    with play(silent) as address, MpdSpad(address, clock=clock) as one:
+        one.enable()
+        assert clock.now_s() == pytest.approx(4 * 0.3)  # the published driver's wait, for each setting
 
 
 @pytest.mark.parametrize("name", NEEDED)
@@ -243,12 +252,12 @@ def test_a_gate_that_does_not_obey_is_told_to_the_person(rig, gated, told):
     assert "Treat the detector as SENSITIVE and BIASED: switch its bias off by hand, in MPD's program" in said
 
 
-@pytest.mark.parametrize("how_many", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("how_many", [1, 2, 3, 8, 9])
 def test_leaving_closes_also_when_answers_are_lost(rig, how_many):
     one = rig.mpd().__enter__()
     one.enable()
     module_of(rig).drop_answers = how_many
-    told = nullcontext() if how_many < 6 else pytest.raises(DeviceError, match="SENSITIVE")
+    told = nullcontext() if how_many < 9 else pytest.raises(DeviceError, match="SENSITIVE")
     with told:
         one.__exit__(None, None, None)
     assert (rig.bench.light.gated, rig.bench.light.gate_width_s) == (True, 10e-9)
