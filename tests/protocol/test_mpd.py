@@ -141,9 +141,7 @@ WORDS = [b"AQ", b";", b"DC", b"#", b"TS0", b"FR", b"GM", b"AD", b"TO", b"40000",
 )
 def test_the_module_survives_and_keeps_its_ranges(data, piece):
     bench = Bench()
-    module = MpdModule(bench)
-    module.by_hand.biased = False
-    module.act()
+    module = MpdModule(bench, biased=False)
     for start in range(0, len(data), piece):
         module.receive(data[start : start + piece])
     assert not bench.light.biased
@@ -192,12 +190,12 @@ def test_free_running(rig):
 
 def test_what_it_says_of_itself(rig):
     with rig.mpd() as one:
-        module_of(rig).by_hand.hold_off_s = 101e-9  # code 28, which the fit takes for 102 ns
+        rig.bench.change_light(hold_off_s=101e-9)  # code 28, which the fit takes for 102 ns
         said = one.settings()
         assert said["hold_off_s"] == 100e-9
         assert said["temperature_c"] == pytest.approx(-20.0)
         assert said["excess_bias_v"] == pytest.approx(5.0, abs=0.02)
-        module_of(rig).by_hand.hold_off_s = 81e-9
+        rig.bench.change_light(hold_off_s=81e-9)
         assert one.settings()["hold_off_s"] == pytest.approx(81e-9)
 
 
@@ -214,9 +212,8 @@ def test_what_it_says_of_itself(rig):
 )
 def test_what_a_person_has_not_set_is_asked_of_the_person(rig, by_hand, told):
     with rig.mpd() as one:
-        for name, value in by_hand.items():
-            setattr(module_of(rig).by_hand, name, value)
-        module_of(rig).act()
+        module_of(rig).error = by_hand.pop("error", 0)
+        rig.bench.change_light(**by_hand)
         with pytest.raises(RefusedError, match=told):
             one.enable()
         assert (rig.bench.light.gated, rig.bench.light.gate_width_s) == (True, 10e-9)
@@ -314,8 +311,7 @@ def test_the_port_is_free_while_a_person_sets_the_hold_off(rig):
                 one.settings()
             with rig.mpd() as other:
                 assert other.settings()["biased"]
-            module_of(rig).by_hand.hold_off_s = 160e-9
-            module_of(rig).act()
+            rig.bench.change_light(hold_off_s=160e-9)
         one.set_hold_off(160e-9)
         assert one.settings()["hold_off_s"] == 160e-9
         with pytest.raises(RefusedError, match="hold off for 90 ns, but it holds off for about 159 ns"):
@@ -344,7 +340,7 @@ def test_the_fits_are_monotonic_where_codes_are():
     module = MpdModule(bench)
     codes = []
     for nanoseconds in range(18, 120):
-        module.by_hand.hold_off_s = nanoseconds * 1e-9
+        bench.change_light(hold_off_s=nanoseconds * 1e-9)
         codes.append(int(module._codes()[0].removeprefix("HO")))
     assert all(0 <= later - before <= 1 for before, later in pairwise(codes))
     assert codes[0] == 0
