@@ -5,9 +5,10 @@ from contextlib import AbstractContextManager
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.mpd.detector import MpdSpad
 from drivers.mpd.settings import MpdSettings
+from rig.devices.by_hand import DetectorByHand
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.wires import Wires
-from rig.model.config import Id120Config, MpdConfig
+from rig.model.config import ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.devices import GatedSpad
 
 
@@ -42,6 +43,14 @@ def open_mpd(config: MpdConfig, wires: Wires) -> AbstractContextManager[GatedSpa
     return MpdSpad(wires.detector, clock=wires.clock, settings=mpd_settings(config, wires.sync_hz))
 
 
+def open_external_detector(config: ExternalDetectorConfig, wires: Wires) -> AbstractContextManager[GatedSpad]:
+    """Return a detector that a person sets, to be entered."""
+    return DetectorByHand(config, wires.operator)
+
+
 DETECTORS: Kinds[Kind[GatedSpad]] = Kinds(
-    "detector", Kind(Id120Config, open_id120), Kind(MpdConfig, open_mpd, mpd_settings)
+    "detector",
+    Kind(Id120Config, open_id120),
+    Kind(MpdConfig, open_mpd, mpd_settings),
+    Kind(ExternalDetectorConfig, open_external_detector),
 )

@@ -39,6 +39,14 @@ class Id120Config(DetectorConfig):
     """Bias above breakdown."""
 
 
+class ExternalDetectorConfig(DetectorConfig):
+    """A detector without a data interface: a person sets bias, gate and hold-off as it is written here."""
+
+    kind: Literal["external"] = "external"
+    model: str = "detector"
+    """What it is, for people."""
+
+
 class MpdConfig(DetectorConfig):
     """An MPD Fast-Gated SPAD; bias and hold-off are set by hand, in MPD's program."""
 
