@@ -12,7 +12,7 @@ from math import isfinite
 from types import TracebackType
 from typing import Self
 
-from drivers.clock import Clock
+from drivers.clock import Clock, wait_until
 from drivers.errors import (
     DeviceError,
     DeviceNotFoundError,
@@ -40,6 +40,8 @@ SHORT_NS, ROUNDED_BY_NS, LONGEST_PART = 5, 4, 0.8
 
 TRIGGER_V = (-2.0, 2.0)
 TRIGGER_STEP_V = 0.01
+
+POLL_S = 0.01
 
 #: So often the output is switched off before it is said to be on.
 DISABLE_TRIES = 3
@@ -256,9 +258,15 @@ class PsdDelayer:
 
     def _identify(self) -> None:
         """Switch the echo off, and find out whether a delayer answers; nothing else is set."""
-        self._line.tell("EM0")  # its answer depends on the mode that it was in
-        self._clock.sleep(self._timeout_s)
-        self._line.pending()
+        self._line.tell("EM0")
+        came = bytearray()
+
+        def answered() -> bool:
+            """Return whether echo and answer have come; without an echo there is only one of them."""
+            came.extend(self._line.pending().encode("ascii", "replace"))
+            return came.count(b"#") == 2
+
+        wait_until(self._clock, answered, timeout_s=self._timeout_s, every_s=POLL_S)
         try:
             longest_ps = self._ask("RMD", unknown=FINE_PS[1])
             self._delay_ps()

@@ -12,7 +12,7 @@ from math import isclose
 from types import TracebackType
 from typing import Self
 
-from drivers.clock import Clock
+from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
 from drivers.leaving import leave
 from drivers.lines.serial import SerialLine
@@ -21,8 +21,9 @@ from drivers.mpd.status import HOLD_OFF_STEP_S, NAMES, NEEDED, Status, parse_pie
 
 BAUD = 115200
 
-#: The published driver waits so long before it reads what came, and then 0.1 s at most.
+#: So long the published driver waits before it reads what a command was answered.
 ANSWER_S = 0.3
+POLL_S = 0.01
 
 #: By how much the width in effect may be another one. UNCONFIRMED: the steps of the width.
 WIDTH_WITHIN_S = 0.5e-9
@@ -294,10 +295,12 @@ class MpdSpad:
         return status
 
     def _tell(self, command: str) -> None:
-        """Send settings. What they are answered is not known, and is thrown away."""
+        """Send settings, and wait until they are answered or the time for that is over.
+
+        Whether they are, and what, is not known for all: it is thrown away.
+        """
         self._line.tell(command)
-        self._clock.sleep(ANSWER_S)
-        self._line.pending()
+        wait_until(self._clock, lambda: "#" in self._line.pending(), timeout_s=ANSWER_S, every_s=POLL_S)
 
     def _status(self) -> Status:
         """Ask for everything; the answer is as many pieces as there are names, or fewer and then silence."""
@@ -308,7 +311,7 @@ class MpdSpad:
             while len(codes) < len(NAMES) and len(came) < MOST_PIECES:
                 came.append(self._line.receive("answer 'AQ;DC'").decode("ascii", "backslashreplace"))
                 if piece := parse_piece(came[-1]):
-                    codes.setdefault(*piece)
+                    codes[piece[0]] = piece[1]  # what came first may be a late answer to a setting
         except LinkError:
             if not came:
                 raise

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument] | None":
     """Return what makes the simulated detector of the configured kind, on a bench; None without interface."""
-    from simulators.wire.mpd import ByHand, MpdModule
+    from simulators.wire.mpd import MpdModule
     from simulators.wire.spad import SpadInstrument
 
     if isinstance(config.detector, ExternalDetectorConfig):
@@ -33,7 +33,7 @@ def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument] |
         return SpadInstrument
     set_by_hand = (config.simulation or SimulationConfig()).by_hand
     hold_off_s = config.detector.hold_off_s if set_by_hand.hold_off_s is None else set_by_hand.hold_off_s
-    return partial(MpdModule, by_hand=ByHand(biased=set_by_hand.bias, hold_off_s=hold_off_s))
+    return partial(MpdModule, biased=set_by_hand.bias, hold_off_s=hold_off_s)
 
 
 def gate_delayer(config: RigConfig) -> "Callable[[Bench], LineFirmware] | None":

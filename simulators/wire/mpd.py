@@ -1,12 +1,14 @@
-"""The firmware of an MPD Fast-Gated SPAD, gating the bench's detector; a person has set bias and hold-off.
+"""The firmware of an MPD Fast-Gated SPAD, gating the bench's detector.
+
+Bias and hold-off are set by hand, on the bench itself: `Bench.change_light`. The firmware only tells them.
 
 Source: one published driver. UNCONFIRMED, and so choices made here: which names ``AQ`` and which ``DC`` are
-answered with, that settings take effect with ``AD``, that only a width is answered, what an unknown command
-is answered (nothing), and the gate's rate where no trigger comes (0). The fits are those of that driver.
+answered with, that settings take effect with ``AD``, what they are answered (``answers_settings``), what an
+unknown command is answered (nothing), and the gate's rate where no trigger comes (0). The fits are those of
+that driver.
 """
 
 import re
-from dataclasses import dataclass
 
 from simulators.bench import Bench
 from simulators.wire.lines import LineFirmware
@@ -17,28 +19,6 @@ WIDTHS_PS = (10_000, 98_000)
 _SETTING = re.compile(r"(TO|TS)([0-9]{1,9})|(FR|GM)")
 
 
-@dataclass
-class ByHand:
-    """What a person sets in the vendor's program.
-
-    Attributes
-    ----------
-    biased
-        Whether the bias is on.
-    hold_off_s
-        Time after a detection during which the detector stays off.
-    excess_bias_v
-        Bias above breakdown.
-    error
-        Number of what is wrong; 0 is nothing.
-    """
-
-    biased: bool = True
-    hold_off_s: float = 100e-9
-    excess_bias_v: float = 5.0
-    error: int = 0
-
-
 class MpdModule(LineFirmware):
     """The detector as bytes in and bytes out; it begins free running.
 
@@ -46,11 +26,15 @@ class MpdModule(LineFirmware):
     ----------
     bench
         Its detector is gated.
-    by_hand
-        What a person has set; whoever changes it calls `act`.
+    biased, hold_off_s
+        What a person had set before.
 
     Attributes
     ----------
+    answers_settings
+        Whether the choice of a mode is answered, as that of a width is.
+    error
+        Number of what is wrong; 0 is nothing.
     gate_stuck
         Whether the gate no longer follows the commands.
     gate_hz
@@ -59,23 +43,23 @@ class MpdModule(LineFirmware):
         So many of the next answers are lost.
     """
 
-    def __init__(self, bench: Bench, by_hand: ByHand | None = None) -> None:
+    def __init__(self, bench: Bench, *, biased: bool = True, hold_off_s: float = 100e-9) -> None:
         super().__init__(terminator=b"#", longest=128)
-        self.by_hand = by_hand or ByHand()
+        self.error = 0
+        self.answers_settings = True
         self.gate_stuck = False
         self.gate_hz: float | None = None
         self.drop_answers = 0
         self._bench = bench
         self._wanted = {"FR": 1, "TO": 40_000, "TS": 0}
         self._set = dict(self._wanted)
-        self.act()
+        bench.change_light(biased=biased, hold_off_s=hold_off_s)
+        self._act()
 
-    def act(self) -> None:
-        """Bring the bench to the state of the settings, those by hand too."""
+    def _act(self) -> None:
+        """Bring the bench's gate to the state of the settings."""
         light = self._bench.light
         state: dict[str, bool | float] = {
-            "biased": self.by_hand.biased,
-            "hold_off_s": self.by_hand.hold_off_s,
             "gated": not self._set["FR"],
             "gate_width_s": self._set["TO"] / 1e12,
         }
@@ -104,7 +88,7 @@ class MpdModule(LineFirmware):
         if command == "AD":
             if not self.gate_stuck:
                 self._set = dict(self._wanted)
-            self.act()
+            self._act()
         elif match := _SETTING.fullmatch(command):
             return self._want(match)
         return []
@@ -116,7 +100,7 @@ class MpdModule(LineFirmware):
         value = int(match[2])
         if match[1] == "TS":
             self._wanted["TS"] = value
-            return []
+            return [f"TS{value}"] if self.answers_settings else []
         low, high = WIDTHS_PS
         self._wanted["TO"] = min(max(value, low), high)
         return [f"TO{self._wanted['TO']}"]
@@ -126,12 +110,11 @@ class MpdModule(LineFirmware):
         rate_hz = light.sync_hz if light.triggered else 0.0
         rate_hz = rate_hz if self.gate_hz is None else self.gate_hz
         return [
-            f"VPOL{int(light.biased)}", f"FR{now['FR']}", f"ERR{self.by_hand.error}", "VT100", "SE1",
+            f"VPOL{int(light.biased)}", f"FR{now['FR']}", f"ERR{self.error}", "VT100", "SE1",
             f"TS{now['TS']}", f"GF{rate_hz:.0f}", f"TO{now['TO']}", "TK2530",
         ]  # fmt: skip
 
     def _codes(self) -> list[str]:
         """Return the codes of what is set by hand."""
-        hand = self.by_hand
-        hold_off = max(round((hand.hold_off_s * 1e9 - 18) / 3), 0)
-        return [f"HO{hold_off}", "CT150", f"CE{round((6.97 - hand.excess_bias_v) / 0.0241)}", "CC228"]
+        hold_off = max(round((self._bench.light.hold_off_s * 1e9 - 18) / 3), 0)
+        return [f"HO{hold_off}", "CT150", "CE82", "CC228"]
