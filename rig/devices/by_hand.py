@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from drivers.errors import RefusedError
+from drivers.leaving import leave
 from rig.errors import RefusedError as NobodyError
 from rig.model.config import ExternalDelayerConfig, ExternalDetectorConfig
 from rig.model.devices import Operator, Request, Settings
@@ -173,6 +174,8 @@ class DelayerByHand:
 class LaserByHand:
     """A laser that only a person can switch: what the guard has in its hands in place of a laser.
 
+    A context manager that does not leave in silence while there is light.
+
     It knows what it was told, and says that there is light until it is told that there is none.
 
     Parameters
@@ -192,7 +195,7 @@ class LaserByHand:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        pass
+        leave([self.stop], problem)
 
     def arm(self) -> None:
         """Do nothing: there is nothing to prepare."""
