@@ -1,6 +1,6 @@
 """The composition root: opens the devices that a configuration names, real or simulated at their wires."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -63,6 +63,28 @@ def open_devices(
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config))
         yield stack.enter_context(devices_on(config, wires, first, tagged=tagged))
+
+
+#: Reaches the wires of one device, named by its section of the configuration.
+Reach = Callable[[str], AbstractContextManager[Wires]]
+
+
+@contextmanager
+def wires_of(config: RigConfig) -> Iterator[Reach]:
+    """Have a rig alone, and give what reaches the wires of one device after the other; none is opened yet.
+
+    Raises
+    ------
+    RefusedError
+        If another program has the rig.
+    """
+    with ExitStack() as stack:
+        if config.simulated:
+            wires, _ = stack.enter_context(_simulated(config))
+            yield lambda section: nullcontext(wires)
+        else:
+            stack.enter_context(locked(config))
+            yield lambda section: wires_by_address(config, only=section)
 
 
 @contextmanager
