@@ -24,7 +24,7 @@ class Listener(Protocol):
         ...
 
     def call(self, name: str, arguments: tuple[Any, ...], answer: object) -> None:
-        """Hear a call of a vendor's library: its name, its arguments when it was done, and what it returned."""
+        """Hear a call of a vendor's library: its name, its arguments after it, and what it returned."""
         ...
 
 
@@ -126,13 +126,12 @@ class _TappedFunction:
     """One function of ctypes; its types are set as of the function itself."""
 
     def __init__(self, name: str, function: Any, listener: Listener) -> None:
-        object.__setattr__(self, "_tap", (name, function, listener))
+        self.__dict__.update(_name=name, _function=function, _listener=listener)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        setattr(self._tap[1], name, value)
+        setattr(self.__dict__["_function"], name, value)
 
     def __call__(self, *arguments: Any) -> Any:
-        name, function, listener = self._tap
-        answer = function(*arguments)
-        listener.call(name, arguments, answer)
+        answer = self.__dict__["_function"](*arguments)
+        self.__dict__["_listener"].call(self.__dict__["_name"], arguments, answer)
         return answer

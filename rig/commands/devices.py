@@ -36,10 +36,10 @@ def probe(
 ) -> None:
     """Ask each configured device harmless questions, and keep all that passes on its wire.
 
-    Nothing moves, emits, is biased or set: devices are asked who they are, how they are, and what they are set
-    to. One that fails is told, and the next one asked. The transcripts, for people and for programs, have neither
-    serial numbers nor names nor paths in them. At the end it is told which unconfirmed facts the answers settle;
-    docs/bench.md has them all. Exit code 3 if a device could not be asked.
+    Nothing moves, emits, is biased or set: devices are asked who they are, how they are, and what they are
+    set to. One that fails is told, and the next one asked. The transcripts, for people and for programs, have
+    neither serial numbers nor names nor paths in them. At the end it is told which unconfirmed facts the
+    answers settle; docs/bench.md has them all. Exit code 3 if a device could not be asked.
 
     [bold]Examples[/bold]
 

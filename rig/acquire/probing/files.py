@@ -3,7 +3,7 @@
 import json
 import platform
 from collections.abc import Iterable, Iterator
-from datetime import datetime
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,8 +17,8 @@ from rig.errors import UsageError
 TEXT, LINES = "transcript.txt", "transcript.jsonl"
 
 LEFT_OUT = (
-    "Left out: serial numbers, names of users, computers and the rig, addresses and paths. The same one has the "
-    "same placeholder everywhere, e.g. <serial 1>."
+    "Left out: serial numbers, names of users, computers and the rig, addresses and paths. The same one has "
+    "the same placeholder everywhere, e.g. <serial 1>."
 )
 #: Said where the answers are a simulator's.
 SIMULATED = "These devices are simulated: the answers are this program's own, and settle nothing."
@@ -55,7 +55,7 @@ def write(
         If it cannot be written.
     """
     about = {
-        "when": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "when": datetime.now(UTC).isoformat(timespec="seconds"),
         "rig": rig.__version__,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -66,7 +66,7 @@ def write(
         f"# rig devices probe: {', '.join(f'{name} {value}' for name, value in about.items())}",
         *([f"# {SIMULATED}"] if simulated else []),
         f"# {LEFT_OUT}",
-        "# > to the device, < from it; on USB in hexadecimal; behind it the time in seconds since the beginning",
+        "# > to the device, < from it; on USB in hexadecimal; behind it the time since the beginning",
         *text_lines(devices, hidden),
         "",
         *_facts_as_text(facts),

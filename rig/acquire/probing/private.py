@@ -1,4 +1,4 @@
-"""Leaving personal details out of what is written for others: each becomes a placeholder that stays the same."""
+"""Leaving personal details out of what is written for others: each becomes a placeholder, always the same."""
 
 import getpass
 import re
@@ -20,8 +20,8 @@ _SERIAL = re.compile(
 #: Absolute paths of POSIX and Windows, and addresses of computers; not what only looks so, as 10/12 does.
 _PATH = re.compile(r"(?<![\w:/.])(?:~?(?:/[\w.@+-]+){2,}|[A-Za-z]:\\[\w.@+\\ -]+)")
 _HOST = re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}\b")
-#: What is shorter tells nobody apart, and is part of everything; what is a little longer is replaced only as a
-#: word of its own.
+#: What is shorter tells nobody apart, and is part of everything; what is a little longer is replaced only as
+#: a word of its own.
 _SHORTEST, _SHORT = 2, 4
 
 
@@ -70,13 +70,17 @@ class Placeholders:
             self.learn("serial", said)
         if exchange.question == "*IDN?" and said.count(",") >= 2:  # maker, model, serial number, firmware
             self.learn("serial", said.split(",")[2])
-        self.learn_text(f"{said} {exchange.problem}")
+        self._learn_all(said, {"serial": _SERIAL, "path": _PATH})  # four numbers are a version there
+        self.learn_text(exchange.problem)
 
     def learn_text(self, text: str) -> None:
-        """Remember serial numbers, paths and hosts that a text tells as such."""
-        for kind, pattern in (("serial", _SERIAL), ("path", _PATH), ("host", _HOST)):
+        """Remember serial numbers, paths and hosts that a text of ours tells as such."""
+        self._learn_all(text, {"serial": _SERIAL, "path": _PATH, "host": _HOST})
+
+    def _learn_all(self, text: str, patterns: dict[str, re.Pattern[str]]) -> None:
+        for kind, pattern in patterns.items():
             for found in pattern.finditer(text):
-                self.learn(kind, found[found.re.groups])
+                self.learn(kind, found[pattern.groups])
 
     def hidden(self, text: str, written: Callable[[str], str] = str) -> str:
         """Return a text with placeholders; what is between them as ``written`` writes it."""
@@ -93,12 +97,13 @@ class Placeholders:
 
     def _pattern(self) -> re.Pattern[str]:
         longest_first = sorted(self._known, key=len, reverse=True)
-        return re.compile("(" + "|".join(map(_alone, longest_first)) + ")")
+        return re.compile("(" + "|".join(map(self._found_as, longest_first)) + ")")
 
-
-def _alone(text: str) -> str:
-    """Return a pattern that finds a text; a short one only where it is a word."""
-    return re.escape(text) if len(text) >= _SHORT else rf"(?<!\w){re.escape(text)}(?!\w)"
+    def _found_as(self, text: str) -> str:
+        """Return a pattern that finds a text; what is short, or a name, only where it is a word."""
+        is_name = self._known[text].startswith(("<user", "<host"))
+        word = rf"(?<!\w){re.escape(text)}(?!\w)"
+        return word if is_name or len(text) < _SHORT else re.escape(text)
 
 
 def _texts(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

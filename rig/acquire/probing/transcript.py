@@ -1,7 +1,7 @@
-"""What passed at the wire while devices were asked, with times: kept as it was, written without private details.
+"""What passed at the wire while devices were asked, with times; written without private details.
 
-As text it has the form of the transcripts in ``tests/protocol/transcripts``: ``>`` to the device, ``<`` from it,
-with Python's escapes, in hexadecimal on USB; a comment behind each line.
+As text it has the form of the transcripts in ``tests/protocol/transcripts``: ``>`` to the device, ``<`` from
+it, with Python's escapes, in hexadecimal on USB; a comment behind each line.
 """
 
 import json

@@ -1,12 +1,13 @@
 """How devices are asked: one question after the other on an open line, each answer taken as it comes.
 
-Nothing here goes through a device's driver class, because entering and leaving one sets things: the mirror goes
-to rest, the laser is told to be dark, the detector loses its bias.
+Nothing here goes through a device's driver class, because entering and leaving one sets things: the mirror
+goes to rest, the laser is told to be dark, the detector loses its bias.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from drivers.clock import Clock
@@ -194,7 +195,7 @@ def ask_hydraharps(section: Any, wires: Wires) -> Iterator[Exchange]:
     yield Exchange("HH_GetLibraryVersion", library.get_library_version())
     found = 0
     for index in range(hh.MAX_DEVICES):
-        opened = _tried(f"HH_OpenDevice({index})", lambda at=index: library.open_device(at), private=True)
+        opened = _tried(f"HH_OpenDevice({index})", partial(library.open_device, index), private=True)
         if opened.problem == ErrorCode.DEVICE_OPEN_FAIL.name:  # nothing is there
             continue
         yield opened
@@ -212,14 +213,19 @@ def ask_hydraharps(section: Any, wires: Wires) -> Iterator[Exchange]:
 
 
 def _uninitialized(library: HHLib, index: int) -> Iterator[Exchange]:
-    for name, ask in (
+    questions: tuple[tuple[str, Callable[[int], object]], ...] = (
         ("HH_GetHardwareInfo", library.get_hardware_info),
         ("HH_GetFeatures", library.get_features),
         ("HH_GetBaseResolution", library.get_base_resolution),
         ("HH_GetNumOfInputChannels", library.get_num_of_input_channels),
         ("HH_GetFlags", library.get_flags),
-    ):
-        yield _tried(f"{name}({index})", lambda asked=ask: str(asked(index)))
+    )
+    for name, ask in questions:
+        yield _tried(f"{name}({index})", partial(_as_text, ask, index))
+
+
+def _as_text(ask: Callable[[int], object], index: int) -> str:
+    return str(ask(index))
 
 
 def ask_board(section: Any, wires: Wires) -> Iterator[Exchange]:
@@ -236,7 +242,7 @@ def _until_silent(
     """Ask all questions; give up on a device that has answered none of the first ones."""
     unanswered: list[Exchange] = []
     for number, question in enumerate(questions, 1):
-        exchange = _tried(question, lambda one=question: ask(one), private=question in private)
+        exchange = _tried(question, partial(ask, question), private=question in private)
         yield exchange
         if exchange.answer is None:
             unanswered.append(exchange)

@@ -1,7 +1,7 @@
 """The unconfirmed facts that harmless questions settle: what is believed, which answer settles it, and how.
 
-The one table of them. Where the program stands on such a fact, a comment there says UNCONFIRMED. Facts that no
-harmless question settles are in docs/bench.md, which lists these, too.
+The one table of them. Where the program stands on such a fact, a comment there says UNCONFIRMED; docs/bench.md
+has these by name, and those that no harmless question settles.
 """
 
 import re
@@ -141,7 +141,7 @@ FACTS: tuple[Fact, ...] = (
         "optotune-getsn",
         "galvo",
         "optotune",
-        "The manual lists GETSN; that this firmware knows it, and answers one printable word, is unconfirmed.",
+        "The manual lists GETSN; that each firmware knows it, and answers with a name, is unconfirmed.",
         "GETSN",
         _answered("GETSN", lambda said: said not in ("NO", "OK", "ERROR") and said.isprintable()),
     ),
@@ -149,7 +149,7 @@ FACTS: tuple[Fact, ...] = (
         "optotune-status",
         "galvo",
         "optotune",
-        "STATUS is a hexadecimal number of up to 32 bits (manual); one public driver expects OK. Both are taken.",
+        "STATUS is a hexadecimal number of up to 32 bits (manual); one public driver expects OK.",
         "STATUS",
         _form("STATUS", r"(0[xX])?[0-9a-fA-F]{1,8}"),
     ),
@@ -176,7 +176,7 @@ FACTS: tuple[Fact, ...] = (
         "katana-05-rate-unit",
         "laser",
         "katana",
-        "ltg_freq? is in Hz (the unit's help); as MHz it is taken too where a unit or a small number says so.",
+        "ltg_freq? is in Hz (the unit's help); a number below 1000, or MHz behind it, is taken as MHz.",
         "ltg_freq?",
         _seen("ltg_freq?", _rate_without_unit),
     ),
@@ -219,7 +219,7 @@ FACTS: tuple[Fact, ...] = (
         "katana-08hp-dark",
         "laser",
         "katana-08hp",
-        f"Dark, it measures at most {MEASURED_DARK_W * 1e3:g} mW (lpa?); a guess. Settled only where le? says 0.",
+        f"Dark, it measures at most {MEASURED_DARK_W * 1e3:g} mW (lpa?); a guess. Seen where le? says 0.",
         "lpa?",
         _dark,
     ),
@@ -264,8 +264,8 @@ FACTS: tuple[Fact, ...] = (
         "nkt-emission-status",
         "laser",
         "nkt",
-        "Bit 0 of register 66 says the same of emission as register 30. How both change while emission begins "
-        "is not settled by this.",
+        "Bit 0 of register 66 says the same of emission as register 30. This does not settle how both change "
+        "while emission begins.",
         "status",
         _emission_and_status,
     ),

@@ -1,7 +1,7 @@
 """What each kind of device is asked: one entry for each kind of the tables in `rig.devices.kinds`.
 
-An entry holds questions only: identity, state, settings that are read back. What moves, emits, biases, sets or
-resets something has no place here, nor has a question of which no source tells.
+An entry holds questions only: identity, state, settings that are read back. What moves, emits, biases, sets
+or resets something has no place here, nor has a question of which no source tells.
 """
 
 from drivers.id120 import ID120
