@@ -1,6 +1,6 @@
 """The unconfirmed facts that harmless questions settle: what is believed, which answer settles it, and how.
 
-The one table of them. Where the program stands on such a fact, a comment there says UNCONFIRMED; docs/bench.md
+The one table of them. Where the program stands on one, a comment there says UNCONFIRMED; docs/bench.md
 has these by name, and those that no harmless question settles.
 """
 
