@@ -114,7 +114,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
 
 
 def _check_continuous(state: RigState) -> None:
-    if TIMING[state.config.tcspc.kind].open_tagger is None:
+    if TIMING.of(state.config.tcspc).open_tagger is None:
         raise RefusedError(
             f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
             "stops needs: use --mode step"
