@@ -79,6 +79,8 @@ def probe(
 
 
 def _in_short(device: "DeviceTranscript") -> str:
+    if device.unknown:
+        return "no questions are known for this kind"
     answered = sum(exchange.answer is not None for exchange in device.exchanges)
     told = f"{answered} of {len(device.exchanges)} questions answered"
     return f"{told}; {device.failure}" if device.failure else told

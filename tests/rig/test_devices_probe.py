@@ -16,12 +16,14 @@ from drivers.lines.listening import listening
 from rig.acquire.probing.private import Placeholders
 from rig.acquire.probing.run import ask_all, private_of
 from rig.acquire.probing.transcript import DeviceTranscript, Recorder, json_lines, text_lines
-from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
+from rig.devices import kinds
+from rig.devices.kinds import Wires
 from rig.devices.probing.asking import Exchange
 from rig.devices.probing.facts import FACTS, Verdict, verdict
 from rig.devices.probing.questions import QUESTIONS
 from rig.light.lock import locked
 from rig.model.config import DaqClockConfig, RigConfig, load
+from rig.model.config.kinds import ROLES
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.laser import Katana08Head
@@ -36,20 +38,25 @@ DOCS = Path(__file__).parents[2] / "docs"
 #: Kinds that are no device.
 NOT_ASKED = {("tcspc", "playback")}
 
+#: The table of each role.
+TABLES = {
+    "galvo": "GALVOS",
+    "laser": "LASERS",
+    "detector": "DETECTORS",
+    "tcspc": "TIMING",
+    "point_clock": "POINT_CLOCKS",
+}
+
 
 def every_kind():
-    tables = {
-        "galvo": GALVOS,
-        "laser": LASERS,
-        "detector": DETECTORS,
-        "tcspc": TIMING,
-        "point_clock": POINT_CLOCKS,
-    }
-    return {(section, kind) for section, table in tables.items() for kind in table}
+    tables = {role: getattr(kinds, table) for role, table in TABLES.items()}
+    sections = [(role, one) for role, table in tables.items() for one in table.sections]
+    return {(role, one.model_fields["kind"].default) for role, one in sections}
 
 
 def test_every_kind_has_its_questions():
     assert set(QUESTIONS) == every_kind() - NOT_ASKED
+    assert set(TABLES) == set(ROLES)
 
 
 # Harmless

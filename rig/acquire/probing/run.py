@@ -94,7 +94,7 @@ def _configured(config: RigConfig) -> Iterator[tuple[str, Any]]:
 def _ask(device: DeviceTranscript, settings: Any, reach: Reach, recorder: Recorder) -> None:
     questions = QUESTIONS.get((device.section, device.kind))
     if questions is None:
-        device.failure = f"no questions are known for a {device.section} of kind '{device.kind}'"
+        device.unknown = True
         return
     try:
         with listening(recorder), reach(device.section) as wires:

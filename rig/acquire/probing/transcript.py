@@ -75,12 +75,15 @@ class DeviceTranscript:
         Questions in their order.
     failure
         Why it could not be asked, or not to the end.
+    unknown
+        Whether no questions are known for its kind.
     """
 
     section: str
     kind: str
     asked: list[Asked] = field(default_factory=list)
     failure: str = ""
+    unknown: bool = False
 
     @property
     def exchanges(self) -> list[Exchange]:
@@ -155,6 +158,8 @@ def text_lines(devices: list[DeviceTranscript], hidden: Placeholders) -> Iterato
             private = asked.exchange is not None and asked.exchange.private
             for one in asked.passed:
                 yield f"{_line(one, hidden, asked.exchange if private else None):<60} # {one.at_s:.4f} s"
+        if device.unknown:
+            yield "# no questions are known for this kind"
         if device.failure:
             yield f"# failed: {hidden.hidden(device.failure)}"
 
