@@ -9,6 +9,7 @@ import typer
 from rig.commands.options import AsJson, Config
 
 if TYPE_CHECKING:
+    from rig.acquire.probing.private import Placeholders
     from rig.acquire.probing.run import Settled
     from rig.acquire.probing.transcript import DeviceTranscript
 
@@ -67,7 +68,7 @@ def probe(
             files.write(folder, asked, facts, hidden, simulated=simulated)
             console.say(f"Transcripts: {folder / files.TEXT}, {folder / files.LINES}. {files.LEFT_OUT}")
     if as_json:
-        told = [_as_dict(device) for device in asked]
+        told = [_as_dict(device, hidden) for device in asked]
         found = [files.as_dict(one) for one in facts]
         console.print_json({"folder": str(folder), "simulated": simulated, "devices": told, "facts": found})
     else:
@@ -86,13 +87,13 @@ def _in_short(device: "DeviceTranscript") -> str:
     return f"{told}; {device.failure}" if device.failure else told
 
 
-def _as_dict(device: "DeviceTranscript") -> dict[str, object]:
+def _as_dict(device: "DeviceTranscript", hidden: "Placeholders") -> dict[str, object]:
     return {
         "device": device.section,
         "kind": device.kind,
         "asked": len(device.exchanges),
         "answered": sum(exchange.answer is not None for exchange in device.exchanges),
-        "failure": device.failure,
+        "failure": hidden.hidden(device.failure),
     }
 
 

@@ -109,9 +109,10 @@ def _said(line: SerialLine, question: str, clock: Clock) -> str:
     line.tell(question)
     said, until_s = "", clock.now_s() + WITHIN_S
     while clock.now_s() < until_s and len(said) < MOST_CHARACTERS:
-        clock.sleep(POLL_S)
-        if came := line.pending():
+        if came := line.pending():  # over a network it comes byte by byte
             said, until_s = said + came, clock.now_s() + QUIET_S
+        else:
+            clock.sleep(POLL_S)
     if not said:
         raise LinkError(line.name, f"answer {question!r}", f"nothing came in {WITHIN_S:g} s", "")
     return said
