@@ -72,7 +72,7 @@ def probe(
         found = [files.as_dict(one) for one in facts]
         console.print_json({"folder": str(folder), "simulated": simulated, "devices": told, "facts": found})
     else:
-        _print(facts)
+        _print(facts, "unconfirmed facts" + (", as the simulators answer" if simulated else ""))
     if simulated:
         console.say(files.SIMULATED)
     if any(device.failure for device in asked):
@@ -82,6 +82,8 @@ def probe(
 def _in_short(device: "DeviceTranscript") -> str:
     if device.unknown:
         return "no questions are known for this kind"
+    if not device.exchanges:
+        return device.failure
     answered = sum(exchange.answer is not None for exchange in device.exchanges)
     told = f"{answered} of {len(device.exchanges)} questions answered"
     return f"{told}; {device.failure}" if device.failure else told
@@ -97,12 +99,12 @@ def _as_dict(device: "DeviceTranscript", hidden: "Placeholders") -> dict[str, ob
     }
 
 
-def _print(facts: "list[Settled]") -> None:
+def _print(facts: "list[Settled]", title: str) -> None:
     """Print what became of the facts on stdout."""
     from rig.commands import console
 
     console.print_facts(
-        "unconfirmed facts",
+        title,
         {one.fact.name: f"{one.verdict.value}, {one.fact.settled_by}: {_short(one.came)}" for one in facts},
     )
 
