@@ -357,6 +357,22 @@ def test_a_name_is_hidden_where_it_is_a_word():
     assert hidden.hidden("laser of lase, SN77310") == "laser of <user 1>, SN<serial 1>"
 
 
+def test_a_serial_number_that_comes_with_words():
+    hidden = Placeholders()
+    asked = Exchange("GETSN", "SN=AK7301234 rev 2", private=True)
+    hidden.learn_answer(asked)
+    assert hidden.of_serial(asked) == "<serial 1>"
+    assert hidden.hidden("board AK7301234, revision 2") == "board <serial 1>, revision 2"
+
+
+def test_that_there_is_no_serial_number_is_no_secret_elsewhere():
+    hidden = Placeholders()
+    asked = Exchange("GETSN", "NO", private=True)
+    hidden.learn_answer(asked)
+    assert hidden.of_serial(asked) == "<serial>"
+    assert hidden.hidden("NO") == "NO"
+
+
 # What is settled
 
 

@@ -66,8 +66,8 @@ class Placeholders:
     def learn_answer(self, exchange: Exchange) -> None:
         """Remember what an answer tells of the one device that gave it."""
         said = exchange.answer or ""
-        if exchange.private and any(one.isdigit() for one in said):  # else it says that it has none
-            self.learn("serial", said)
+        for word in _serial_numbers(exchange):
+            self.learn("serial", word)
         if exchange.question == "*IDN?" and said.count(",") >= 2:  # maker, model, serial number, firmware
             self.learn("serial", said.split(",")[2])
         self._learn_all(said, {"serial": _SERIAL, "path": _PATH})  # four numbers are a version there
@@ -93,7 +93,7 @@ class Placeholders:
 
     def of_serial(self, exchange: Exchange) -> str:
         """Return the placeholder of a serial number that was asked for."""
-        return self._known.get(exchange.answer or "", "<serial>")
+        return next((self._known.get(word, "<serial>") for word in _serial_numbers(exchange)), "<serial>")
 
     def _pattern(self) -> re.Pattern[str]:
         longest_first = sorted(self._known, key=len, reverse=True)
@@ -104,6 +104,12 @@ class Placeholders:
         is_name = self._known[text].startswith(("<user", "<host"))
         word = rf"(?<!\w){re.escape(text)}(?!\w)"
         return word if is_name or len(text) < _SHORT else re.escape(text)
+
+
+def _serial_numbers(exchange: Exchange) -> list[str]:
+    """Return the words of an answer that are serial numbers; none where it says that there is none."""
+    words = re.findall(r"[A-Za-z0-9-]{2,}", (exchange.answer or "") if exchange.private else "")
+    return [word for word in words if any(one.isdigit() for one in word)]
 
 
 def _texts(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -172,14 +172,17 @@ class Registers:
     private: tuple[str, ...] = ()
 
     def __call__(self, section: Any, wires: Wires) -> Iterator[Exchange]:
-        """Ask; see `Asking`. Answers are hexadecimal."""
+        """Ask; see `Asking`. Answers are hexadecimal, serial numbers text."""
         bus = NktBus(wires.laser, clock=wires.clock, timeout_s=WITHIN_S)
         questions = {name: number for number, name in self.names.items()}
+
+        def said(question: str) -> str:
+            data = bus.read_bytes(questions[question])
+            return data.decode("latin-1") if question in self.private else data.hex(" ")
+
         bus.open()
         try:
-            yield from _until_silent(
-                tuple(questions), self.private, lambda one: bus.read_bytes(questions[one]).hex(" ")
-            )
+            yield from _until_silent(tuple(questions), self.private, said)
         finally:
             bus.close()
 
