@@ -84,7 +84,16 @@ def wires_of(config: RigConfig) -> Iterator[Reach]:
             yield lambda section: nullcontext(wires)
         else:
             stack.enter_context(locked(config))
-            yield lambda section: wires_by_address(config, only=section)
+            yield lambda section: wires_by_address(_without_others(config, section))
+
+
+def _without_others(config: RigConfig, section: str) -> RigConfig:
+    """Return a configuration in which one device alone has an address: no other one is reached."""
+    named = {name: getattr(config, name) for name in type(config).model_fields if name != section}
+    others = {name: one for name, one in named.items() if getattr(one, "address", None)}
+    return config.model_copy(
+        update={name: one.model_copy(update={"address": None}) for name, one in others.items()}
+    )
 
 
 @contextmanager

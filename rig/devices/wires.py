@@ -17,26 +17,19 @@ from rig.model.devices import GatedSpad, Laser
 
 
 @contextmanager
-def wires_by_address(config: RigConfig, only: str | None = None) -> Iterator[Wires]:
-    """Reach each device where the configuration says that it is; none is opened yet.
-
-    With ``only``, a section's name, no other device is reached that another process serves.
-    """
-
-    def wanted(*sections: str) -> bool:
-        return only is None or only in sections
-
+def wires_by_address(config: RigConfig) -> Iterator[Wires]:
+    """Reach each device where the configuration says that it is; none is opened yet."""
     harp = config.tcspc
     with ExitStack() as stack:
         wires = _wires(config)
-        if config.detector.address and wanted("detector"):
+        if config.detector.address:
             wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
-        if isinstance(harp, HydraHarpConfig) and harp.address and wanted("tcspc"):
+        if isinstance(harp, HydraHarpConfig) and harp.address:
             wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
         served = {
             device: stack.enter_context(board_at(address))
             for device, address in config.boards.items()
-            if address and wanted("galvo", "point_clock")
+            if address
         }
         here = wires.daq
         yield replace(wires, daq=lambda device: served[device] if device in served else here(device))
