@@ -6,7 +6,7 @@ they are set in MPD's own program, and read back here. UNCONFIRMED: what setting
 are read back instead; that the virtual serial port does as well as that driver's D2XX; widths at other rates.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isclose
 from types import TracebackType
@@ -55,6 +55,9 @@ class MpdSpad:
         The time to wait by.
     settings
         What it is set to, and what a person has set.
+    person
+        Has a person set the hold-off [s] in MPD's program, and returns when that is done and the program is
+        closed; it may raise. None: nobody is there.
     timeout_s
         Longest wait for one piece of an answer.
 
@@ -73,6 +76,7 @@ class MpdSpad:
         *,
         clock: Clock,
         settings: MpdSettings | None = None,
+        person: Callable[[float], None] | None = None,
         timeout_s: float = 0.5,
     ) -> None:
         self._line = SerialLine(
@@ -81,6 +85,7 @@ class MpdSpad:
         self.name = self._line.name
         self.identity = ""
         self._clock = clock
+        self._person = person
         settings = settings or MpdSettings()
         self._gated = settings.gated
         self._width_s = settings.gate_width_s
@@ -167,27 +172,26 @@ class MpdSpad:
             self._set(gated=True, width_s=width_s)
 
     def set_hold_off(self, hold_off_s: float) -> None:
-        """Expect another hold-off, which a person has set, and verify that it is.
+        """Expect another hold-off; if it is not set yet, have a person set it, and verify that it is.
+
+        The gate is closed then, and stays so until it is enabled again.
 
         Raises
         ------
         RefusedError
             The detector says another one.
         LinkError, ProtocolError
-            No answer, or none that makes sense.
+            No answer, or none that makes sense; or MPD's program still has the port.
         """
         self._hold_off_s = hold_off_s
+        if self._person is not None and not self._holds_off_so_long(self._status()):
+            with self._let_go():
+                self._person(hold_off_s)
         self._require_hold_off(self._status())
 
     @contextmanager
-    def let_go(self) -> Iterator[None]:
-        """Close the port, so that a person can use MPD's program, and open it again at the end.
-
-        Raises
-        ------
-        LinkError
-            The other program is still there.
-        """
+    def _let_go(self) -> Iterator[None]:
+        """Close the port, so that a person can use MPD's program, and open it again."""
         self.disable()
         self._hang_up()
         yield

@@ -14,7 +14,16 @@ from drivers.errors import DeviceError, LinkError, ProtocolError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
 from rig.model.config import RigConfig
-from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, TimingInstrument
+from rig.model.devices import (
+    Clock,
+    Exposure,
+    Galvo,
+    GatedSpad,
+    GuardedLaser,
+    Rates,
+    Settings,
+    TimingInstrument,
+)
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -72,6 +81,11 @@ class Rig(Protocol):
         ...
 
     @property
+    def spad(self) -> GatedSpad:
+        """The detector."""
+        ...
+
+    @property
     def tcspc(self) -> TimingInstrument:
         """The timing instrument."""
         ...
@@ -126,9 +140,17 @@ class Vigil:
         if rates.input_hz > self._bearable_hz:
             raise DoubtError(
                 f"the detector counts {show(rates.input_hz, 'counts/s')}, and more than "
-                f"{show(self._bearable_hz, 'counts/s')} may harm it: too much light. Its bias is taken away. "
+                f"{show(self._bearable_hz, 'counts/s')} may harm it: too much light. {self._what_is_done()} "
                 "Check room light, gate and filters (detector.max_count_rate is the limit)."
             )
+
+    def _what_is_done(self) -> str:
+        if "bias" not in self._rig.spad.by_hand:
+            return "Its bias is taken away."
+        return (
+            "Light and gate are taken away, as far as the program can; ITS BIAS IT CANNOT: SWITCH IT OFF BY "
+            "HAND, NOW."
+        )
 
     def measured(self, exposure: Exposure) -> None:
         """Add up what was counted since everything was read back the last time.

@@ -263,8 +263,9 @@ class GuardProcess:
 
     def _take_bias(self) -> None:
         try:
-            with detector_by_address(self._config):
-                pass  # opening takes the bias away, and leaving does so again
+            with detector_by_address(self._config) as detector:  # opening takes the bias away, or closes
+                if "bias" in detector.by_hand:
+                    shout("the detector stays BIASED: its bias can only be switched off by hand")
         except DeviceError as problem:
             shout(f"the detector may still be BIASED: {problem}")
 
