@@ -147,6 +147,8 @@ class LightState:
         What filters in the beam let pass.
     blocked
         Whether a beam stop keeps the light from the wall; the laser's sync pulses go on.
+    shuttered
+        Whether a shutter keeps the light in; the laser's sync pulses go on.
     covered
         Whether the detector's lens is covered.
     lamp_hz
@@ -164,6 +166,7 @@ class LightState:
     hold_off_s: float = 100e-9
     attenuation: float = 1.0
     blocked: bool = False
+    shuttered: bool = False
     covered: bool = False
     lamp_hz: float = 0.0
 
@@ -180,7 +183,8 @@ class LightState:
     @property
     def on_wall(self) -> float:
         """Fraction of the laser's full power that reaches the wall."""
-        return self.power * self.attenuation if self.emitting and not self.blocked else 0.0
+        stopped = self.blocked or self.shuttered
+        return self.power * self.attenuation if self.emitting and not stopped else 0.0
 
     @property
     def received(self) -> float:

@@ -450,7 +450,7 @@ class ScanEngine:
                     self._devices.galvo.point(*beam_dump_rad)
             leave([partial(self._consume, LightChanged(None, _now()))], problem)
             raise
-        self._consume(LightChanged(False, _now()))
+        self._consume(LightChanged(False, _now(), self._state.config.known_dark_by))
 
     def _take_bias(self) -> None:
         """Take the detector's bias away, and tell if that cannot be confirmed."""

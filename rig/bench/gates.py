@@ -3,7 +3,16 @@
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rig.model.config import MpdConfig, PsdConfig, RigConfig, SimulationConfig
+from rig.model.config import (
+    DelayerConfig,
+    Dg645Config,
+    ExternalDetectorConfig,
+    MpdConfig,
+    PsdConfig,
+    RigConfig,
+    SimulationConfig,
+    T560Config,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,11 +22,13 @@ if TYPE_CHECKING:
     from simulators.wire.spad import DetectorInstrument
 
 
-def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument]":
-    """Return what makes the simulated detector of the configured kind, on a bench."""
+def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument] | None":
+    """Return what makes the simulated detector of the configured kind, on a bench; None without interface."""
     from simulators.wire.mpd import MpdModule
     from simulators.wire.spad import SpadInstrument
 
+    if isinstance(config.detector, ExternalDetectorConfig):
+        return None
     if not isinstance(config.detector, MpdConfig):
         return SpadInstrument
     set_by_hand = (config.simulation or SimulationConfig()).by_hand
@@ -26,7 +37,14 @@ def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument]":
 
 
 def gate_delayer(config: RigConfig) -> "Callable[[Bench], LineFirmware] | None":
-    """Return what makes the simulated delayer, on a bench; None where there is none."""
+    """Return what makes the simulated delayer, on a bench; None without one, or without its interface."""
+    from simulators.wire.dg645 import Dg645Box
     from simulators.wire.psd import PsdFirmware
+    from simulators.wire.t560 import T560Box
 
-    return PsdFirmware if isinstance(config.delayer, PsdConfig) else None
+    made: dict[type[DelayerConfig], Callable[[Bench], LineFirmware]] = {
+        PsdConfig: PsdFirmware,
+        Dg645Config: Dg645Box,
+        T560Config: T560Box,
+    }
+    return made.get(type(config.delayer)) if config.delayer else None

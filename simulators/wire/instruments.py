@@ -13,6 +13,7 @@ from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.lines import LineFirmware
 from simulators.wire.serial_url.protocol_sim import attach, detach
+from simulators.wire.shutter import PortShutter
 from simulators.wire.spad import DetectorInstrument, SpadInstrument
 from simulators.wire.usb import UsbBackend
 
@@ -26,10 +27,9 @@ class SimulatedInstruments:
     ----------
     bench
         What they act on.
-    laser, detector
-        Make the laser and the detector.
-    delayer
-        Makes the delayer of the detector's gate; None where there is none.
+    laser, detector, delayer, shutter
+        Make these devices; None where there is no such one, or it has no data interface. The shutter is one
+        on a serial port.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
     wiring
@@ -37,11 +37,11 @@ class SimulatedInstruments:
 
     Attributes
     ----------
-    galvo_url, laser_url, detector_url, delayer_url
+    galvo_url, laser_url, detector_url, delayer_url, shutter_url
         Addresses for ``serial.serial_for_url``; empty where no such device is on a serial line.
     usb_backend
         Backend for ``usb.core.find``; a detector on USB is its only device.
-    detector, delayer
+    detector, delayer, shutter
         The devices that were made.
     hhlib
         Object with the 44 HHLib functions as attributes.
@@ -53,9 +53,10 @@ class SimulatedInstruments:
         self,
         bench: Bench,
         *,
-        laser: Callable[[Bench], LaserHead] = KatanaHead,
-        detector: Callable[[Bench], DetectorInstrument] = SpadInstrument,
+        laser: Callable[[Bench], LaserHead] | None = KatanaHead,
+        detector: Callable[[Bench], DetectorInstrument] | None = SpadInstrument,
         delayer: Callable[[Bench], LineFirmware] | None = None,
+        shutter: Callable[[Bench], PortShutter] | None = None,
         timing: Timing | None = None,
         count_depth: int = 2**32 - 1,
         wiring: DaqWiring | None = None,
@@ -63,8 +64,9 @@ class SimulatedInstruments:
         self._bench = bench
         self._laser = laser
         self._name = f"bench{next(_numbers)}"
-        self.detector = detector(bench)
+        self.detector = detector(bench) if detector else None
         self.delayer = delayer(bench) if delayer else None
+        self.shutter = shutter(bench) if shutter else None
         self.usb_backend = UsbBackend([self.detector] if isinstance(self.detector, SpadInstrument) else [])
         self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
         self.hhlib = self._harp.functions
@@ -72,20 +74,22 @@ class SimulatedInstruments:
 
     def __enter__(self) -> Self:
         self.galvo_url = self._plugged_in("galvo", GalvoBoard(self._bench))
-        self.laser_url = self._plugged_in("laser", self._laser(self._bench))
+        self.laser_url = self._plugged_in("laser", self._laser(self._bench) if self._laser else None)
         self.detector_url = self._plugged_in("detector", self.detector)
         self.delayer_url = self._plugged_in("delayer", self.delayer)
+        self.shutter_url = self._plugged_in("shutter", self.shutter)
         return self
 
-    def _plugged_in(self, name: str, device: DetectorInstrument | None) -> str:
+    def _plugged_in(self, name: str, device: DetectorInstrument | PortShutter | None) -> str:
         """Plug a device into a serial line of its own, if it has one; return the address."""
-        if not isinstance(device, LineFirmware):
+        if not isinstance(device, LineFirmware | PortShutter):
             return ""
         return attach(f"{self._name}/{name}", device, self._bench.clock)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for address in (self.galvo_url, self.laser_url, self.detector_url, self.delayer_url):
+        urls = (self.galvo_url, self.laser_url, self.detector_url, self.delayer_url, self.shutter_url)
+        for address in urls:
             detach(address)
         self._harp.raise_pending()  # inside a C callback an exception is only an error code

@@ -28,11 +28,15 @@ class Kind(Generic[D]):
         Of that section and the wires; gives the device, to be entered.
     check
         Of that section; raises `drivers.errors.LimitError` unless the device can be set so.
+    simulated
+        Of a simulated bench (`simulators.bench.Bench`); gives the device's firmware at the end of its serial
+        line. For lasers that installed packages bring.
     """
 
     section: type[DeviceSection]
     open: Callable[[Any, Wires], AbstractContextManager[D]]
     check: Callable[[Any], object] = anything_goes
+    simulated: Callable[[Any], Any] | None = None
 
 
 class Sectioned(Protocol):

@@ -1,8 +1,9 @@
 """Kinds of devices that installed packages bring, by entry points of the group ``rig.devices``."""
 
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
-from typing import Protocol
+from typing import Any, Protocol
 
 from rig.errors import ConfigError
 from rig.model.config.section import DeviceSection
@@ -16,6 +17,11 @@ class InstalledKind(Protocol):
     @property
     def section(self) -> type[DeviceSection]:
         """The section of the configuration."""
+        ...
+
+    @property
+    def simulated(self) -> Callable[[Any], Any] | None:
+        """Makes the device's firmware, of a simulated bench; None where it has none."""
         ...
 
 

@@ -18,13 +18,13 @@ class LaserConfig(DeviceSection):
 
     @property
     def fraction_of_full(self) -> float:
-        """The power as a fraction of the laser's full power."""
-        raise NotImplementedError
+        """The power as a fraction of the laser's full power; 1 where it cannot be set."""
+        return 1.0
 
     @property
     def power_in_words(self) -> str:
         """The power, for people."""
-        raise NotImplementedError
+        return "full power"
 
 
 class ExternalLaserConfig(LaserConfig):

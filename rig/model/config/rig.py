@@ -120,6 +120,13 @@ class RigConfig(Section):
         return str(self.laser.address)
 
     @property
+    def known_dark_by(self) -> str:
+        """What speaks for darkness when the light was put out, in words."""
+        if not isinstance(self.laser, ExternalLaserConfig):
+            return "read back twice"
+        return "by its shutter" if self.shutter else "switched off by hand"
+
+    @property
     def unverified(self) -> tuple[str, ...]:
         """What of this rig a person sets and no program can check, as sentences."""
         told = []

@@ -36,14 +36,14 @@ class Addresses:
     Attributes
     ----------
     galvo, laser, detector, delayer
-        Pseudo-terminals; there may be no delayer.
+        Pseudo-terminals; None where there is no such device, or it has no data interface.
     timing
         Path of the socket for timing instruments, and for the DAQ board.
     """
 
     galvo: str
-    laser: str
-    detector: str
+    laser: str | None
+    detector: str | None
     timing: str
     delayer: str | None = None
 
@@ -63,10 +63,8 @@ class BenchServer:
         How timing instruments on it count.
     wiring
         What hangs on its DAQ board.
-    laser, detector
-        Make the laser and the detector.
-    delayer
-        Makes the delayer of the detector's gate; None where there is none.
+    laser, detector, delayer
+        Make these devices; None where there is no such one, or it has no data interface.
 
     Attributes
     ----------
@@ -80,8 +78,8 @@ class BenchServer:
         faults: TimingFaults,
         wiring: DaqWiring | None = None,
         *,
-        laser: Callable[[Bench], LaserHead] = KatanaHead,
-        detector: Callable[[Bench], DetectorInstrument] = SpadInstrument,
+        laser: Callable[[Bench], LaserHead] | None = KatanaHead,
+        detector: Callable[[Bench], DetectorInstrument] | None = SpadInstrument,
         delayer: Callable[[Bench], LineFirmware] | None = None,
     ) -> None:
         self._bench = bench
@@ -89,8 +87,8 @@ class BenchServer:
         self._board = SimulatedBoard(bench, wiring)
         self._selector = selectors.DefaultSelector()
         self._connections: set[_Connection] = set()
-        self._head = laser(bench)
-        self._detector = detector(bench)
+        self._head = laser(bench) if laser else None
+        self._detector = detector(bench) if detector else None
         self._delayer = delayer(bench) if delayer else None
         self._interlock_closed = True
         self._running = True
@@ -101,11 +99,12 @@ class BenchServer:
         self._watch(self._woken, self._look_round)
         self._drawer = ThreadPoolExecutor(max_workers=1)
         self._terminals: list[Terminal] = []
-        galvo, laser = self._terminal(GalvoBoard(self._bench)), self._terminal(self._head)
+        galvo = self._terminal(GalvoBoard(self._bench))
+        laser = self._terminal(self._head) if self._head else None
         head = self._detector
         if isinstance(head, SpadInstrument):
             head = DetectorLine(TmcInterface(head))
-        detector = self._terminal(head)
+        detector = self._terminal(head) if head else None
         delayer = self._terminal(self._delayer) if self._delayer else None
         # a folder of its own, which nobody else on the computer may enter
         self._folder = tempfile.TemporaryDirectory(prefix="rig-sim-")
@@ -166,7 +165,8 @@ class BenchServer:
     def _look_round(self) -> None:
         """Go on where an answer has been made."""
         self._woken.recv(PIECE)
-        self._head.close_interlock(self._interlock_closed)
+        if self._head:
+            self._head.close_interlock(self._interlock_closed)
         for connection in list(self._connections):
             self._serve(connection)
 
