@@ -89,6 +89,7 @@ class MpdSpad:
         settings = settings or MpdSettings()
         self._gated = settings.gated
         self._width_s = settings.gate_width_s
+        self._delay_s = settings.gate_delay_s
         self._hold_off_s = settings.hold_off_s
         self._trigger_hz = settings.trigger_hz
         self._connected = False
@@ -155,18 +156,25 @@ class MpdSpad:
             raise interrupted
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
-        """Choose how long the gate stays open; its delay is not the detector's to set, and is not looked at.
+        """Choose how long the gate stays open; its delay is not the detector's to set.
 
         Raises
         ------
         LimitError
             It cannot be so wide; nothing was sent.
         RefusedError
-            It keeps another width.
+            It keeps another width; or the delay is another one than it was said to be.
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """
         checked_width_ps(self.name, width_s)
+        if delay_s != self._delay_s:
+            raise RefusedError(
+                self.name,
+                f"open its gate at {delay_s * 1e9:g} ns",
+                f"its trigger cable opens it at {self._delay_s * 1e9:g} ns",
+                "Put a delayer between laser and detector, and describe it in [delayer].",
+            )
         self._width_s = width_s
         if self._enabled and self._gated:
             self._set(gated=True, width_s=width_s)

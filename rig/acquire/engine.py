@@ -267,6 +267,7 @@ class ScanEngine:
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
+        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
         warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))

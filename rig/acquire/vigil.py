@@ -43,8 +43,8 @@ DRIFTING = {
     "trajectory_positions",
 }
 
-#: By how much a number that is read back may differ, relative: of the sync rate, of a measured bias, of
-#: everything else that was set.
+#: By how much a number that is read back may differ, relative: of the rates of sync pulses and of gates, of
+#: a measured bias, of everything else that was set.
 SYNC_WITHIN = 0.01
 BIAS_WITHIN = 0.05
 SET_WITHIN = 1e-3
@@ -323,4 +323,6 @@ def _flat(settings: Mapping[str, Settings]) -> dict[str, object]:
 def _same(name: str, was: object, now: object) -> bool:
     if isinstance(was, bool) or not isinstance(was, int | float) or not isinstance(now, int | float):
         return was == now
-    return isclose(was, now, rel_tol=BIAS_WITHIN if name.endswith("bias_v") else SET_WITHIN, abs_tol=1e-15)
+    measured = {"bias_v": BIAS_WITHIN, "gate_rate_hz": SYNC_WITHIN}
+    within = next((part for end, part in measured.items() if name.endswith(end)), SET_WITHIN)
+    return isclose(was, now, rel_tol=within, abs_tol=1e-15)

@@ -35,6 +35,7 @@ def mpd_settings(config: MpdConfig, trigger_hz: float = 10e6) -> MpdSettings:
     return MpdSettings(
         gated=config.gated,
         gate_width_s=config.gate_width_s,
+        gate_delay_s=config.gate_delay_s,
         hold_off_s=config.hold_off_s,
         trigger_hz=trigger_hz,
     )
