@@ -98,6 +98,7 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
+    from rig.commands.operator import ConsoleOperator
     from rig.commands.running import Onlookers, run
     from rig.errors import UsageError
     from rig.files.records import beside
@@ -140,7 +141,13 @@ def scan(
     needed = None if state.config.simulated else config
     others, records = Onlookers(ending, live), beside(target) if ptu else None
     run(
-        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        lambda watch: acquire(
+            plan,
+            state,
+            target,
+            replace(watch, records=records),
+            ConsoleOperator(watch.should_stop, yes=yes),
+        ),
         plan,
         target,
         as_json,
@@ -235,6 +242,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "mirror_angle_deg": angles,
                 "mirror_limit_deg": limits,
                 "calibrations": sorted(state.calibrations.records),
+                "unverified": list(config.unverified),
             }
         )
         return
@@ -263,6 +271,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
+            **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),
         },
     )
 
