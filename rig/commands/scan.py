@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing, Until
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
-    from rig.image.until import Until
     from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
@@ -42,14 +41,7 @@ def scan(
             "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="RULE",
-            help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
-            "'time 60s'; rig resume goes on.",
-        ),
-    ] = None,
+    until: Until = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -98,7 +90,7 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import Onlookers, run
+    from rig.commands.running import Onlookers, ending, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model.plan import ScanPlan
@@ -120,7 +112,7 @@ def scan(
         motion=mode.value,
         frames=frames,
     )
-    ending = _ending(until, plan) if until else None
+    end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
@@ -138,7 +130,7 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    others, records = Onlookers(end, live), beside(target) if ptu else None
     run(
         lambda watch: acquire(plan, state, target, replace(watch, records=records)),
         plan,
@@ -147,12 +139,6 @@ def scan(
         needed,
         others,
     )
-
-
-def _ending(rule: str, plan: "ScanPlan") -> "Until":
-    from rig.image.until import Rule, Until
-
-    return Until(Rule.from_text(rule, plan))
 
 
 def _show_presets(as_json: bool) -> None:
