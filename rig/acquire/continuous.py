@@ -9,13 +9,16 @@ from rig.acquire.assembly import Assembler, LineFailed, LineRead, Timing
 from rig.acquire.events import Noticed, Recorded
 from rig.errors import DoubtError
 from rig.model.devices import Clock, PointClock, SweepingGalvo, TimeTagger
-from rig.model.sweep import Sweep, Trajectories
+from rig.model.sweep import Sweep, Trajectories, loading_in_words
 
 #: How much later than planned the last marker may come [s].
 LATE_S = 1.0
 
 #: A line whose markers or photons cannot be trusted is measured so many times before the scan ends.
 TRIES = 3
+
+#: Loading a sweep into the mirror is told if it takes longer than this [s].
+NOTEWORTHY_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,11 @@ def sweep_over(
     sweeps = paths.sweeps(steps, devices.galvo.longest_trajectory)
     while next_step < steps.stop:
         meanwhile()
-        with closing(follow(next(sweeps), devices, timing, meanwhile)) as found:
+        sweep = next(sweeps)
+        if (loading_s := devices.galvo.loading_s(len(sweep.marks))) > NOTEWORTHY_S:
+            told = loading_in_words(len(sweep.marks), loading_s)
+            yield Noticed(told, sweep.lines[0].steps.start, sweep.lines[-1].steps.stop - 1, kind="loading")
+        with closing(follow(sweep, devices, timing, meanwhile)) as found:
             for one in found:
                 if isinstance(one, LineFailed):
                     break

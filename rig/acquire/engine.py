@@ -310,7 +310,7 @@ class ScanEngine:
                     beside += one.beside
                 else:
                     self._tell(one)
-                    if isinstance(one, Noticed):  # a line failed: those before it are not to be lost
+                    if isinstance(one, Noticed):  # between sweeps: what was measured is made safe
                         self._vouch()
                     if self._should_stop():
                         break

@@ -76,7 +76,7 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
-      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
 
       rig scan --preset office-10ms          a dataset of the paper
 
@@ -216,6 +216,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
                 "duration_s": found.duration_s,
+                "sweeps": found.sweeps,
+                "loading_s": found.loading_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
@@ -239,8 +241,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(found.duration_s)} on hardware, with "
-            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "time": f"~{show_duration(found.duration_s)} on hardware, with " + _beside_exposure(plan, found),
+            **({"loading": _loading_in_words(found)} if found.loading_s else {}),
             "photons"
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
@@ -251,6 +253,20 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "calibrations": state.calibrations.in_words() or "none: as configured",
         },
     )
+
+
+def _loading_in_words(found: "Estimate") -> str:
+    from rig.model.sweep import loading_in_words
+
+    sweeps = f"{found.sweeps} sweeps" if found.sweeps > 1 else "one sweep"
+    return f"{sweeps}: {loading_in_words(found.loaded, found.loading_s)}"
+
+
+def _beside_exposure(plan: "ScanPlan", found: "Estimate") -> str:
+    """Say what takes time beside exposures."""
+    if not plan.continuous:
+        return "settling and readout"
+    return "turns between lines" + (" and loading" if found.loading_s else "")
 
 
 def _order_in_words(grid: "GridPositions") -> str:

@@ -72,6 +72,22 @@ class Wires:
     clock: Clock
 
 
+@dataclass(frozen=True)
+class Loading:
+    """How a mirror is told its way before it goes it, known without it.
+
+    Attributes
+    ----------
+    longest
+        How many positions it can be told at once; None where that does not matter.
+    duration_s
+        Estimates how long telling so many takes.
+    """
+
+    longest: int | None
+    duration_s: Callable[[int], float]
+
+
 class TimingLimits(Protocol):
     """What a timing instrument can be asked for, known without it."""
 
@@ -261,6 +277,11 @@ def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
 GALVOS: dict[str, Callable[[Any, Wires], AbstractContextManager[Galvo]]] = {
     "optotune": open_optotune,
     "analogue": open_analogue_galvo,
+}
+#: How a mirror of each kind is told its way.
+LOADING: dict[str, Loading] = {
+    "optotune": Loading(OptotuneLimits().longest_trajectory, OptotuneLimits().loading_s),
+    "analogue": Loading(None, lambda positions: 0.0),
 }
 LASERS: dict[str, Callable[[Any, Wires], AbstractContextManager[Laser]]] = {
     "katana": open_katana,
