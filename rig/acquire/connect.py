@@ -72,9 +72,9 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     Parameters and errors are those of `open_devices`.
     """
     with ExitStack() as stack:
-        galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
+        galvo = stack.enter_context(GALVOS.of(config.galvo).open(config.galvo, wires))
         clock = stack.enter_context(_point_clock(config, wires, tagged))
-        spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
+        spad = stack.enter_context(DETECTORS.of(config.detector).open(config.detector, wires))
         yield Devices(
             galvo=galvo,
             point_clock=clock,
@@ -88,13 +88,13 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
 def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
     if config.point_clock is None or not tagged:
         return nullcontext()
-    return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
+    return POINT_CLOCKS.of(config.point_clock).open(config.point_clock, wires)
 
 
 def _timing(
     config: RigConfig, wires: Wires, first: int, tagged: bool
 ) -> AbstractContextManager[Tcspc | TimeTagger]:
-    kind = TIMING[config.tcspc.kind]
+    kind = TIMING.of(config.tcspc)
     if not tagged:
         return kind.open(config, wires, first)
     if kind.open_tagger is None:
@@ -155,7 +155,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
 def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> GuardedLaser:
     """Open the laser behind its guard: a process of its own, unless laser and program end together anyway."""
     if config.simulated:
-        laser = stack.enter_context(LASERS[config.laser.kind](config.laser, wires))
+        laser = stack.enter_context(LASERS.of(config.laser).open(config.laser, wires))
         return GuardedHere(laser, wires.clock)
     guarded = GuardedElsewhere(config)
     guarded.when_hanging.append(spad.disable)

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.config import HydraHarpConfig, Id120Config, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -100,6 +100,8 @@ def _served(what: str, address: str) -> Finding:
 def _detector(config: RigConfig) -> Finding:
     if config.detector.address:
         return _served(f"served detector at {config.detector.address}", config.detector.address)
+    if not isinstance(config.detector, Id120Config):
+        return Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")
 
     from drivers.errors import DeviceError
     from drivers.id120 import ID120

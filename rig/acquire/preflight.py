@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.acquire.times import check_times
-from rig.devices.kinds import LOADING, TIMING, check_settings, time_axis, timing_limits
+from rig.devices.kinds import TIMING, check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
@@ -69,10 +69,9 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
     if not plan.continuous:
         x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
         return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad), plan.duration_s(state.config))
-    galvo = state.config.galvo
-    loading = LOADING[galvo.kind]
-    way = Trajectories(plan, angles_rad, galvo.turn_time_s).way(loading.longest)
-    loading_s = sum(map(loading.duration_s, way.positions))
+    told = loading(state.config.galvo)
+    way = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s).way(told.longest)
+    loading_s = sum(map(told.duration_s, way.positions))
     return Estimate(
         bins,
         bin_width_s,
@@ -130,7 +129,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
 
 
 def _check_continuous(state: RigState) -> None:
-    if TIMING[state.config.tcspc.kind].open_tagger is None:
+    if TIMING.of(state.config.tcspc).open_tagger is None:
         raise RefusedError(
             f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
             "stops needs: use --mode step"

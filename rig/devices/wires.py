@@ -12,7 +12,7 @@ from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.kinds import DETECTORS, LASERS, Wires
-from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.config import DaqClockConfig, HydraHarpConfig, RigConfig
 from rig.model.devices import GatedSpad, Laser
 
 
@@ -37,7 +37,7 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
 
 def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractContextManager[Laser]:
     """Return the laser alone, to be entered."""
-    return LASERS[config.laser.kind](config.laser, _wires(config, clock))
+    return LASERS.of(config.laser).open(config.laser, _wires(config, clock))
 
 
 @contextmanager
@@ -47,13 +47,13 @@ def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
     with ExitStack() as stack:
         if detector.address:
             wires = replace(wires, usb_backend=stack.enter_context(detector_at(detector.address)))
-        yield stack.enter_context(DETECTORS[detector.kind](detector, wires))
+        yield stack.enter_context(DETECTORS.of(detector).open(detector, wires))
 
 
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
     library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
     hhlib: Callable[[], HHLib] = partial(load_library, library)
-    counter = config.point_clock.counter if config.point_clock else ""
+    counter = config.point_clock.counter if isinstance(config.point_clock, DaqClockConfig) else ""
 
     @cache
     def daq(device: str) -> SharedBoard:
