@@ -16,7 +16,6 @@ from drivers.lines.listening import listening
 from rig.acquire.probing.private import Placeholders
 from rig.acquire.probing.run import ask_all, private_of
 from rig.acquire.probing.transcript import DeviceTranscript, Recorder, json_lines, text_lines
-from rig.devices import kinds
 from rig.devices.kinds import Wires
 from rig.devices.probing.asking import Exchange
 from rig.devices.probing.facts import FACTS, Verdict, verdict
@@ -25,38 +24,33 @@ from rig.light.lock import locked
 from rig.model.config import DaqClockConfig, RigConfig, load
 from rig.model.config.kinds import ROLES
 from simulators.wire.daq import DaqWiring, SimulatedBoard
+from simulators.wire.dg645 import Dg645Box
 from simulators.wire.hydraharp import HydraHarpSimulator
 from simulators.wire.laser import Katana08Head
+from simulators.wire.mpd import MpdModule
 from simulators.wire.nkt import NktMainboard
+from simulators.wire.psd import PsdFirmware
 from simulators.wire.serial_url import protocol_sim
+from simulators.wire.t560 import T560Box
 from support.served_bench import served
 from support.simulated_rig import simulated_rig
 from support.wire_script import Step, read_transcript
 
 DOCS = Path(__file__).parents[2] / "docs"
 
-#: Kinds that are no device.
-NOT_ASKED = {("tcspc", "playback")}
-
-#: The table of each role.
-TABLES = {
-    "galvo": "GALVOS",
-    "laser": "LASERS",
-    "detector": "DETECTORS",
-    "tcspc": "TIMING",
-    "point_clock": "POINT_CLOCKS",
+#: Kinds that are no device, or cannot be asked.
+NOT_ASKED = {
+    ("tcspc", "playback"),
+    ("laser", "external"),
+    ("detector", "external"),
+    ("delayer", "external"),
+    ("shutter", "serial"),
 }
 
 
-def every_kind():
-    tables = {role: getattr(kinds, table) for role, table in TABLES.items()}
-    sections = [(role, one) for role, table in tables.items() for one in table.sections]
-    return {(role, one.model_fields["kind"].default) for role, one in sections}
-
-
 def test_every_kind_has_its_questions():
-    assert set(QUESTIONS) == every_kind() - NOT_ASKED
-    assert set(TABLES) == set(ROLES)
+    every = {(role, kind) for role, kinds in ROLES.items() for kind in kinds.kinds}
+    assert set(QUESTIONS) == every - NOT_ASKED
 
 
 # Harmless
@@ -85,6 +79,10 @@ SIMULATED = [
     ("laser", "katana-08hp", Katana08Head),
     ("laser", "nkt", NktMainboard),
     ("detector", "id120", "usb"),
+    ("detector", "mpd", MpdModule),
+    ("delayer", "psd", PsdFirmware),
+    ("delayer", "dg645", Dg645Box),
+    ("delayer", "t560", T560Box),
 ]
 
 
@@ -100,6 +98,9 @@ def wires_to(rig, at=None):
     return Wires(
         galvo=rig.galvo_address,
         laser=address,
+        detector=address,
+        delayer=address,
+        sync_hz=10e6,
         usb_backend=rig.usb,
         hhlib=lambda: HHLib(HydraHarpSimulator(rig.bench).functions),
         daq=lambda device: board,
@@ -420,6 +421,22 @@ JUDGED = {
     "id120-state": ({"REG:STATE?": "REGULATING"}, {"REG:STATE?": "3"}),
     "id120-flags": ({"REG:RUN?": "FALSE"}, {"REG:RUN?": "0"}),
     "id120-temperature": ({"REG:MEASURED_TEMP?": "-40000"}, {"REG:MEASURED_TEMP?": "-40.0"}),
+    "mpd-status": (
+        {"AQ;DC": "VPOL1#FR0#ERR0#VT-90#SE1#TS0#GF10000000#TO40000#TK2531#HO27#CT245#CE0#CC227#"},
+        {"AQ;DC": "BIAS1#FR0#ERR0#GF10000000#TO40000#HO27#"},
+    ),
+    "psd-longest": ({"RMD": "RMD#49090#"}, {"RMD": "RMD#ERR1#"}),
+    "psd-temperature": ({"RT": "55#"}, {"RT": "ERR1#"}),
+    "psd-echo": ({"RD": "RD#120#"}, {"RD": "rd#120#"}),
+    "dg645-numbers": ({"TLVL?": "+0.50"}, {"TLVL?": "0.50 V"}),
+    "dg645-delay": ({"DLAY?2": "0,+0.000000025000"}, {"DLAY?2": "T0 +0.000000025000"}),
+    "t560-id": ({"ID": "T560-2 Highland"}, {"ID": "OK"}),
+    "t560-channel": (
+        {"ASET": "Ch A  POS  ON     Dly  00.000,000,000,000  Wid  00.000,002,000,000"},
+        {"ASET": "A POS ON 0 2n"},
+    ),
+    "t560-trigger": ({"TRIGGER": "POS"}, {"TRIGGER": "1"}),
+    "t560-divider": ({"TDIV": "1"}, {"TDIV": "??"}),
     "hydraharp-not-initialized": (
         {"HH_GetFeatures(0)": "!NOT_INITIALIZED", "HH_GetLibraryVersion": "3.0"},
         {"HH_GetFeatures(0)": "7", "HH_GetLibraryVersion": "3.0"},
@@ -455,6 +472,7 @@ def test_an_unseen_part_settles_nothing():
     facts = {fact.name: fact for fact in FACTS}
     lit = answers_of(**{"le?": "le=1", "lpa?": "lpa=0.800"})
     assert verdict(facts["katana-08hp-dark"], lit) is Verdict.NOT_SEEN
+    assert verdict(facts["psd-echo"], answers_of(RD="120#")) is Verdict.NOT_SEEN
     assert verdict(facts["nkt-no-picker"], answers_of(**{"pulse picker": "08"})) is Verdict.NOT_SEEN
     assert verdict(facts["nkt-picker-width"], answers_of(**{"pulse picker": "00"})) is Verdict.NOT_SEEN
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.katana.dialects import MEASURED_DARK_W, parse_emission, parse_rate, parse_value
+from drivers.mpd import status as mpd
 from drivers.nkt import registers as nkt
 from rig.devices.probing.asking import Exchange
 
@@ -130,6 +131,11 @@ def _emission_and_status(answers: Answers) -> Verdict:
         return Verdict.NOT_SEEN
     said = bytes.fromhex(status)[0] & nkt.STATUS_EMISSION
     return _confirmed_if(bool(bytes.fromhex(emission)[0]) == bool(said))
+
+
+def _names_of_mpd(answer: str) -> Verdict:
+    found = set(re.findall(r"[A-Z]{2,4}(?=-?\d)", answer))
+    return _confirmed_if(found.issuperset(mpd.NEEDED))
 
 
 def _is_number(answer: str) -> bool:
@@ -308,6 +314,92 @@ FACTS: tuple[Fact, ...] = (
         "REG:MEASURED_TEMP? is a number in thousandths of a degree (one public driver).",
         "REG:MEASURED_TEMP?",
         _answered("REG:MEASURED_TEMP?", lambda said: _is_number(said) and 1000 < abs(float(said)) < 100_000),
+    ),
+    Fact(
+        "mpd-status",
+        "detector",
+        "mpd",
+        "AQ;DC is answered with the names that one published driver reads, by this firmware too.",
+        "AQ;DC",
+        _seen("AQ;DC", _names_of_mpd),
+    ),
+    Fact(
+        "psd-longest",
+        "delayer",
+        "psd",
+        "RMD is answered with the longest fine delay (one published driver).",
+        "RMD",
+        _answered("RMD", lambda said: re.fullmatch(r"(RMD#)?\d+#", said) is not None),
+    ),
+    Fact(
+        "psd-temperature",
+        "delayer",
+        "psd",
+        "RT is answered with a temperature in degrees (one published driver).",
+        "RT",
+        _answered("RT", lambda said: re.fullmatch(r"(RT#)?-?\d+#", said) is not None),
+    ),
+    Fact(
+        "psd-echo",
+        "delayer",
+        "psd",
+        "Its echo, if it is on, is the question and # (two published drivers). Seen where the echo is on.",
+        "RD",
+        _seen(
+            "RD",
+            lambda said: Verdict.NOT_SEEN if said.count("#") < 2 else _confirmed_if(said.startswith("RD#")),
+        ),
+    ),
+    Fact(
+        "dg645-numbers",
+        "delayer",
+        "dg645",
+        "Numbers are told in digits with a sign, a point and an exponent at most; one source has the form.",
+        "TLVL?",
+        _form("TLVL?", r"[+-]?\d+(\.\d*)?([eE][+-]?\d+)?"),
+    ),
+    Fact(
+        "dg645-delay",
+        "delayer",
+        "dg645",
+        "DLAY? is answered with the number of a channel, a comma, and seconds.",
+        "DLAY?2",
+        _form("DLAY?2", r"\d,\s*[+-]?\d+(\.\d*)?([eE][+-]?\d+)?"),
+    ),
+    Fact(
+        "t560-id",
+        "delayer",
+        "t560",
+        "ID is answered with a name, or with ?? where it is not known; one source has it.",
+        "ID",
+        _answered("ID", lambda said: said not in ("", "OK") and said.isprintable()),
+    ),
+    Fact(
+        "t560-channel",
+        "delayer",
+        "t560",
+        "ASET is answered with channel, polarity, state, delay and width on one line (the maker's manual).",
+        "ASET",
+        _form("ASET", r"(?i)Ch\s+A\s+(POS|NEG)\s+(ON|OFF?)\s+Dly\s+[\d.,]+\s+Wid\s+[\d.,]+"),
+    ),
+    Fact(
+        "t560-trigger",
+        "delayer",
+        "t560",
+        "TRIGGER is answered with the edge, POS or NEG, among other words; one source has it.",
+        "TRIGGER",
+        _seen(
+            "TRIGGER",
+            lambda said: _confirmed_if(re.search(r"\b(POS|NEG|OFF|SYN|REM)", said.upper()) is not None),
+        ),
+    ),
+    Fact(
+        "t560-divider",
+        "delayer",
+        "t560",
+        "TDIV is answered with a number; one source has it.",
+        "TDIV",
+        _form("TDIV", r"[\d,]+(\.\d*)?"),
     ),
     Fact(
         "hydraharp-not-initialized",

@@ -4,8 +4,10 @@ An entry holds questions only: identity, state, settings that are read back. Wha
 or resets something has no place here, nor has a question of which no source tells.
 """
 
+from drivers.delayers import dg645, psd, t560
 from drivers.id120 import ID120
 from drivers.katana.line import BAUD as KATANA_BAUD
+from drivers.mpd.detector import BAUD as MPD_BAUD
 from drivers.nkt import registers as nkt
 from drivers.optotune.mirror import BAUD as OPTOTUNE_BAUD
 from rig.devices.probing.asking import (
@@ -17,7 +19,8 @@ from rig.devices.probing.asking import (
     ask_hydraharps,
 )
 
-#: By section and kind. A kind without an entry is told as one that cannot be asked.
+#: By section and kind. A kind without an entry is told as one that cannot be asked: devices without a data
+#: interface, a file that is played, and a shutter on a serial port, whose lines move when it is opened.
 QUESTIONS: dict[tuple[str, str], Asking] = {
     # START is the handshake: it changes nothing. ACKNOWLEDGE, which clears what is latched, is left out.
     ("galvo", "optotune"): TextLine(
@@ -80,6 +83,37 @@ QUESTIONS: dict[tuple[str, str], Asking] = {
         ),
         private=("INFO:PRODUCT_SERIAL_NUMBER?",),
     ),
+    ("detector", "mpd"): TextLine(lambda wires: wires.detector, MPD_BAUD, b"#", ("AQ;DC",)),
+    # With its echo on, as it leaves the factory, the question comes before the answer; it stays as it is.
+    ("delayer", "psd"): TextLine(
+        lambda wires: wires.delayer, psd.BAUD, b"#", ("RD", "RP", "RH", "RE", "RO", "RT", "RMD")
+    ),
+    # LERR?, which takes an error out of its memory, is left out.
+    ("delayer", "dg645"): TextLine(
+        lambda wires: wires.delayer,
+        dg645.BAUD,
+        b"\n",
+        (
+            "*IDN?",
+            "TSRC?",
+            "TLVL?",
+            "INHB?",
+            "BURM?",
+            "ADVT?",
+            "LAMP?1",
+            "LOFF?1",
+            "LPOL?1",
+            "DLAY?2",
+            "DLAY?3",
+        ),
+    ),
+    ("delayer", "t560"): TextLine(
+        lambda wires: wires.delayer,
+        t560.BAUD,
+        b"\r",
+        ("ID", "ASET", "BSET", "CSET", "DSET", "TRIGGER", "TLEVEL", "TDIV"),
+    ),
     ("tcspc", "hydraharp"): ask_hydraharps,
     ("point_clock", "daq"): ask_board,
+    ("shutter", "daq"): ask_board,
 }
