@@ -6,7 +6,7 @@ they are set in MPD's own program, and read back here. UNCONFIRMED: what setting
 are read back instead; that the virtual serial port does as well as that driver's D2XX; widths at other rates.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isclose
 from types import TracebackType
@@ -55,6 +55,9 @@ class MpdSpad:
         The time to wait by.
     settings
         What it is set to, and what a person has set.
+    person
+        Has a person set the hold-off [s] in MPD's program, and returns when that is done and the program is
+        closed; it may raise. None: nobody is there.
     timeout_s
         Longest wait for one piece of an answer.
 
@@ -73,6 +76,7 @@ class MpdSpad:
         *,
         clock: Clock,
         settings: MpdSettings | None = None,
+        person: Callable[[float], None] | None = None,
         timeout_s: float = 0.5,
     ) -> None:
         self._line = SerialLine(
@@ -81,9 +85,11 @@ class MpdSpad:
         self.name = self._line.name
         self.identity = ""
         self._clock = clock
+        self._person = person
         settings = settings or MpdSettings()
         self._gated = settings.gated
         self._width_s = settings.gate_width_s
+        self._delay_s = settings.gate_delay_s
         self._hold_off_s = settings.hold_off_s
         self._trigger_hz = settings.trigger_hz
         self._connected = False
@@ -150,44 +156,50 @@ class MpdSpad:
             raise interrupted
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
-        """Choose how long the gate stays open; its delay is not the detector's to set, and is not looked at.
+        """Choose how long the gate stays open; its delay is not the detector's to set.
 
         Raises
         ------
         LimitError
             It cannot be so wide; nothing was sent.
         RefusedError
-            It keeps another width.
+            It keeps another width; or the delay is another one than it was said to be.
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """
         checked_width_ps(self.name, width_s)
+        if delay_s != self._delay_s:
+            raise RefusedError(
+                self.name,
+                f"open its gate at {delay_s * 1e9:g} ns",
+                f"its trigger cable opens it at {self._delay_s * 1e9:g} ns",
+                "Put a delayer between laser and detector, and describe it in [delayer].",
+            )
         self._width_s = width_s
         if self._enabled and self._gated:
             self._set(gated=True, width_s=width_s)
 
     def set_hold_off(self, hold_off_s: float) -> None:
-        """Expect another hold-off, which a person has set, and verify that it is.
+        """Expect another hold-off; if it is not set yet, have a person set it, and verify that it is.
+
+        The gate is closed then, and stays so until it is enabled again.
 
         Raises
         ------
         RefusedError
             The detector says another one.
         LinkError, ProtocolError
-            No answer, or none that makes sense.
+            No answer, or none that makes sense; or MPD's program still has the port.
         """
         self._hold_off_s = hold_off_s
+        if self._person is not None and not self._holds_off_so_long(self._status()):
+            with self._let_go():
+                self._person(hold_off_s)
         self._require_hold_off(self._status())
 
     @contextmanager
-    def let_go(self) -> Iterator[None]:
-        """Close the port, so that a person can use MPD's program, and open it again at the end.
-
-        Raises
-        ------
-        LinkError
-            The other program is still there.
-        """
+    def _let_go(self) -> Iterator[None]:
+        """Close the port, so that a person can use MPD's program, and open it again."""
         self.disable()
         self._hang_up()
         yield

@@ -19,6 +19,8 @@ class MpdSettings:
         True: sensitive only inside the gate, which follows the trigger input. False: free running.
     gate_width_s
         How long the gate stays open.
+    gate_delay_s
+        Opening edge of the gate after the laser's pulse, which cables make, or a delayer.
     hold_off_s
         What a person has set in MPD's program: time after a detection during which the detector stays off.
     trigger_hz
@@ -32,6 +34,7 @@ class MpdSettings:
 
     gated: bool = True
     gate_width_s: float = 40e-9
+    gate_delay_s: float = 0.0
     hold_off_s: float = 100e-9
     trigger_hz: float = 10e6
 

@@ -75,6 +75,37 @@ def open_devices(
         yield stack.enter_context(devices_on(config, wires, first, tagged=tagged))
 
 
+#: Reaches the wires of one device, named by its section of the configuration.
+Reach = Callable[[str], AbstractContextManager[Wires]]
+
+
+@contextmanager
+def wires_of(config: RigConfig) -> Iterator[Reach]:
+    """Have a rig alone, and give what reaches the wires of one device after the other; none is opened yet.
+
+    Raises
+    ------
+    RefusedError
+        If another program has the rig.
+    """
+    with ExitStack() as stack:
+        if config.simulated:
+            wires, _ = stack.enter_context(_simulated(config))
+            yield lambda section: nullcontext(wires)
+        else:
+            stack.enter_context(locked(config))
+            yield lambda section: wires_by_address(_without_others(config, section))
+
+
+def _without_others(config: RigConfig, section: str) -> RigConfig:
+    """Return a configuration in which one device alone has an address: no other one is reached."""
+    named = {name: getattr(config, name) for name in type(config).model_fields if name != section}
+    others = {name: one for name, one in named.items() if getattr(one, "address", None)}
+    return config.model_copy(
+        update={name: one.model_copy(update={"address": None}) for name, one in others.items()}
+    )
+
+
 @contextmanager
 def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool = False) -> Iterator[Devices]:
     """Open and identify the devices at the ends of these wires; leave them safe at the end, the laser first.

@@ -33,7 +33,13 @@ def detector_head(config: RigConfig) -> "Callable[[Bench], DetectorInstrument] |
         return SpadInstrument
     set_by_hand = (config.simulation or SimulationConfig()).by_hand
     hold_off_s = config.detector.hold_off_s if set_by_hand.hold_off_s is None else set_by_hand.hold_off_s
-    return partial(MpdModule, biased=set_by_hand.bias, hold_off_s=hold_off_s)
+    return partial(
+        MpdModule,
+        biased=set_by_hand.bias,
+        hold_off_s=hold_off_s,
+        error=set_by_hand.error,
+        gate_delay_s=None if config.delayer else config.detector.gate_delay_s,
+    )
 
 
 def gate_delayer(config: RigConfig) -> "Callable[[Bench], LineFirmware] | None":

@@ -170,6 +170,8 @@ class ScanProgress:
                 self._light = tell_light(event)
             case Noticed(sentence=sentence, first=first, last=last, kind="warning"):
                 warn(f"{sentence} (positions {first} to {last})")
+            case Noticed(sentence=sentence, kind="bias" | "loading"):
+                say(sentence)
             case StepDone(step=step, exposure=exposure):
                 self._measured += 1
                 self._photons += exposure.photons

@@ -44,6 +44,17 @@ class Onlookers:
     live: bool = False
 
 
+def ending(rule: str, plan: ScanPlan, scan: Path | None = None) -> "Until":
+    """Return what ends a scan by a rule; of a scan that is taken up again, with what it holds."""
+    from rig.image.until import Rule, Until
+
+    until = Until(Rule.from_text(rule, plan))
+    if scan is not None:
+        with ScanFile(scan) as held:
+            until.take_up(held)
+    return until
+
+
 def run(
     acquisition: Acquisition,
     plan: ScanPlan,

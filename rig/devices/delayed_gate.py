@@ -20,8 +20,10 @@ class DelayedGate:
     ----------
     detector, delayer
         The two, opened.
+    gated
+        False: the detector runs freely, and the delayer stays off.
     delay_s
-        Opening edge of the gate after the sync pulse; None where the detector runs freely.
+        Opening edge of the gate after the sync pulse.
     insertion_delay_s
         What cables and delayer add by themselves.
     period_s
@@ -33,7 +35,8 @@ class DelayedGate:
         detector: GatedSpad,
         delayer: GateDelayer,
         *,
-        delay_s: float | None,
+        gated: bool,
+        delay_s: float,
         insertion_delay_s: float,
         period_s: float,
     ) -> None:
@@ -41,10 +44,11 @@ class DelayedGate:
         self._delayer = delayer
         self._insertion_delay_s = insertion_delay_s
         self._period_s = period_s
-        self._gated = delay_s is not None
+        self._gated = gated
+        self._told_s = delay_s
         self._enabled = False
         self._less_s = 0.0
-        if delay_s is not None:
+        if gated:
             self._set_delay(delay_s)
 
     @property
@@ -74,10 +78,13 @@ class DelayedGate:
         leave([self._delayer.disable, self._detector.disable], None)
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
-        """Set the delay at the delayer, whose output is off meanwhile, and the width at the detector."""
+        """Set the delay at the delayer, whose output is off meanwhile, and the width at the detector.
+
+        For the detector the delay stays what it was told first: it is not the detector's business.
+        """
         self._delayer.disable()
         self._set_delay(delay_s)
-        self._detector.set_gate(delay_s, width_s)
+        self._detector.set_gate(self._told_s, width_s)
         if self._enabled and self._gated:
             self._delayer.enable()
 
@@ -87,14 +94,12 @@ class DelayedGate:
 
     def settings(self) -> Settings:
         """Return the settings of the detector, the gate's delay, and the settings of the delayer."""
-        delayer = self._delayer.settings()
-        delay = {}
+        of_delayer = self._delayer.settings()
+        settings = {**self._detector.settings(), "identity": self.identity}
         if self._gated:
-            delay["gate_delay_s"] = float(delayer["delay_s"]) + self._less_s
-        return {
-            **self._detector.settings(),
-            **delay,
-            **{f"delayer_{name}": value for name, value in delayer.items()},
+            settings["gate_delay_s"] = float(of_delayer["delay_s"]) + self._less_s
+        return settings | {
+            f"delayer_{name}": value for name, value in of_delayer.items() if name != "identity"
         }
 
     def _set_delay(self, delay_s: float) -> None:
@@ -133,7 +138,8 @@ def open_detector(config: RigConfig, wires: Wires) -> Iterator[GatedSpad]:
         yield DelayedGate(
             detector,
             stack.enter_context(DELAYERS.of(delayer).open(delayer, wires)),
-            delay_s=section.gate_delay_s if section.gated else None,
+            gated=section.gated,
+            delay_s=section.gate_delay_s,
             insertion_delay_s=delayer.insertion_delay_s,
             period_s=1 / wires.sync_hz,
         )

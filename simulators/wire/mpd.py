@@ -26,15 +26,15 @@ class MpdModule(LineFirmware):
     ----------
     bench
         Its detector is gated.
-    biased, hold_off_s
-        What a person had set before.
+    biased, hold_off_s, error
+        What a person had set before, and the number of what is wrong; 0 is nothing.
+    gate_delay_s
+        What the trigger cable makes; None where a delayer does.
 
     Attributes
     ----------
     answers_settings
         Whether the choice of a mode is answered, as that of a width is.
-    error
-        Number of what is wrong; 0 is nothing.
     gate_stuck
         Whether the gate no longer follows the commands.
     gate_hz
@@ -43,9 +43,17 @@ class MpdModule(LineFirmware):
         So many of the next answers are lost.
     """
 
-    def __init__(self, bench: Bench, *, biased: bool = True, hold_off_s: float = 100e-9) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        biased: bool = True,
+        hold_off_s: float = 100e-9,
+        error: int = 0,
+        gate_delay_s: float | None = None,
+    ) -> None:
         super().__init__(terminator=b"#", longest=128)
-        self.error = 0
+        self.error = error
         self.answers_settings = True
         self.gate_stuck = False
         self.gate_hz: float | None = None
@@ -53,7 +61,8 @@ class MpdModule(LineFirmware):
         self._bench = bench
         self._wanted = {"FR": 1, "TO": 40_000, "TS": 0}
         self._set = dict(self._wanted)
-        bench.change_light(biased=biased, hold_off_s=hold_off_s)
+        delay_s = bench.light.gate_delay_s if gate_delay_s is None else gate_delay_s
+        bench.change_light(biased=biased, hold_off_s=hold_off_s, gate_delay_s=delay_s)
         self._act()
 
     def _act(self) -> None:

@@ -303,19 +303,37 @@ def test_the_port_of_a_program_that_is_open_is_told():
 
 
 def test_the_port_is_free_while_a_person_sets_the_hold_off(rig):
-    with rig.mpd() as one:
+    asked = []
+
+    def person(hold_off_s):
+        asked.append(hold_off_s)
+        assert rig.bench.light.gate_width_s == 10e-9
+        with pytest.raises(LinkError, match="not connected"):
+            one.settings()
+        with rig.mpd() as other:
+            assert other.settings()["biased"]
+        rig.bench.change_light(hold_off_s=160e-9)
+
+    with rig.mpd(person=person) as one:
         one.enable()
-        with one.let_go():
-            assert rig.bench.light.gate_width_s == 10e-9
-            with pytest.raises(LinkError, match="not connected"):
-                one.settings()
-            with rig.mpd() as other:
-                assert other.settings()["biased"]
-            rig.bench.change_light(hold_off_s=160e-9)
+        one.set_hold_off(100e-9)
+        assert asked == []  # it is set already
         one.set_hold_off(160e-9)
+        assert asked == [160e-9]
         assert one.settings()["hold_off_s"] == 160e-9
         with pytest.raises(RefusedError, match="hold off for 90 ns, but it holds off for about 159 ns"):
             one.set_hold_off(90e-9)
+        assert asked == [160e-9, 90e-9]
+
+
+def test_a_hold_off_that_nobody_sets_is_refused(rig):
+    with rig.mpd() as one, pytest.raises(RefusedError, match=r"hold off for 90 ns.*In MPD's program, set"):
+        one.set_hold_off(90e-9)
+
+
+def test_a_person_who_leaves_the_program_open_is_told(rig):
+    with rig.mpd(person=lambda hold_off_s: rig.unplug_all()) as one, pytest.raises(DeviceError):
+        one.set_hold_off(90e-9)
 
 
 def test_width_that_is_kept_otherwise_is_refused(rig):

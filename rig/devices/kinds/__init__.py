@@ -6,7 +6,7 @@ and a line in its role's table.
 
 from rig.devices.kinds.delayers import DELAYERS, check_trigger
 from rig.devices.kinds.detectors import DETECTORS
-from rig.devices.kinds.galvos import GALVOS
+from rig.devices.kinds.galvos import GALVOS, loading
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.lasers import LASERS
 from rig.devices.kinds.point_clocks import POINT_CLOCKS
@@ -28,6 +28,7 @@ __all__ = [
     "TimingKind",
     "Wires",
     "check_settings",
+    "loading",
     "time_axis",
     "timing_limits",
 ]

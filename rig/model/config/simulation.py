@@ -78,6 +78,8 @@ class ByHandConfig(Section):
     """Whether its bias is on."""
     hold_off_s: Seconds | None = Field(None, ge=0)
     """Its hold-off; None: detector.hold_off."""
+    error: int = Field(0, ge=0)
+    """The error that it reports; 0 is none."""
 
 
 class MotionConfig(Section):
