@@ -9,7 +9,7 @@ from drivers.id120 import ID120
 from drivers.katana.line import BAUD as KATANA_BAUD
 from drivers.mpd.detector import BAUD as MPD_BAUD
 from drivers.nkt import registers as nkt
-from drivers.optotune.mirror import BAUD as OPTOTUNE_BAUD
+from drivers.optotune.registers import BAUD as OPTOTUNE_BAUD
 from rig.devices.probing.asking import (
     Asking,
     Instrument,
