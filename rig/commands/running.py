@@ -127,7 +127,7 @@ def _watch(
 def _feed(target: Path) -> "LiveFeed":
     from rig.live.feed import LiveFeed
 
-    feed = LiveFeed(target, console.warn, window=console.err.is_terminal)
+    feed = LiveFeed(target, console.warn, inform=console.say, window=console.err.is_terminal)
     console.say(f"Live pictures: {feed.folder / 'now.png'}")
     return feed
 

@@ -114,6 +114,8 @@ class LiveFeed:
         The scan file; pictures go to a folder beside it.
     tell
         Called, once, with what became of the view if it did not go well.
+    inform
+        Called at the end with what the view found out, a sentence each.
     window
         Whether there is somebody who would look at a window.
     command
@@ -125,14 +127,17 @@ class LiveFeed:
         scan: Path,
         tell: Callable[[str], None],
         *,
+        inform: Callable[[str], None] = lambda sentence: None,
         window: bool = False,
         command: tuple[str, ...] = (sys.executable, "-m", "rig.live.process"),
     ) -> None:
-        self._scan, self._tell, self._window, self._command = scan, tell, window, command
+        self._scan, self._tell, self._inform = scan, tell, inform
+        self._window, self._command = window, command
         self.folder = folder_of(scan)
         self._outbox = Outbox()
         self._block = BlockBuilder()
-        self._block_since_s = 0.0
+        self._block_since_s = self._newest_s = 0.0
+        self._facts: list[str] = []
         self._noticed: dict[str, Noticed] = {}
         self._expected = 0  # the step that comes next
         self._process: subprocess.Popen[bytes] | None = None
@@ -188,6 +193,7 @@ class LiveFeed:
         if not len(self._block):
             self._block_since_s = time.monotonic()
         self._block.add(step, done.exposure)
+        self._newest_s = time.time()
         self._expected = step + 1
         if self._block.nbytes > BLOCK_BYTES or time.monotonic() - self._block_since_s > BLOCK_S:
             self._flush()
@@ -195,7 +201,7 @@ class LiveFeed:
     def _flush(self) -> None:
         """Send the photons at hand, and what was warned of."""
         if len(self._block):
-            self._outbox.put(self._block.take(time.time()))
+            self._outbox.put(self._block.take(self._newest_s))
         for noticed in self._noticed.values():
             self._outbox.put(noticed)
         self._noticed.clear()
@@ -223,6 +229,8 @@ class LiveFeed:
                     self._pictured.set()
                 elif word == "trouble":
                     self._fail(rest)
+                elif word == "fact":
+                    self._facts.append(rest)
         if not self._pictured.is_set():
             self._fail("its process is gone")
         self._pictured.set()
@@ -247,6 +255,8 @@ class LiveFeed:
                 self._fail("its last picture was not there in time")
                 self._end(process)
             self._tell_once()
+            for sentence in self._facts:
+                self._inform(f"live view: {sentence}")
             if not self._window:
                 process.wait(ENDING_S)
         except subprocess.TimeoutExpired:

@@ -1,9 +1,9 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, and ``pictured`` when the last picture is there. Three
-threads share its work: one reads messages; one keeps the state, and makes images between two messages; one
-draws.
+each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, and
+``pictured`` when the last picture is there. Three threads share its work: one reads messages; one keeps the
+state, and makes images between two messages; one draws.
 """
 
 import os
@@ -50,6 +50,12 @@ class Imaging:
         how = subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s
         self._channels = subject.channels
         self.coarse, self.full = Glance(*how), GrowingPicture(*how)
+        self._pairs = subject.steps * subject.channels
+
+    @property
+    def whole(self) -> bool:
+        """Whether all positions have arrived."""
+        return self.coarse.positions == self._pairs
 
     def add(self, block: Block) -> None:
         """Add the photons of a block."""
@@ -66,6 +72,13 @@ class Worker:
         What is known before.
     inbox
         Messages; None after the last.
+
+    Attributes
+    ----------
+    done
+        Whether the last image is there, and no more will come.
+    news
+        Set where there is something that is worth drawing at once.
     """
 
     def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
@@ -75,7 +88,8 @@ class Worker:
         self._fresh = False  # photons that no image shows yet
         self._next_s = self._took_s = 0.0  # when the next image is due, and how long the newest took
         self._caught_up_s = -CATCH_UP_S
-        self.done = threading.Event()
+        self.done = False
+        self.news = threading.Event()
 
     def run(self) -> None:
         """Work until the scan is over and its last image is made."""
@@ -87,7 +101,8 @@ class Worker:
         except Exception as error:
             say(f"trouble it failed ({type(error).__name__}: {error})")
         finally:
-            self.done.set()
+            self.done = True
+            self.news.set()
 
     def _begin_imaging(self) -> None:
         try:
@@ -107,8 +122,14 @@ class Worker:
                 return False
             self._take(message)
         behind_s = 0.0 if self._inbox.empty() else self._took_s  # then half of the time is for photons
-        if self._fresh and time.monotonic() >= self._next_s + behind_s:
+        whole = self._imaging is not None and self._imaging.whole
+        if self._fresh and (whole or time.monotonic() >= self._next_s + behind_s):
             self._picture()
+            if whole:  # no photons will come: what the scan does to its end need not be waited for
+                self.news.set()
+                self._last_picture()
+                if self._inbox.empty():  # otherwise it is drawn with what the scan has said meanwhile
+                    self.news.set()
         return True
 
     def _spare(self) -> None:
@@ -146,11 +167,17 @@ class Worker:
         ended = self.state.seen().ended
         trusted = self.state.subject.steps if ended is None else ended.steps_done
         if self._imaging and self._imaging.coarse.positions > self.state.subject.channels * trusted:
-            self._imaging = Imaging(self.state.subject)  # steps were taken back
+            self._imaging, self._fresh = Imaging(self.state.subject), True  # steps were taken back
             self.state.forget_photons()
         self._catch_up()
+        if self._fresh or not self.state.seen().final:
+            self._last_picture()
+
+    def _last_picture(self) -> None:
+        """Make the image of all that was measured, with the wavelength for all of it."""
         if self._imaging is not None and self._imaging.full.positions:
             self.state.show(self._imaging.full.picture(), final=True)
+            self._fresh = False
 
 
 def block_of(scan: ScanFile, steps: range) -> Block:
@@ -182,7 +209,7 @@ def main() -> None:
     worker = Worker(begun, inbox)
     threading.Thread(target=read, args=(source, inbox), daemon=True).start()
     threading.Thread(target=worker.run, daemon=True).start()
-    Showing(worker.state, begun, worker.done).run()
+    Showing(worker, begun).run()
 
 
 if __name__ == "__main__":
