@@ -17,7 +17,7 @@ class Lateness:
     """
 
     def __init__(self, subject: Subject) -> None:
-        self._pairs = subject.steps * subject.channels
+        self._pairs = subject.steps * subject.channels  # of several frames no picture has so many
         self._coarse_s: float | None = None
         self._last_s: float | None = None
 
