@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HHLib
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
 from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires

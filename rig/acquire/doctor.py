@@ -122,7 +122,7 @@ def _detector(config: RigConfig) -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp.loading import load_library
+    from drivers.harp.loading import load_library
 
     if not isinstance(config.tcspc, HydraHarpConfig):
         return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")

@@ -39,7 +39,7 @@ def timing_at(address: str) -> Iterator[object]:
         If no bench is served there.
     """
     from simulators.bench import Detections
-    from simulators.wire.hydraharp import HydraHarpSimulator
+    from simulators.wire.harp import HydraHarpSimulator
     from simulators.wire.served.timing import ServedBench
 
     with ExitStack() as stack:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
     from simulators.wire.daq import DaqWiring
-    from simulators.wire.hydraharp import Timing
+    from simulators.wire.harp import Timing
     from simulators.wire.instruments import SimulatedInstruments
     from simulators.wire.laser_head import LaserHead
 
@@ -107,7 +107,7 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
 
 def timing_faults(config: RigConfig) -> "Timing":
     """Return what the clock of the timing instrument does wrong."""
-    from simulators.wire.hydraharp import Nonlinearity, Pulses, Timing
+    from simulators.wire.harp import Nonlinearity, Pulses, Timing
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults

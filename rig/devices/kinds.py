@@ -12,11 +12,11 @@ from typing import Any, Protocol
 from drivers.daq.analogue_galvo import AnalogueGalvo, AnalogueLimits, Settling
 from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import DaqPointClock, PulseLines
-from drivers.hydraharp.device import HydraHarp
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
-from drivers.hydraharp.settings import HydraHarpSettings, Markers
-from drivers.hydraharp.stream import QUEUE_PIECES, HydraHarpStream
+from drivers.harp.device import HydraHarp
+from drivers.harp.library import HHLib
+from drivers.harp.limits import LIMITS as HYDRAHARP_LIMITS
+from drivers.harp.settings import HydraHarpSettings, Markers
+from drivers.harp.stream import QUEUE_PIECES, HydraHarpStream
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_05, KATANA_08HP
 from drivers.katana.laser import KatanaLaser

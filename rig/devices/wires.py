@@ -8,8 +8,8 @@ from functools import cache, partial
 from drivers.clock import Clock, SystemClock
 from drivers.daq.board import SharedBoard
 from drivers.daq.nidaqmx_board import NidaqmxBoard
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.loading import load_library
+from drivers.harp.library import HHLib
+from drivers.harp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.kinds import DETECTORS, LASERS, Wires
 from rig.model.config import HydraHarpConfig, RigConfig

@@ -8,7 +8,7 @@ from typing import Self
 from simulators.bench import Bench
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.hydraharp import HydraHarpSimulator, Timing
+from simulators.wire.harp import HydraHarpSimulator, Timing
 from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.serial_url.protocol_sim import attach, detach

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attacks.serial_url import protocol_attacked
 from attacks.taps import Tap, TappedLibrary, TappedUsb
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HHLib
 from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
@@ -27,7 +27,7 @@ from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.daq import SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HydraHarpSimulator
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.spad import SpadInstrument
 

@@ -17,10 +17,10 @@ from usb.core import USBError, USBTimeoutError
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
 from drivers.errors import DeviceError
-from drivers.hydraharp.device import HydraHarp
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.hydraharp.stream import HydraHarpStream
+from drivers.harp.device import HydraHarp
+from drivers.harp.library import HHLib
+from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.stream import HydraHarpStream
 from drivers.id120 import Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
@@ -32,7 +32,7 @@ from simulators.bench import Bench
 from simulators.wire.nkt import NktMainboard
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.serial_url.protocol_sim import Firmware
-from support.hydraharp_wire import C_TYPES, DECLARED, write
+from support.harp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
 from support.wire_script import StepClock

@@ -9,12 +9,12 @@ from time import process_time
 import numpy as np
 import pytest
 
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.records import T3, Decoder
-from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.hydraharp.stream import HydraHarpStream
+from drivers.harp.library import HHLib
+from drivers.harp.records import T3, Decoder
+from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.stream import HydraHarpStream
 from simulators.bench import Bench, BenchGeometry, Channel, Detections
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HydraHarpSimulator
 
 pytestmark = pytest.mark.benchmark
 

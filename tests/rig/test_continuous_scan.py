@@ -7,7 +7,7 @@ import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HHLib
 from rig.acquire.acquisition import Watch, acquire, record, resume
 from rig.acquire.connect import devices_on
 from rig.acquire.events import LineDone, Noticed, Outcome, Recorded, StepDone

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError, LinkError, RefusedError
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HHLib
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
 from rig.acquire.engine import Noticed, Outcome, StepDone

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drivers.hydraharp.library import HHLib, histogram_buffers
+from drivers.harp.library import HHLib, histogram_buffers
 from simulators.bench import Bench, BenchGeometry, Channel, LightState, no_detections
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
@@ -14,7 +14,7 @@ from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HydraHarpSimulator
 from support.exact_light import EXACT
 
 OPTICS = Optics(stray_per_pulse=0, pulse_fwhm_s=0, power_w=5.0)

@@ -4,7 +4,7 @@
 HANGING = """
 import ctypes, sys, time
 from rig.__main__ import main
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HydraHarpSimulator
 
 made = HydraHarpSimulator.__init__
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drivers.hydraharp.limits import LIMITS
+from drivers.harp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require

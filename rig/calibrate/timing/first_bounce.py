@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from drivers.hydraharp.limits import LIMITS
+from drivers.harp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, require
