@@ -1,7 +1,7 @@
-"""The HydraHarp 400 in histogram mode, as one context manager.
+"""A timing instrument in histogram mode, as one context manager.
 
 Time-tagged streams (T3) are in `stream`. Not implemented: T2 and continuous mode, external start and stop
-(C1, C2), the stop at a full bin; `HHLib` has their functions.
+(C1, C2), the stop at a full bin.
 """
 
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from drivers.clock import Clock, wait_until
 from drivers.errors import LinkError
 from drivers.harp import constants as hh
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error, told
-from drivers.harp.library import HHLib, histogram_buffers
-from drivers.harp.settings import HydraHarpSettings, Integers
+from drivers.harp.errors import HarpError
+from drivers.harp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error
+from drivers.harp.library import HarpLibrary, histogram_buffers
+from drivers.harp.settings import HarpSettings, Integers
 
-__all__ = ["Exposure", "HydraHarp", "Rates"]
+__all__ = ["Exposure", "Harp", "Rates"]
 
 #: How often the end of a measurement is asked for [s].
 POLL_S = 1e-3
@@ -56,8 +56,8 @@ class Exposure:
         return int(self.counts.sum(dtype=np.int64))
 
 
-class HydraHarp(Instrument):
-    """Inputs of a HydraHarp 400 timed against its sync input, their histograms made by the instrument.
+class Harp(Instrument):
+    """Inputs of an instrument timed against its sync input, their histograms made by the instrument.
 
     The histogram inside the instrument is the shortest that holds the bins asked for, since its length
     decides how long a readout takes. Parameters and attributes are those of `Instrument`.
@@ -67,14 +67,14 @@ class HydraHarp(Instrument):
 
     def __init__(
         self,
-        library: HHLib,
+        library: HarpLibrary,
         *,
         clock: Clock,
         serial: str | None = None,
-        settings: HydraHarpSettings | None = None,
+        settings: HarpSettings | None = None,
     ) -> None:
         super().__init__(library, clock=clock, serial=serial, settings=settings)
-        self._rows = histogram_buffers(len(self._settings.inputs))
+        self._rows = histogram_buffers(len(self._settings.inputs), self.limits.max_bins)
         self._counts = np.ctypeslib.as_array(self._rows)[:, : self._settings.bins]
 
     @property
@@ -108,7 +108,7 @@ class HydraHarp(Instrument):
             If the exposure is not whole milliseconds; nothing is sent then.
         LinkError
             If the measurement does not end in time.
-        HydraHarpError
+        HarpError
             If the library refuses a call.
         DeviceError
             If the instrument reports a system error.
@@ -120,7 +120,7 @@ class HydraHarp(Instrument):
             library.start_meas(index, duration_ms)
             whole = self._expose(duration_ms, meanwhile)
         except BaseException:
-            with suppress(HydraHarpError):
+            with suppress(HarpError):
                 library.stop_meas(index)
             raise
         live_s = duration_ms / 1000 if whole else library.get_elapsed_meas_time(index) / 1000
@@ -146,7 +146,7 @@ class HydraHarp(Instrument):
                 self._name,
                 f"measure for {duration_ms} ms",
                 f"the measurement still runs {late_s:.3g} s after its end",
-                "Check the USB link, and switch the HydraHarp off and on.",
+                f"{self._family.link.check}, and {self._family.link.restart}.",
             )
         if duration_ms / 1000 > MEANWHILE_S:
             meanwhile()  # a long exposure may take long to read, too
@@ -160,10 +160,9 @@ class HydraHarp(Instrument):
         library.set_meas_control(index, hh.MeasControl.SINGLESHOT_CTC, hh.Edge.RISING, hh.Edge.FALLING)
         self._require_as_asked(self.limits.max_bins)
 
-    def _sentences(self, flags: hh.Flag) -> tuple[str, ...]:
+    def _sentences(self, raised: int) -> tuple[str, ...]:
         """Turn state flags into sentences, or into an error where the counts are worthless."""
-        if not flags:
-            return ()
-        if flags & hh.Flag.SYSERROR:
+        flags = self._family.flags
+        if raised & flags.errors:
             raise system_error(self._library, self._index, self._name)
-        return tuple(text for _, text in told(flags))
+        return tuple(text for _, text in flags.told(raised))

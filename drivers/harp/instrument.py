@@ -1,4 +1,4 @@
-"""What the modes of the HydraHarp 400 share: opening, identifying, inputs, rates, warnings, closing."""
+"""What the modes of an instrument share: opening, identifying, inputs, rates, warnings, closing."""
 
 from abc import ABC, abstractmethod
 from contextlib import suppress
@@ -10,10 +10,12 @@ from typing import ClassVar, Self
 from drivers.clock import Clock
 from drivers.errors import DeviceError, DeviceNotFoundError, ProtocolError
 from drivers.harp import constants as hh
-from drivers.harp.errors import ErrorCode, HydraHarpError
-from drivers.harp.library import HHLib
-from drivers.harp.limits import LIMITS, SAME, HydraHarpLimits
-from drivers.harp.settings import HydraHarpSettings, Integers
+from drivers.harp.errors import DEVICE_OPEN_FAIL, HarpError
+from drivers.harp.families import OFFSET_UNNECESSARY
+from drivers.harp.library import HarpLibrary
+from drivers.harp.limits import SAME
+from drivers.harp.settings import HarpSettings, Integers
+from drivers.harp.triggers import TriggerMode
 from drivers.leaving import leave
 
 #: More inputs (a detector of many pixels, simulated), and bin widths of more powers of two, none can have.
@@ -55,44 +57,47 @@ class Rates:
 
 
 class Instrument(ABC):
-    """One HydraHarp 400, opened for one of its modes.
+    """One instrument, opened for one of its modes.
 
     Parameters
     ----------
     library
-        The vendor's library, see `drivers.harp.loading.load_library`.
+        The vendor's library, see `drivers.harp.loading.load_library`; it says of which family it is.
     clock
         The time to wait by.
     serial
         Serial number of the instrument; None takes the only one that is there.
     settings
-        How it is set.
+        How it is set; of the library's family.
 
     Attributes
     ----------
     limits
-        What it can be set to: what holds for every HydraHarp, and once it is open, what holds for this one.
+        What it can be set to: what holds for its whole family, and once it is open, what holds for this one.
     """
 
-    limits: HydraHarpLimits = LIMITS
     _mode: ClassVar[hh.Mode]
 
     def __init__(
         self,
-        library: HHLib,
+        library: HarpLibrary,
         *,
         clock: Clock,
         serial: str | None = None,
-        settings: HydraHarpSettings | None = None,
+        settings: HarpSettings | None = None,
     ) -> None:
-        self._name = f"HydraHarp {serial}" if serial else "HydraHarp"
+        self._family = library.family
+        self._settings = settings or HarpSettings(family=self._family)
+        if self._settings.family != self._family:
+            raise ValueError(f"settings of a {self._settings.family.name} for a {self._family.name}")
+        self.limits = self._family.limits
+        self._name = f"{self._family.name} {serial}" if serial else self._family.name
         self._library = library
         self._clock = clock
         self._serial = serial
-        self._settings = settings or HydraHarpSettings()
         self._open_index: int | None = None
         self._identity = ""
-        self._bin_width_s = self._settings.bin_width_s
+        self._bin_width_s = self._settings.width_s
         self._span_bins = 0  # that the instrument measures, of which settings.bins are asked for
 
     def __enter__(self) -> Self:
@@ -105,33 +110,34 @@ class Instrument(ABC):
             release.
         LimitError
             If this instrument has no such input or bin width; no setting is sent then.
-        HydraHarpError
+        HarpError
             If the library refuses a call.
         ProtocolError
             If a setting reads back other than it was sent.
         """
-        release = self._library.get_library_version()
-        if release != hh.LIBRARY_VERSION:
+        family, release = self._family, self._library.get_library_version()
+        if release not in family.versions:
             raise DeviceNotFoundError(
                 self._name,
                 f"use {self._library.name}",
-                f"its version is {release}, not {hh.LIBRARY_VERSION}",
-                f"Install HHLib {hh.LIBRARY_VERSION}.",
+                f"its version is {release}, not {' or '.join(family.versions)}",
+                f"Install {family.library} {family.versions[-1]}.",
             )
         index, serial = _open_by_serial(self._library, self._serial)
-        self._name = f"HydraHarp {serial}"
+        self._name = f"{family.name} {serial}"
         try:
             external = self._settings.external_reference
             reference = hh.Reference.EXTERNAL if external else hh.Reference.INTERNAL
             self._library.initialize(index, self._mode, reference)
             model, part, version = self._library.get_hardware_info(index)
+            self._require_model(model)
             self._set_up(index)
             self._clock.sleep(hh.RATE_WAIT_S)
         except BaseException as problem:
             self._close(index, problem)
             raise
         self._identity = (
-            f"PicoQuant {model}, part {part}, version {version}, serial {serial}, HHLib {hh.LIBRARY_VERSION}"
+            f"PicoQuant {model}, part {part}, version {version}, serial {serial}, {family.library} {release}"
         )
         self._open_index = index
         return self
@@ -164,7 +170,7 @@ class Instrument(ABC):
 
         Raises
         ------
-        HydraHarpError
+        HarpError
             If the library refuses a call.
         ProtocolError
             If a rate is negative.
@@ -177,7 +183,7 @@ class Instrument(ABC):
                 self._name,
                 "tell its count rates",
                 f"it says {sync_hz:g} Hz of sync pulses and {', '.join(f'{one:g}' for one in inputs_hz)} Hz",
-                "Switch the HydraHarp off and on.",
+                self._restart,
             )
         return Rates(sync_hz, inputs_hz)
 
@@ -190,9 +196,10 @@ class Instrument(ABC):
         raised = library.get_warnings(index)
         if self._settings.bins > self._held_bins - self.first_bin_s / self.bin_width_s:
             # the instrument judges by its longest histogram; in the one that is used, the offset is needed
-            raised &= ~hh.Warn.OFFSET_UNNECESSARY
-        sentences = [text for bit, text in hh.WARNING_SENTENCES.items() if raised & bit]
-        unknown = int(raised) & ~sum(hh.WARNING_SENTENCES)
+            raised &= ~OFFSET_UNNECESSARY
+        meanings = self._family.warnings
+        sentences = [text for bit, text in meanings.items() if raised & bit]
+        unknown = raised & ~sum(meanings)
         if unknown:
             sentences.append(" ".join(library.get_warnings_text(index, unknown).split()))
         if self._settings.sync_divider > 1:
@@ -220,30 +227,60 @@ class Instrument(ABC):
         inputs = library.get_num_of_input_channels(index)
         base_ps, binnings = library.get_base_resolution(index)
         self._require_sane(inputs, base_ps, binnings)
-        self.limits = replace(LIMITS, device=self._name, inputs=inputs, base_ps=base_ps, binnings=binnings)
+        self.limits = replace(
+            self._family.limits, device=self._name, inputs=inputs, base_ps=base_ps, binnings=binnings
+        )
         wire = self._settings.integers(self.limits)
-        library.calibrate(index)
+        if self._family.calibrates:
+            library.calibrate(index)
         self._set_up_inputs(index, wire, inputs)
         self._set_up_mode(index, wire)
 
     def _set_up_inputs(self, index: int, wire: Integers, inputs: int) -> None:
         library, settings = self._library, self._settings
         library.set_sync_div(index, settings.sync_divider)
-        library.set_sync_cfd(index, *wire.sync_cfd_mv)
+        self._set_sync_trigger(index, wire)
         library.set_sync_channel_offset(index, wire.sync_offset_ps)
         for channel in range(inputs):
             used = channel in settings.inputs
             if used:
-                library.set_input_cfd(index, channel, *wire.input_cfd_mv)
+                self._set_input_trigger(index, channel, wire)
                 offset_ps = wire.input_offsets_ps[settings.inputs.index(channel)]
                 library.set_input_channel_offset(index, channel, offset_ps)
             library.set_input_channel_enable(index, channel, used)
+
+    def _set_sync_trigger(self, index: int, wire: Integers) -> None:
+        library, trigger = self._library, wire.sync_trigger
+        if self.limits.has_both_triggers:
+            library.set_sync_trg_mode(index, trigger.mode)
+        send = library.set_sync_cfd if trigger.mode is TriggerMode.CFD else library.set_sync_edge_trg
+        send(index, trigger.level_mv, trigger.second)
+
+    def _set_input_trigger(self, index: int, channel: int, wire: Integers) -> None:
+        library, trigger = self._library, wire.input_trigger
+        if self.limits.has_both_triggers:
+            library.set_input_trg_mode(index, channel, trigger.mode)
+        send = library.set_input_cfd if trigger.mode is TriggerMode.CFD else library.set_input_edge_trg
+        send(index, channel, trigger.level_mv, trigger.second)
 
     def _set_bins(self, index: int, wire: Integers) -> None:
         """Set width and beginning of the bins, and read the width back."""
         self._library.set_binning(index, wire.binning)
         self._library.set_offset(index, wire.offset_ns)
         self._bin_width_s = self._library.get_resolution(index) * 1e-12
+
+    def _require_model(self, model: str) -> None:
+        """Refuse another model than the one that was asked for, where a family's models differ."""
+        asked = self._family.model
+        if asked and model != asked:
+            raise DeviceNotFoundError(
+                self._name, f"measure as a {asked}", f"it is a {model}", "Configure the board that is there."
+            )
+
+    @property
+    def _restart(self) -> str:
+        restart = self._family.link.restart
+        return f"{restart[0].upper()}{restart[1:]}."
 
     def _require_sane(self, inputs: int, base_ps: float, binnings: int) -> None:
         """Refuse an instrument that says of itself what none can be."""
@@ -253,55 +290,43 @@ class Instrument(ABC):
             self._name,
             "tell its inputs, its finest bin width and its number of bin widths",
             f"it says {inputs}, {base_ps:g} ps and {binnings}",
-            "Switch the HydraHarp off and on.",
+            self._restart,
         )
 
     def _require_as_asked(self, longest: int) -> None:
         """Refuse an instrument that counts in other bins than those that it was asked for."""
-        asked_s, bins = self._settings.bin_width_s, self._settings.bins
+        asked_s, bins = self._settings.width_s, self._settings.bins
         as_wide = abs(self._bin_width_s - asked_s) <= SAME * asked_s  # a width that is no number is not
         if not (as_wide and bins <= self._span_bins <= longest):
             raise ProtocolError(
                 self._name,
                 f"count in {bins} bins of {asked_s:g} s",
                 f"it reports {self._span_bins} bins of {self._bin_width_s:g} s",
-                "Switch the HydraHarp off and on.",
+                self._restart,
             )
 
     def _close(self, index: int, problem: BaseException | None) -> None:
         """Stop and close, whether or not something runs, and whatever ``problem`` is on its way."""
 
         def stop() -> None:
-            with suppress(HydraHarpError):  # there may be nothing to stop
+            with suppress(HarpError):  # there may be nothing to stop
                 self._library.stop_meas(index)
 
         leave([stop, lambda: self._library.close_device(index)], problem)
 
 
-def told(flags: hh.Flag) -> list[tuple[hh.Flag, str]]:
-    """Return flags with what each says about a measurement; those that nobody knows come as one."""
-    sentences = [(bit, text) for bit, text in hh.FLAG_SENTENCES.items() if flags & bit]
-    if unknown := int(flags) & ~int(sum(hh.FLAG_SENTENCES, hh.Flag.ACTIVE | hh.Flag.SYSERROR)):
-        text = (
-            f"The instrument raised flags 0x{unknown:X}, which HHLib {hh.LIBRARY_VERSION} does not explain: "
-            "ask PicoQuant what they mean before the counts are used."
-        )
-        sentences.append((hh.Flag(unknown), text))
-    return sentences
-
-
-def system_error(library: HHLib, index: int, name: str) -> DeviceError:
+def system_error(library: HarpLibrary, index: int, name: str) -> DeviceError:
     """Return what to raise where counts are worthless, with the instrument's own report."""
-    report = " ".join(library.get_hardware_debug_info(index).split())
+    report, restart = " ".join(library.get_debug_info(index).split()), library.family.link.restart
     return DeviceError(
         name,
         "measure",
         f"it reports a system error: {report[:500] or 'no details'}",
-        "Switch the HydraHarp off and on; if that does not help, send PicoQuant its debug report.",
+        f"{restart[0].upper()}{restart[1:]}; if that does not help, send PicoQuant its debug report.",
     )
 
 
-def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
+def _open_by_serial(library: HarpLibrary, serial: str | None) -> tuple[int, str]:
     """Open the instrument with this serial number, or the only one if ``serial`` is None.
 
     All others that had to be opened to learn their serial numbers are closed again.
@@ -313,7 +338,7 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
 
     Raises
     ------
-    HydraHarpError
+    HarpError
         If it was not found but an instrument is there that could not be opened, e.g. because another
         program uses it: that may be the one.
     DeviceNotFoundError
@@ -321,12 +346,12 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
     """
     chosen: tuple[int, str] | None = None
     others: list[str] = []
-    unopened: HydraHarpError | None = None
-    for index in range(hh.MAX_DEVICES):
+    unopened: HarpError | None = None
+    for index in range(library.family.devices):
         try:
             found = library.open_device(index)
-        except HydraHarpError as error:
-            if error.code != ErrorCode.DEVICE_OPEN_FAIL:
+        except HarpError as error:
+            if error.code != DEVICE_OPEN_FAIL:
                 unopened = unopened or error
             continue
         if found == serial:
@@ -340,25 +365,29 @@ def _open_by_serial(library: HHLib, serial: str | None) -> tuple[int, str]:
         return chosen
     if chosen is not None:
         library.close_device(chosen[0])
-        raise _several([chosen[1], *others], library.name, unopened)
+        raise _several([chosen[1], *others], library, unopened)
     if unopened is not None:
         raise unopened
-    there = f"only {', '.join(others)} can be opened" if others else "no HydraHarp is there"
-    raise DeviceNotFoundError(
-        f"HydraHarp {serial}" if serial else "HydraHarp",
+    raise _none(library, serial, others)
+
+
+def _none(library: HarpLibrary, serial: str | None, others: list[str]) -> DeviceNotFoundError:
+    """Return what to raise where the instrument is not there."""
+    name = library.family.name
+    return DeviceNotFoundError(
+        f"{name} {serial}" if serial else name,
         f"open it through {library.name}",
-        there,
-        "Check serial number, power and USB cable; "
-        "on Linux a missing udev permission for USB vendor 0e0d looks the same.",
+        f"only {', '.join(others)} can be opened" if others else f"no {name} is there",
+        f"Check its serial number. {library.family.link.absent}",
     )
 
 
-def _several(serials: list[str], library: str, unopened: HydraHarpError | None) -> DeviceNotFoundError:
+def _several(serials: list[str], library: HarpLibrary, unopened: HarpError | None) -> DeviceNotFoundError:
     """Return what to raise where it is not said which of several instruments is meant."""
     one_more = f", and one that cannot be opened ({unopened.code_name})" if unopened else ""
     return DeviceNotFoundError(
-        "HydraHarp",
-        f"open the only one through {library}",
+        library.family.name,
+        f"open the only one through {library.name}",
         f"there are {', '.join(serials)}{one_more}",
         "Say which one is meant by its serial number (tcspc.serial).",
     )

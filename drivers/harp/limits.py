@@ -1,7 +1,7 @@
-"""What a HydraHarp 400 can be set to, as data that needs neither instrument nor library.
+"""What a timing instrument can be set to, as data that needs neither instrument nor library.
 
 Nothing is rounded or clipped silently: a value that does not fit is a `LimitError` that names the nearest.
-Source of the numbers, where nothing else is said: the vendor's hhdefin.h, version 3.0.
+The numbers are in `drivers.harp.families`.
 """
 
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from math import ceil, floor, log2
 
 from drivers.errors import LimitError
+from drivers.harp.triggers import CfdTrigger, Trigger, TriggerMode, WireTrigger
 
 #: Relative difference below which two values are the same but for floating-point arithmetic.
 SAME = 1e-6
 
-#: The longest histogram, and the shortest; those between are the shortest times a power of two.
-MAX_BINS = 65536
-MIN_BINS = 1024
+#: Length of a histogram with length code 0; each further code doubles it.
+CODE_0_BINS = 1024
 
 
 @dataclass(frozen=True)
@@ -61,53 +61,62 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class HydraHarpLimits:
-    """The limits of the instrument.
+class HarpLimits:
+    """The limits of an instrument.
 
-    The defaults hold without an instrument. One that is open has its own, `HydraHarp.limits`: its inputs,
+    Those of a family hold without an instrument. One that is open has its own, `Harp.limits`: its inputs,
     and its own base resolution.
 
     Attributes
     ----------
     device
         Whose limits these are, for messages.
-    inputs
-        Number of photon inputs, beside the sync input; None where no instrument was asked. The header knows 8
-        (MAXINPCHAN), but how many there are is the library's to say.
     base_ps, binnings
-        A bin is ``base_ps`` times a power of two wide, from ``2**0`` to ``2**(binnings - 1)`` (1 ps: manual).
-    max_bins
-        Length of the longest histogram.
-    exposure, offset
-        Of a measurement; left edge of the first bin after the sync pulse. (The header's comment on the lower
-        limit of the offset says ps; the function takes nanoseconds.)
-    cable_offset
-        Shift of an input or the sync in time, in place of a longer or shorter cable.
-    level, zero_cross
-        Of a discriminator; both positive, though the signals are negative.
+        A bin is ``base_ps`` times a power of two wide, from ``2**0`` to ``2**(binnings - 1)``.
+    max_bins, min_bins
+        Length of the longest histogram, and of the shortest that is asked for: 1024 times powers of two.
+    offset
+        Left edge of the first bin after the sync pulse.
+    marker_hold_off
+        Time after a marker in which its input takes no other.
     sync_dividers
         By what the sync rate can be divided.
     most_sync_hz, most_divided_hz
-        Highest sync rate, and highest after the divider (manual).
-    marker_hold_off
-        Time after a marker in which its input takes no other. The instrument counts it in steps of about 8 ns
-        (header); how it rounds is unconfirmed.
+        Highest sync rate, and highest after the divider; infinite where nobody says.
+    cfd_level, zero_cross
+        Of a discriminator; None where the inputs have none.
+    edge_level
+        Of an edge trigger; None where the inputs have none.
+    inputs
+        Number of photon inputs, beside the sync input; None where no instrument was asked: how many there
+        are is the library's to say.
+    exposure
+        Of a measurement.
+    cable_offset
+        Shift of an input or the sync in time, in place of a longer or shorter cable.
     """
 
-    device: str = "HydraHarp"
+    device: str
+    base_ps: float
+    binnings: int
+    max_bins: int
+    offset: Steps
+    marker_hold_off: Steps
+    sync_dividers: tuple[int, ...]
+    most_sync_hz: float
+    most_divided_hz: float
+    cfd_level: Steps | None = None
+    zero_cross: Steps | None = None
+    edge_level: Steps | None = None
+    min_bins: int = CODE_0_BINS
     inputs: int | None = None
-    base_ps: float = 1.0
-    binnings: int = 26
-    max_bins: int = MAX_BINS
     exposure: Steps = Steps(1, 360_000_000, "ms", 1e-3)
-    offset: Steps = Steps(0, 500_000, "ns", 1e-9)
     cable_offset: Steps = Steps(-99_999, 99_999, "ps", 1e-12)
-    level: Steps = Steps(0, 1000, "mV", 1e-3)
-    zero_cross: Steps = Steps(0, 40, "mV", 1e-3)
-    sync_dividers: tuple[int, ...] = (1, 2, 4, 8, 16)
-    most_sync_hz: float = 150e6
-    most_divided_hz: float = 12.5e6
-    marker_hold_off: Steps = Steps(0, 524_296, "ns", 1e-9)
+
+    @property
+    def has_both_triggers(self) -> bool:
+        """Whether an input is told which of two triggers to use."""
+        return self.cfd_level is not None and self.edge_level is not None
 
     def check_exposure(self, exposure_s: float) -> None:
         """Raise `LimitError` unless a measurement can be this long."""
@@ -175,7 +184,7 @@ class HydraHarpLimits:
         )
 
     def length_code(self, bins: int) -> int:
-        """Return n of the shortest histogram, 1024 times 2**n, that holds ``bins`` bins.
+        """Return n of the shortest possible histogram, 1024 times 2**n, that holds ``bins`` bins.
 
         Raises
         ------
@@ -183,7 +192,33 @@ class HydraHarpLimits:
             If none does.
         """
         self._require_within("number of bins", bins, (1, self.max_bins))
-        return ceil(log2(max(bins, MIN_BINS) / MIN_BINS))
+        return ceil(log2(max(bins, self.min_bins) / CODE_0_BINS))
+
+    def wire_trigger(self, what: str, trigger: Trigger) -> WireTrigger:
+        """Return the trigger of an input in the library's units.
+
+        Raises
+        ------
+        LimitError
+            If the instrument has no such trigger, or it cannot be set so.
+        """
+        if isinstance(trigger, CfdTrigger):
+            if self.cfd_level is None or self.zero_cross is None:
+                raise self._no_trigger(what, "a constant-fraction discriminator", "edge triggers")
+            level_mv = self.cfd_level.whole(self.device, f"{what} CFD level", trigger.level_v)
+            zero_cross_mv = self.zero_cross.whole(
+                self.device, f"{what} CFD zero crossing", trigger.zero_cross_v
+            )
+            return WireTrigger(TriggerMode.CFD, level_mv, zero_cross_mv)
+        if self.edge_level is None:
+            raise self._no_trigger(what, "an edge trigger", "constant-fraction discriminators")
+        level_mv = self.edge_level.whole(self.device, f"{what} trigger level", trigger.level_v)
+        return WireTrigger(TriggerMode.EDGE, level_mv, int(trigger.rising))
+
+    def _no_trigger(self, what: str, asked: str, has: str) -> LimitError:
+        return LimitError(
+            self.device, f"give the {what} {asked}", f"its inputs have {has}", "Set what these have."
+        )
 
     def check_inputs(self, inputs: Sequence[int]) -> None:
         """Raise `LimitError` unless these are different inputs, one at least, that the instrument has."""
@@ -212,7 +247,7 @@ class HydraHarpLimits:
     def check_sync_rate(self, sync_hz: float, divider: int) -> None:
         """Raise `LimitError` unless sync pulses may come so often with this divider."""
         if sync_hz <= min(self.most_sync_hz, divider * self.most_divided_hz) * (1 + SAME):
-            return
+            return  # also where nobody says how much it takes
         enough = [one for one in self.sync_dividers if sync_hz <= one * self.most_divided_hz * (1 + SAME)]
         possible = bool(enough) and sync_hz <= self.most_sync_hz * (1 + SAME)
         raise LimitError(
@@ -232,7 +267,3 @@ class HydraHarpLimits:
                 f"it takes whole numbers from {low} to {high}",
                 "Choose a value inside these limits.",
             )
-
-
-#: What holds for every HydraHarp 400, and can be asked without one.
-LIMITS = HydraHarpLimits()

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, LinkError
-from drivers.harp import constants as hh
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.instrument import CLOCK_ERROR, LATE_S, system_error, told
-from drivers.harp.library import HHLib, fifo_buffer
+from drivers.harp.errors import HarpError
+from drivers.harp.instrument import CLOCK_ERROR, LATE_S, system_error
+from drivers.harp.library import HarpLibrary
 
 #: How long to wait when all there is was read, and after the end of the acquisition time [s].
 POLL_S = 10e-3
@@ -36,9 +35,11 @@ LAST_READS = 32
 #: How long a memory that was full is read [s]; USB 2 takes a quarter of it for 2 million records.
 REST_S = 1.0
 
-#: Pieces that may wait for the caller: at 40 million records a second those of 0.8 s, in 128 MiB; at low
-#: rates, with a piece each `POLL_S`, those of 2.5 s.
+#: Pieces that may wait for the caller: with a piece each `POLL_S`, those of 2.5 s.
 QUEUE_PIECES = 256
+
+#: Records that may wait with them, unless they are one piece: at 40 million a second those of 0.8 s, 128 MiB.
+QUEUE_RECORDS = 1 << 25
 
 #: A caller that wants to be asked when nothing comes is asked so often [s].
 IDLE_S = 0.05
@@ -48,9 +49,6 @@ PATIENCE_S = 1.0
 
 #: When the thread has given no sign for so long [s], a call of the library does not return.
 SILENT_S = 10.0
-
-#: Flags after which it is no use to go on.
-FATAL = hh.Flag.FIFOFULL | hh.Flag.SYSERROR
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Fault:
         What it means, for a person.
     """
 
-    flag: hh.Flag
+    flag: int
     record: int
     sentence: str
 
@@ -84,14 +82,14 @@ class Piece:
     first
         Number of the first of them in the measurement.
     flags
-        What the instrument showed right after the read, without `ACTIVE`.
+        What the instrument showed right after the read (`Flags`), without that it measures.
     faults
         What it had not shown the time before. A system error is told by the exception that follows it.
     """
 
     records: NDArray[np.uint32]
     first: int
-    flags: hh.Flag
+    flags: int
     faults: tuple[Fault, ...]
 
 
@@ -111,17 +109,26 @@ class Reader:
     """
 
     def __init__(
-        self, library: HHLib, index: int, *, name: str, clock: Clock, duration_s: float, queue_pieces: int
+        self,
+        library: HarpLibrary,
+        index: int,
+        *,
+        name: str,
+        clock: Clock,
+        duration_s: float,
+        queue_pieces: int,
     ) -> None:
         self._library, self._index, self._name, self._clock = library, index, name, clock
         self._duration_s = duration_s
         self._queue_pieces = queue_pieces
         self._pieces: Queue[Piece | None] = Queue()  # this thread alone fills it, and looks how full it is
         self._asked: Queue[tuple[Callable[[], Any], Future[Any]]] = Queue()
-        self._buffer = fifo_buffer()
+        self._bits = library.family.flags
+        self._fatal_bits = self._bits.fifo_full | self._bits.errors
+        self._buffer = library.fifo_buffer()
         self._records = np.ctypeslib.as_array(self._buffer)
-        self._read = 0
-        self._flags = hh.Flag(0)
+        self._read = self._taken = 0
+        self._flags = 0
         self._ending = Event()
         self._problem: BaseException | None = None
         self._sign_s = time.monotonic()
@@ -170,14 +177,14 @@ class Reader:
         return answer.result()
 
     def pieces(self, *, idle: bool = False) -> Iterator[Piece]:
-        """Yield the pieces as they come, then raise what went wrong; see `HydraHarpStream.pieces`.
+        """Yield the pieces as they come, then raise what went wrong; see `HarpStream.pieces`.
 
         Parameters
         ----------
         idle
             Yield an empty piece when none has come for `IDLE_S`.
         """
-        nothing = Piece(np.empty(0, np.uint32), self._read, hh.Flag(0), ())
+        nothing = Piece(np.empty(0, np.uint32), self._read, 0, ())
         while True:
             try:
                 piece = self._pieces.get(timeout=IDLE_S)
@@ -190,6 +197,7 @@ class Reader:
                 continue
             if piece is None:
                 break
+            self._taken += len(piece.records)
             yield piece
         if self._problem is not None:
             raise self._problem
@@ -203,8 +211,13 @@ class Reader:
             self._name,
             "read its records",
             f"a call of {self._library.name} does not return",
-            "End this program, check the USB link, and switch the HydraHarp off and on.",
+            f"End this program. {self._restart}",
         )
+
+    @property
+    def _restart(self) -> str:
+        link = self._library.family.link
+        return f"{link.check}, and {link.restart}."
 
     # In the thread
 
@@ -215,7 +228,7 @@ class Reader:
             self._problem = problem
         try:
             self._library.stop_meas(self._index)
-        except HydraHarpError as problem:
+        except HarpError as problem:
             self._problem = self._problem or problem
         self._pieces.put(None)
 
@@ -224,7 +237,7 @@ class Reader:
         empty = overdue = 0
         while empty < EMPTY_READS:
             number = self._read_once()
-            if self._flags & FATAL:
+            if self._flags & self._fatal_bits:
                 self._read_rest()
                 raise self._fatal()
             overdue += self._clock.now_s() > until_s
@@ -253,9 +266,9 @@ class Reader:
         number = self._library.read_fifo(self._index, self._buffer)
         first, self._read = self._read, self._read + number
         before, now = self._flags, self._library.get_flags(self._index)
-        self._flags = hh.Flag(int(now) & ~int(hh.Flag.ACTIVE))  # ~ of a flag would drop what nobody knows
-        new = hh.Flag(int(self._flags) & ~int(before))
-        faults = tuple(Fault(flag, self._read, text) for flag, text in told(new))
+        self._flags = now & ~self._bits.active
+        told = self._bits.told(self._flags & ~before)
+        faults = tuple(Fault(flag, self._read, text) for flag, text in told)
         if number or faults:
             self._wait_for_room()
             self._pieces.put(Piece(self._records[:number].copy(), first, self._flags, faults))
@@ -273,19 +286,24 @@ class Reader:
     def _wait_for_room(self) -> None:
         # by the clock of the devices: where it stands still meanwhile, nothing is lost by waiting
         until_s = self._clock.now_s() + PATIENCE_S
-        while self._pieces.qsize() >= self._queue_pieces and not self._ending.wait(1e-3):
+        while self._is_full() and not self._ending.wait(1e-3):
             self._sign_s = time.monotonic()
             self._answer()
             if self._clock.now_s() > until_s:
                 raise DeviceError(
                     self._name,
                     "hand its records over",
-                    f"{self._queue_pieces} pieces were not taken, and then none for {PATIENCE_S:g} s",
+                    f"{self._pieces.qsize()} pieces were not taken, and then none for {PATIENCE_S:g} s",
                     "Attenuate, or give the program less to do with each photon.",
                 )
 
+    def _is_full(self) -> bool:
+        """Whether as much waits as may; what the caller takes meanwhile only makes room."""
+        waiting = self._pieces.qsize()
+        return waiting >= self._queue_pieces or (waiting > 0 and self._read - self._taken > QUEUE_RECORDS)
+
     def _fatal(self) -> DeviceError:
-        if self._flags & hh.Flag.SYSERROR:
+        if self._flags & self._bits.errors:
             return system_error(self._library, self._index, self._name)
         return DeviceError(
             self._name,
@@ -299,5 +317,5 @@ class Reader:
             self._name,
             f"measure for {self._duration_s:g} s",
             f"it is not over {LATE_S:g} s after its end, and not after {LAST_READS} reads more",
-            "Check the USB link, and switch the HydraHarp off and on.",
+            self._restart,
         )

@@ -1,4 +1,4 @@
-"""Time-tagged records of the HydraHarp, decoded and encoded in bulk.
+"""Time-tagged records of a HydraHarp and its kin, decoded and encoded in bulk.
 
 A record is 32 bits, little endian (source: the vendor's description of the formats and its demos):
 

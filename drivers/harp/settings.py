@@ -1,26 +1,26 @@
-"""The settings of the HydraHarp's histogram mode: in SI units, and as the instrument's own integers."""
+"""The settings of a timing instrument: in SI units, and as the instrument's own integers."""
 
 from dataclasses import dataclass
 
 from drivers.errors import LimitError
-from drivers.harp.limits import LIMITS, HydraHarpLimits
+from drivers.harp.family import Family
+from drivers.harp.limits import HarpLimits
+from drivers.harp.triggers import CfdTrigger, Trigger, WireTrigger
 
 
 @dataclass(frozen=True)
 class Integers:
-    """A `HydraHarpSettings` in the units and codes of the vendor's library.
+    """`HarpSettings` in the units and codes of the vendor's library.
 
     Attributes
     ----------
-    sync_cfd_mv, input_cfd_mv
-        Level and zero crossing.
     input_offsets_ps
         One for each input in use.
     """
 
-    sync_cfd_mv: tuple[int, int]
+    sync_trigger: WireTrigger
     sync_offset_ps: int
-    input_cfd_mv: tuple[int, int]
+    input_trigger: WireTrigger
     input_offsets_ps: tuple[int, ...]
     binning: int
     length: int
@@ -28,54 +28,67 @@ class Integers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HydraHarpSettings:
+class HarpSettings:
     """Everything that is set once, checked when it is made: no instrument is needed to be refused.
 
     Attributes
     ----------
+    family
+        What kind of instrument it is for.
     inputs
         The photon inputs to measure with, counted from 0; the front panel counts from 1. All others are
         switched off. Counts come in this order.
-    input_level_v, input_zero_cross_v, sync_level_v, sync_zero_cross_v
-        Discriminator level (0 to 1 V) and zero crossing (0 to 40 mV), whole millivolts, both positive though
-        the signals are negative. The defaults suit no detector in particular.
+    sync_trigger, input_trigger
+        How the inputs make events of pulses; None: as is usual for the family, which suits no detector in
+        particular.
     input_offsets_s, sync_offset_s
         Shifts in time in whole picoseconds up to 99.999 ns, in place of longer or shorter cables: one for
         each of ``inputs``, or none at all.
     sync_divider
-        1, 2, 4, 8 or 16; the divided sync rate may be up to 12.5 MHz (manual).
+        By what the sync rate is divided.
     bin_width_s
-        The base resolution (1 ps) times a power of two.
+        The base resolution times a power of two; None: as is usual for the family.
     bins
         Number of bins that a measurement returns.
     offset_s
-        Left edge of the first bin in whole nanoseconds, 0 to 500 us.
+        Left edge of the first bin in whole nanoseconds.
     external_reference
         Take the 10 MHz reference from the external input.
 
     Raises
     ------
     LimitError
-        If a setting is outside what any HydraHarp can do.
+        If a setting is outside what any instrument of the family can do.
     """
 
+    family: Family
     inputs: tuple[int, ...] = (0,)
-    input_level_v: float = 0.05
-    input_zero_cross_v: float = 0.01
+    sync_trigger: Trigger | None = None
+    input_trigger: Trigger | None = None
     input_offsets_s: tuple[float, ...] = ()
-    sync_level_v: float = 0.05
-    sync_zero_cross_v: float = 0.01
     sync_offset_s: float = 0.0
     sync_divider: int = 1
-    bin_width_s: float = 4e-12
+    bin_width_s: float | None = None
     bins: int = 15000
     offset_s: float = 0.0
     external_reference: bool = False
 
     def __post_init__(self) -> None:
-        self.integers(LIMITS)
+        self.integers(self.family.limits)
+        if self.external_reference and not self.family.takes_reference:
+            raise LimitError(
+                self.family.name,
+                "take an external reference clock",
+                "its library has no way to ask for it",
+                "Use the internal one.",
+            )
 
-    def integers(self, limits: HydraHarpLimits) -> Integers:
+    @property
+    def width_s(self) -> float:
+        """The bin width that is asked for."""
+        return self.family.bin_width_s if self.bin_width_s is None else self.bin_width_s
+
+    def integers(self, limits: HarpLimits) -> Integers:
         """Return the settings as the library takes them.
 
         Raises
@@ -83,7 +96,7 @@ class HydraHarpSettings:
         LimitError
             If one of them is outside ``limits``.
         """
-        device, level, zero_cross = limits.device, limits.level, limits.zero_cross
+        device, shift, usual = limits.device, limits.cable_offset, self.family.trigger
         limits.check_inputs(self.inputs)
         limits.check_sync_divider(self.sync_divider)
         if len(self._offsets_s) != len(self.inputs):
@@ -94,19 +107,11 @@ class HydraHarpSettings:
                 "Give one offset for each input, or none.",
             )
         return Integers(
-            sync_cfd_mv=(
-                level.whole(device, "sync CFD level", self.sync_level_v),
-                zero_cross.whole(device, "sync CFD zero crossing", self.sync_zero_cross_v),
-            ),
-            sync_offset_ps=limits.cable_offset.whole(device, "sync offset", self.sync_offset_s),
-            input_cfd_mv=(
-                level.whole(device, "input CFD level", self.input_level_v),
-                zero_cross.whole(device, "input CFD zero crossing", self.input_zero_cross_v),
-            ),
-            input_offsets_ps=tuple(
-                limits.cable_offset.whole(device, "input offset", offset_s) for offset_s in self._offsets_s
-            ),
-            binning=limits.binning_code(self.bin_width_s),
+            sync_trigger=limits.wire_trigger("sync", self.sync_trigger or usual),
+            sync_offset_ps=shift.whole(device, "sync offset", self.sync_offset_s),
+            input_trigger=limits.wire_trigger("input", self.input_trigger or usual),
+            input_offsets_ps=tuple(shift.whole(device, "input offset", one) for one in self._offsets_s),
+            binning=limits.binning_code(self.width_s),
             length=limits.length_code(self.bins),
             offset_ns=limits.offset.whole(device, "histogram offset", self.offset_s),
         )
@@ -122,17 +127,22 @@ class HydraHarpSettings:
             "mode": "histogram",
             "reference": "external" if self.external_reference else "internal",
             "sync_divider": self.sync_divider,
-            "sync_level_v": self.sync_level_v,
-            "sync_zero_cross_v": self.sync_zero_cross_v,
+            **_told("sync", self.sync_trigger or self.family.trigger),
             "sync_offset_s": self.sync_offset_s,
             "inputs": ", ".join(map(str, self.inputs)),
-            "input_level_v": self.input_level_v,
-            "input_zero_cross_v": self.input_zero_cross_v,
+            **_told("input", self.input_trigger or self.family.trigger),
             **{f"input_{n}_offset_s": one for n, one in offsets_s},
-            "bin_width_s": self.bin_width_s,
+            "bin_width_s": self.width_s,
             "bins": self.bins,
             "offset_s": self.offset_s,
         }
+
+
+def _told(what: str, trigger: Trigger) -> dict[str, str | float]:
+    """Return a trigger in SI units."""
+    if isinstance(trigger, CfdTrigger):
+        return {f"{what}_level_v": trigger.level_v, f"{what}_zero_cross_v": trigger.zero_cross_v}
+    return {f"{what}_level_v": trigger.level_v, f"{what}_edge": "rising" if trigger.rising else "falling"}
 
 
 @dataclass(frozen=True)
@@ -146,23 +156,15 @@ class Markers:
     rising
         Which of them do so at the rising edge; the others at the falling one.
     hold_off_s
-        Time after a marker in which no other is taken, in whole nanoseconds up to 524.296 us: against
-        glitches of long cables.
-
-    Raises
-    ------
-    LimitError
-        If the hold-off is outside what any HydraHarp can do.
+        Time after a marker in which no other is taken, in whole nanoseconds: against glitches of long
+        cables.
     """
 
     enabled: tuple[bool, bool, bool, bool] = (True, True, True, True)
     rising: tuple[bool, bool, bool, bool] = (True, True, True, True)
     hold_off_s: float = 0.0
 
-    def __post_init__(self) -> None:
-        self.hold_off_ns(LIMITS)
-
-    def hold_off_ns(self, limits: HydraHarpLimits) -> int:
+    def hold_off_ns(self, limits: HarpLimits) -> int:
         """Return the hold-off as the library takes it, or raise `LimitError`."""
         return limits.marker_hold_off.whole(limits.device, "marker hold-off", self.hold_off_s)
 

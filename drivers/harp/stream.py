@@ -1,14 +1,14 @@
-"""The HydraHarp 400 in time-tagged mode (T3): each photon and each marker as a record, while they come.
+"""A timing instrument in time-tagged mode (T3): each photon and each marker as a record, while they come.
 
-    with HydraHarpStream(load_library(), clock=SystemClock(), settings=settings, markers=Markers()) as tcspc:
+    with HarpStream(library, clock=SystemClock(), settings=settings, markers=Markers()) as tcspc:
         tcspc.start(10.0)
         for some in tcspc.records():
             some.batch.tag, some.batch.dtime, some.batch.channel
             ...
 
-A thread of its own (`reader`) empties the instrument's memory, which holds no more than 2 million records: 8
-s of a usual rate, and 50 ms of the highest. What it read waits in a queue for the caller. Nothing is dropped
-in between: if the queue stays full, the measurement ends with an error.
+A thread of its own (`reader`) empties the instrument's memory, which in a HydraHarp 400 holds no more than
+2 million records: 8 s of a usual rate, and 50 ms of the highest. What it read waits in a queue for the
+caller. Nothing is dropped in between: if the queue stays full, the measurement ends with an error.
 """
 
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ from drivers.clock import Clock
 from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.harp import constants as hh
 from drivers.harp.instrument import Instrument, Rates
-from drivers.harp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from drivers.harp.reader import QUEUE_PIECES, Fault, Piece, Reader
 from drivers.harp.records import MAX_CHANNEL, MAX_DTIME, T3, Batch, DamagedRecordsError, Decoder
-from drivers.harp.settings import HydraHarpSettings, Integers, Markers
+from drivers.harp.settings import HarpSettings, Integers, Markers
 from drivers.leaving import leave
 
-__all__ = ["Fault", "HydraHarpStream", "Markers", "Piece", "TaggedRecords"]
+__all__ = ["Fault", "HarpStream", "Markers", "Piece", "TaggedRecords"]
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class TaggedRecords:
     faults: tuple[str, ...]
 
 
-class HydraHarpStream(Instrument):
-    """Records of a HydraHarp 400 in T3 mode.
+class HarpStream(Instrument):
+    """Records of an instrument in T3 mode.
 
     Parameters
     ----------
@@ -70,23 +70,24 @@ class HydraHarpStream(Instrument):
     Raises
     ------
     LimitError
-        If records cannot tell so many bins, or such an input.
+        If records cannot tell so many bins, or such an input, or the markers' hold-off is not possible.
     """
 
     _mode = hh.Mode.T3
 
     def __init__(
         self,
-        library: HHLib,
+        library: HarpLibrary,
         *,
         clock: Clock,
         serial: str | None = None,
-        settings: HydraHarpSettings | None = None,
+        settings: HarpSettings | None = None,
         markers: Markers | None = None,
         queue_pieces: int = QUEUE_PIECES,
     ) -> None:
         super().__init__(library, clock=clock, serial=serial, settings=settings)
         self._markers = markers or Markers()
+        self._markers.hold_off_ns(self.limits)
         self._queue_pieces = queue_pieces
         self._span_bins = MAX_DTIME + 1
         self._reader: Reader | None = None
@@ -110,7 +111,7 @@ class HydraHarpStream(Instrument):
 
         def close() -> None:
             if reader is None or reader.ended():
-                super(HydraHarpStream, self).__exit__(None, None, None)
+                super(HarpStream, self).__exit__(None, None, None)
             self._open_index = None  # a call that does not return holds the library: it takes no other
 
         leave([close] if reader is None else [reader.end, close], problem)
@@ -139,7 +140,7 @@ class HydraHarpStream(Instrument):
             If the duration is not possible; nothing is sent then.
         DeviceError
             If a measurement runs.
-        HydraHarpError
+        HarpError
             If the library refuses a call.
         """
         exposure = self.limits.exposure
@@ -183,7 +184,7 @@ class HydraHarpStream(Instrument):
             caller was too slow.
         LinkError
             If the measurement does not end in time, or the library does not answer.
-        HydraHarpError
+        HarpError
             If the library refuses a call.
         ProtocolError
             If it says that it wrote more records than there is room for.
@@ -202,9 +203,7 @@ class HydraHarpStream(Instrument):
             try:
                 batch = decoder.decode(piece.records)
             except DamagedRecordsError as error:
-                raise ProtocolError(
-                    self._name, "record each photon", str(error), "Switch the HydraHarp off and on."
-                ) from None
+                raise ProtocolError(self._name, "record each photon", str(error), self._restart) from None
             yield TaggedRecords(
                 piece.records, batch, decoder.base, tuple(fault.sentence for fault in piece.faults)
             )

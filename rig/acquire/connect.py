@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.daq.board import SharedBoard
-from drivers.harp.library import HHLib
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
 from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
@@ -144,7 +145,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 galvo=instruments.galvo_url,
                 laser=instruments.laser_url,
                 usb_backend=instruments.usb_backend,
-                hhlib=lambda: HHLib(instruments.hhlib),
+                harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
                 daq=lambda device: board,
                 clock=bench.clock,
             ),

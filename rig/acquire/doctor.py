@@ -122,6 +122,7 @@ def _detector(config: RigConfig) -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
+    from drivers.harp.families import HYDRAHARP_400
     from drivers.harp.loading import load_library
 
     if not isinstance(config.tcspc, HydraHarpConfig):
@@ -129,7 +130,7 @@ def _timing_library(config: RigConfig) -> Finding:
     if config.tcspc.address:
         return _served(f"served bench at {config.tcspc.address}", config.tcspc.address)
     try:
-        library = load_library(config.tcspc.library)
+        library = load_library(HYDRAHARP_400, config.tcspc.library)
     except DeviceError as error:
         return Finding("HydraHarp library", "missing", error.answered, error.remedy)
     return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")

@@ -39,7 +39,7 @@ def timing_at(address: str) -> Iterator[object]:
         If no bench is served there.
     """
     from simulators.bench import Detections
-    from simulators.wire.harp import HydraHarpSimulator
+    from simulators.wire.harp import HarpSimulator
     from simulators.wire.served.timing import ServedBench
 
     with ExitStack() as stack:
@@ -50,7 +50,7 @@ def timing_at(address: str) -> Iterator[object]:
         bench.faults.timing.registered(
             Detections(np.arange(9), np.zeros(9)), 1e-7, 0.0
         )  # loads compiled code
-        harp = HydraHarpSimulator(bench, timing=bench.faults.timing, count_depth=bench.faults.count_depth)
+        harp = HarpSimulator(bench, timing=bench.faults.timing, count_depth=bench.faults.count_depth)
         try:
             yield harp.functions
         finally:

@@ -12,11 +12,12 @@ from typing import Any, Protocol
 from drivers.daq.analogue_galvo import AnalogueGalvo, AnalogueLimits, Settling
 from drivers.daq.board import SharedBoard
 from drivers.daq.point_clock import DaqPointClock, PulseLines
-from drivers.harp.device import HydraHarp
-from drivers.harp.library import HHLib
-from drivers.harp.limits import LIMITS as HYDRAHARP_LIMITS
-from drivers.harp.settings import HydraHarpSettings, Markers
-from drivers.harp.stream import QUEUE_PIECES, HydraHarpStream
+from drivers.harp.device import Harp
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings, Markers
+from drivers.harp.stream import QUEUE_PIECES, HarpStream
+from drivers.harp.triggers import CfdTrigger
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_05, KATANA_08HP
 from drivers.katana.laser import KatanaLaser
@@ -56,8 +57,8 @@ class Wires:
         Serial ports or pyserial URLs.
     usb_backend
         Of pyusb; None for the system's.
-    hhlib
-        Gives the HydraHarp's library, when it is needed.
+    harp
+        Gives the timing instrument's library, when it is needed.
     daq
         Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
@@ -67,7 +68,7 @@ class Wires:
     galvo: str
     laser: str
     usb_backend: object
-    hhlib: Callable[[], HHLib]
+    harp: Callable[[], HarpLibrary]
     daq: Callable[[str], SharedBoard]
     clock: Clock
 
@@ -198,7 +199,7 @@ def nkt_settings(config: NktConfig) -> NktSettings:
 
 def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
     """Return the HydraHarp, to be entered; it counts from any step on."""
-    return HydraHarp(wires.hhlib(), clock=wires.clock, **_harp(config))
+    return Harp(wires.harp(), clock=wires.clock, **_harp(config))
 
 
 def open_hydraharp_tagger(config: RigConfig, wires: Wires) -> AbstractContextManager[TimeTagger]:
@@ -206,8 +207,8 @@ def open_hydraharp_tagger(config: RigConfig, wires: Wires) -> AbstractContextMan
     simulation = config.simulation
     # where the clock jumps, the instrument must not run ahead of the program by more than a look at the light
     hurried = simulation is not None and not simulation.real_time
-    return HydraHarpStream(
-        wires.hhlib(),
+    return HarpStream(
+        wires.harp(),
         clock=wires.clock,
         markers=Markers(hold_off_s=MARKER_HOLD_OFF_S),
         queue_pieces=HURRIED_PIECES if hurried else QUEUE_PIECES,
@@ -220,12 +221,11 @@ def _harp(config: RigConfig) -> dict[str, Any]:
     assert isinstance(harp, HydraHarpConfig)
     return {
         "serial": harp.serial,
-        "settings": HydraHarpSettings(
+        "settings": HarpSettings(
+            family=HYDRAHARP_400,
             inputs=tuple(channel.input for channel in config.channels),
-            input_level_v=harp.input_level_v,
-            input_zero_cross_v=harp.input_zero_cross_v,
-            sync_level_v=harp.sync_level_v,
-            sync_zero_cross_v=harp.sync_zero_cross_v,
+            input_trigger=CfdTrigger(harp.input_level_v, harp.input_zero_cross_v),
+            sync_trigger=CfdTrigger(harp.sync_level_v, harp.sync_zero_cross_v),
             sync_divider=harp.sync_divider,
             bin_width_s=harp.bin_width_s,
             bins=harp.bins,
@@ -238,7 +238,7 @@ def check_hydraharp(config: RigConfig) -> None:
     """Raise `LimitError` unless a HydraHarp can be set so, and take the laser's pulses."""
     assert isinstance(config.tcspc, HydraHarpConfig)
     _harp(config)
-    HYDRAHARP_LIMITS.check_sync_rate(config.laser.repetition_hz, config.tcspc.sync_divider)
+    HYDRAHARP_400.limits.check_sync_rate(config.laser.repetition_hz, config.tcspc.sync_divider)
 
 
 def open_daq_clock(config: DaqClockConfig, wires: Wires) -> AbstractContextManager[PointClock]:
@@ -279,7 +279,7 @@ TIMING: dict[str, TimingKind] = {
     "hydraharp": TimingKind(
         open_hydraharp,
         open_hydraharp_tagger,
-        HYDRAHARP_LIMITS,
+        HYDRAHARP_400.limits,
         check_hydraharp,
         lambda config: (config.bins, config.bin_width_s),
     ),

@@ -8,7 +8,8 @@ from functools import cache, partial
 from drivers.clock import Clock, SystemClock
 from drivers.daq.board import SharedBoard
 from drivers.daq.nidaqmx_board import NidaqmxBoard
-from drivers.harp.library import HHLib
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
 from drivers.harp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.kinds import DETECTORS, LASERS, Wires
@@ -25,7 +26,8 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
         if config.detector.address:
             wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
         if isinstance(harp, HydraHarpConfig) and harp.address:
-            wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
+            functions = stack.enter_context(timing_at(harp.address))
+            wires = replace(wires, harp=partial(HarpLibrary, functions, HYDRAHARP_400))
         served = {
             device: stack.enter_context(board_at(address))
             for device, address in config.boards.items()
@@ -52,7 +54,7 @@ def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
 
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
     library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
-    hhlib: Callable[[], HHLib] = partial(load_library, library)
+    harp: Callable[[], HarpLibrary] = partial(load_library, HYDRAHARP_400, library)
     counter = config.point_clock.counter if config.point_clock else ""
 
     @cache
@@ -63,7 +65,7 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         galvo=config.serial_addresses.get("galvo") or "",
         laser=config.laser.address or "",
         usb_backend=None,
-        hhlib=hhlib,
+        harp=harp,
         daq=daq,
         clock=clock or SystemClock(),
     )

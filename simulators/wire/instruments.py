@@ -8,7 +8,8 @@ from typing import Self
 from simulators.bench import Bench
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.harp import HydraHarpSimulator, Timing
+from simulators.wire.harp import HarpSimulator, SimulatedFamily, Timing
+from simulators.wire.harp.families import HYDRAHARP
 from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.serial_url.protocol_sim import attach, detach
@@ -29,6 +30,8 @@ class SimulatedInstruments:
         Makes the laser.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
+    family
+        What the timing instrument is.
     wiring
         What hangs on the DAQ board.
 
@@ -38,8 +41,8 @@ class SimulatedInstruments:
         Addresses for ``serial.serial_for_url``.
     usb_backend
         Backend for ``usb.core.find``; the detector is its only device.
-    hhlib
-        Object with the 44 HHLib functions as attributes.
+    harp
+        Object with the functions of the timing instrument's library as attributes.
     daq
         The DAQ board.
     """
@@ -51,14 +54,15 @@ class SimulatedInstruments:
         laser: Callable[[Bench], LaserHead] = KatanaHead,
         timing: Timing | None = None,
         count_depth: int = 2**32 - 1,
+        family: SimulatedFamily = HYDRAHARP,
         wiring: DaqWiring | None = None,
     ) -> None:
         self._bench = bench
         self._laser = laser
         self._name = f"bench{next(_numbers)}"
         self.usb_backend = UsbBackend([SpadInstrument(bench)])
-        self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
-        self.hhlib = self._harp.functions
+        self._harp = HarpSimulator(bench, family, timing=timing, count_depth=count_depth)
+        self.harp = self._harp.functions
         self.daq = SimulatedBoard(bench, wiring)
 
     def __enter__(self) -> Self:

@@ -2,9 +2,9 @@
 
 import pytest
 
-from simulators.wire.harp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from support.harp_opened import Opened
-from support.harp_wire import DECLARED, bench_with, call
+from support.harp_wire import bench_with, call, declared_by
 
 
 class BrokenError(Exception):
@@ -51,12 +51,12 @@ def test_a_null_pointer_is_an_exception_and_no_crash():
 
 
 def test_functions_outlive_the_simulator():
-    functions = HydraHarpSimulator(bench_with([], 0)).functions
+    functions = HarpSimulator(bench_with([], 0)).functions
     assert call(functions, "HH_GetLibraryVersion") == (0, b"3.0")
-    assert set(vars(functions)) == set(DECLARED)
+    assert set(vars(functions)) == set(declared_by("HH"))
 
 
 @pytest.mark.parametrize("wrong", [{"serial": "12345678"}, {"inputs": 2}])
 def test_impossible_instruments(wrong):
     with pytest.raises(ValueError, match=r"7 characters|connected to input 2"):
-        HydraHarpSimulator(bench_with([], 0, at_input=2), **wrong)
+        HarpSimulator(bench_with([], 0, at_input=2), **wrong)

@@ -46,7 +46,7 @@ def test_bins_of(times_fs, shift_ps, offset_ns, width_ps, length):
     stop=st.integers(1, 12),
 )
 def test_photons_until(bins, before, stop):
-    memory = HistogramMemory(2**32 - 1)
+    memory = HistogramMemory(65536, 2**32 - 1)
     memory.add(np.array(before, np.int64), 8)
     counts = np.bincount(np.array(before, np.int64), minlength=10)
     expected = 0 if counts[1:9].max() >= stop else None

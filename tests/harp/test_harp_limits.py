@@ -2,24 +2,28 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import LimitError
-from drivers.harp.limits import LIMITS, HydraHarpLimits
-from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.settings import HarpSettings
+from drivers.harp.triggers import CfdTrigger
+
+LIMITS = HYDRAHARP_400.limits
 
 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"sync_divider": 3}, "divide the sync by 3"),
-        ({"sync_level_v": 1.001}, "sync CFD level to 1001 mV"),
-        ({"sync_level_v": 0.0504}, "nearest possible value is 50 mV"),
-        ({"sync_zero_cross_v": 0.041}, "sync CFD zero crossing"),
-        ({"input_level_v": -0.1}, "input CFD level"),
+        ({"sync_trigger": CfdTrigger(1.001, 0.01)}, "sync CFD level to 1001 mV"),
+        ({"sync_trigger": CfdTrigger(0.0504, 0.01)}, "nearest possible value is 50 mV"),
+        ({"sync_trigger": CfdTrigger(0.05, 0.041)}, "sync CFD zero crossing"),
+        ({"input_trigger": CfdTrigger(-0.1, 0.01)}, "input CFD level"),
         ({"inputs": (0, -1)}, "input channel"),
         ({"inputs": ()}, "one input or more"),
         ({"inputs": (1, 1)}, "inputs 1, 1"),
@@ -36,11 +40,11 @@ from drivers.harp.settings import HydraHarpSettings
 )
 def test_settings_outside_the_limits(settings, words):
     with pytest.raises(LimitError, match=words):
-        HydraHarpSettings(**settings)
+        HarpSettings(family=HYDRAHARP_400, **settings)
 
 
 def test_limits_and_settings_import_neither_numpy_nor_a_wire():
-    script = "import sys, drivers.harp.limits, drivers.harp.settings; "
+    script = "import sys, drivers.harp.limits, drivers.harp.families, drivers.harp.settings; "
     script += "print([m for m in ('numpy', 'ctypes', 'serial', 'usb') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
@@ -48,7 +52,7 @@ def test_limits_and_settings_import_neither_numpy_nor_a_wire():
 
 @given(n=st.integers(0, 25), base_ps=st.sampled_from([1.0, 4.0, 0.5]))
 def test_every_power_of_two_has_its_code(n, base_ps):
-    assert HydraHarpLimits(base_ps=base_ps).binning_code(base_ps * 2**n * 1e-12) == n
+    assert replace(LIMITS, base_ps=base_ps).binning_code(base_ps * 2**n * 1e-12) == n
 
 
 @given(st.floats(0.6, 3e7))

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceNotFoundError, LimitError
-from drivers.harp.device import HydraHarp, Rates
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.library import HHLib
-from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.device import Harp, Rates
+from drivers.harp.errors import HarpError
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings
+from drivers.harp.triggers import CfdTrigger
 from simulators.bench import Bench
 from simulators.clock import BenchClock
-from simulators.wire.harp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from simulators.wire.harp.codes import Slot
 from support.harp_wire import SteadyLight, bench_with
 
@@ -21,9 +23,12 @@ PAPER_BIN_S = 4e-12
 
 
 def rig(bench, *, instrument=None, serial=None, **settings):
-    simulator = HydraHarpSimulator(bench, **(instrument or {}))
-    library, asked = HHLib(simulator.functions), HydraHarpSettings(**settings)
-    return simulator, HydraHarp(library, clock=bench.clock, serial=serial, settings=asked)
+    simulator = HarpSimulator(bench, **(instrument or {}))
+    library, asked = (
+        HarpLibrary(simulator.functions, HYDRAHARP_400),
+        HarpSettings(family=HYDRAHARP_400, **settings),
+    )
+    return simulator, Harp(library, clock=bench.clock, serial=serial, settings=asked)
 
 
 def filled(exposure, channel=0):
@@ -98,7 +103,7 @@ def test_an_instrument_that_goes_in_the_middle_is_said_to_be_gone():
     with harp:
         harp.measure(10e-3)
         simulator.connection.connected = False
-        with pytest.raises(HydraHarpError, match=r"-10 .*The instrument is gone: check the USB cable"):
+        with pytest.raises(HarpError, match=r"-10 .*The instrument is gone: check the USB cable"):
             harp.measure(10e-3)
 
 
@@ -106,12 +111,20 @@ def test_an_instrument_that_goes_in_the_middle_is_said_to_be_gone():
     ("levels", "sync_hz", "input_hz"),
     [
         ({}, (10e6, 10e6), (1000, 1000)),
-        ({"sync_level_v": 0.3}, (0, 0), (1000, 1000)),  # the pulses are 300 mV high
-        ({"input_level_v": 0.301}, (10e6, 10e6), (0, 0)),
-        ({"input_level_v": 0.299}, (10e6, 10e6), (1000, 1000)),
-        ({"input_level_v": 10e-3}, (10e6, 10e6), (2000, 3000)),  # 300 MHz exp(-25 / 2) of noise: 1118 Hz
-        ({"sync_level_v": 5e-3}, (20e6, 24e6), (1000, 1000)),  # 13.2 MHz of noise, cut at 12.5 MHz
-        ({"input_level_v": 0.0}, (10e6, 10e6), (12.5e6, 12.6e6)),
+        ({"sync_trigger": CfdTrigger(0.3, 0.01)}, (0, 0), (1000, 1000)),  # the pulses are 300 mV high
+        ({"input_trigger": CfdTrigger(0.301, 0.01)}, (10e6, 10e6), (0, 0)),
+        ({"input_trigger": CfdTrigger(0.299, 0.01)}, (10e6, 10e6), (1000, 1000)),
+        (
+            {"input_trigger": CfdTrigger(10e-3, 0.01)},
+            (10e6, 10e6),
+            (2000, 3000),
+        ),  # 300 MHz exp(-25 / 2) of noise: 1118 Hz
+        (
+            {"sync_trigger": CfdTrigger(5e-3, 0.01)},
+            (20e6, 24e6),
+            (1000, 1000),
+        ),  # 13.2 MHz of noise, cut at 12.5 MHz
+        ({"input_trigger": CfdTrigger(0.0, 0.01)}, (10e6, 10e6), (12.5e6, 12.6e6)),
     ],
 )
 def test_levels_decide_what_is_seen(levels, sync_hz, input_hz):
@@ -149,12 +162,12 @@ def test_each_input_has_its_row():
 
 def test_the_open_instrument_knows_its_own_limits():
     _, harp = rig(bench_with([], 0), instrument={"inputs": 4})
-    assert HydraHarp.limits.inputs is harp.limits.inputs is None
+    assert HYDRAHARP_400.limits.inputs is harp.limits.inputs is None
     with harp:
         assert harp.limits.inputs == 4
         with pytest.raises(LimitError, match="HydraHarp 1000001"):
             harp.limits.check_exposure(1.5e-3)
-    assert HydraHarp.limits.inputs is None
+    assert HYDRAHARP_400.limits.inputs is None
 
 
 def test_ready_for_rates_and_settings_on_entry():
@@ -230,7 +243,7 @@ def test_input_must_exist():
 
 def rig_again(simulator):
     """A second driver on the same library, which opens only if the first has closed."""
-    return HydraHarp(HHLib(simulator.functions), clock=simulator.instrument.bench.clock)
+    return Harp(HarpLibrary(simulator.functions, HYDRAHARP_400), clock=simulator.instrument.bench.clock)
 
 
 def test_absent_busy_and_wrong_serial():
@@ -238,7 +251,7 @@ def test_absent_busy_and_wrong_serial():
     with pytest.raises(DeviceNotFoundError, match="only 1000001"), named(simulator, "1000002"):
         pass
     simulator.connection.busy = True
-    with pytest.raises(HydraHarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
+    with pytest.raises(HarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
         pass
     simulator.connection.connected = False
     with pytest.raises(DeviceNotFoundError, match="no HydraHarp is there"), named(simulator, "1000001"):
@@ -249,7 +262,9 @@ def test_absent_busy_and_wrong_serial():
 
 
 def named(simulator, serial):
-    return HydraHarp(HHLib(simulator.functions), clock=simulator.instrument.bench.clock, serial=serial)
+    return Harp(
+        HarpLibrary(simulator.functions, HYDRAHARP_400), clock=simulator.instrument.bench.clock, serial=serial
+    )
 
 
 def test_closed_after_an_error():
@@ -266,7 +281,7 @@ def test_exceptions_in_the_simulator_are_never_counts():
     with harp:
         harp.measure(1e-3)
         light, bench.photons = bench.photons, (None,)
-        with pytest.raises(HydraHarpError) as caught:
+        with pytest.raises(HarpError) as caught:
             harp.measure(1e-3)
         assert caught.value.code == -99
         with pytest.raises(AttributeError, match="detections"):

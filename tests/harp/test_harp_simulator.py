@@ -4,7 +4,7 @@ from ctypes import c_uint
 
 import pytest
 
-from simulators.wire.harp import Fifo, HydraHarpSimulator
+from simulators.wire.harp import Fifo, HarpSimulator
 from support.harp_opened import HISTOGRAM, T3, Opened
 from support.harp_wire import bench_with, call
 
@@ -21,14 +21,14 @@ def test_identity():
 
 
 def test_nothing_works_between_open_and_initialize():
-    functions = HydraHarpSimulator(bench_with([], 0)).functions
+    functions = HarpSimulator(bench_with([], 0)).functions
     assert call(functions, "HH_OpenDevice", 0) == (0, b"1000001")
     for name in ("HH_Calibrate", "HH_GetFeatures", "HH_GetSyncRate", "HH_StopMeas", "HH_GetFlags"):
         assert call(functions, name, 0)[0] == -22
 
 
 def test_busy_elsewhere_or_open_already():
-    simulator = HydraHarpSimulator(bench_with([], 0))
+    simulator = HarpSimulator(bench_with([], 0))
     simulator.connection.busy = True
     assert call(simulator.functions, "HH_OpenDevice", 0) == (-2, b"")
     assert call(simulator.functions, "HH_GetFeatures", 0)[0] == -10

@@ -10,19 +10,21 @@ import pytest
 
 from drivers.clock import SystemClock, wait_until
 from drivers.errors import DeviceError, LimitError, LinkError
-from drivers.harp.constants import Flag
-from drivers.harp.device import HydraHarp
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.library import HHLib
+from drivers.harp.device import Harp
+from drivers.harp.errors import HarpError
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
 from drivers.harp.records import T3, Decoder
-from drivers.harp.settings import HydraHarpSettings, Markers
-from drivers.harp.stream import HydraHarpStream
+from drivers.harp.settings import HarpSettings, Markers
+from drivers.harp.stream import HarpStream
 from simulators.bench import Bench, BenchGeometry, Channel, Detections
 from simulators.clock import BenchClock
-from simulators.wire.harp import Fifo, HydraHarpSimulator, Nonlinearity, Timing
+from simulators.wire.harp import Fifo, HarpSimulator, Nonlinearity, Timing
 from simulators.wire.harp.codes import Slot
 from simulators.wire.served.timing import ServedBench, TimingFaults
 from support.harp_wire import bench_with
+
+FLAGS = HYDRAHARP_400.flags
 
 BIN_S = 4e-12
 PERIOD_S = 100e-9
@@ -54,10 +56,10 @@ def random_bench(*rates_hz, seed=7, clock=None, repetition_hz=10e6):
 
 
 def tagged(bench, *, instrument=None, markers=None, queue_pieces=256, **settings):
-    simulator = HydraHarpSimulator(bench, **(instrument or {}))
-    asked = HydraHarpSettings(**settings)
-    stream = HydraHarpStream(
-        HHLib(simulator.functions),
+    simulator = HarpSimulator(bench, **(instrument or {}))
+    asked = HarpSettings(family=HYDRAHARP_400, **settings)
+    stream = HarpStream(
+        HarpLibrary(simulator.functions, HYDRAHARP_400),
         clock=bench.clock,
         settings=asked,
         markers=markers,
@@ -117,9 +119,12 @@ FAULTY = Timing(dead_time_s=80e-9, nonlinearity=Nonlinearity(rms=0.01), drift_s_
 def test_the_same_draw_gives_the_same_counts_as_a_histogram(timing, settings):
     """10 ms are drawn in one piece: each photon of the histogram must be one record, at the same time."""
     settings = {"inputs": (0, 1), **settings}
-    simulator = HydraHarpSimulator(random_bench(2e6, 3e5), timing=timing)
-    library, asked = HHLib(simulator.functions), HydraHarpSettings(**settings)
-    with HydraHarp(library, clock=simulator.instrument.bench.clock, settings=asked) as harp:
+    simulator = HarpSimulator(random_bench(2e6, 3e5), timing=timing)
+    library, asked = (
+        HarpLibrary(simulator.functions, HYDRAHARP_400),
+        HarpSettings(family=HYDRAHARP_400, **settings),
+    )
+    with Harp(library, clock=simulator.instrument.bench.clock, settings=asked) as harp:
         expected = harp.measure(10e-3).counts
     _, stream = tagged(random_bench(2e6, 3e5), instrument={"timing": timing}, **settings)
     with stream:
@@ -132,8 +137,10 @@ def test_the_same_draw_gives_the_same_counts_as_a_histogram(timing, settings):
 
 def test_a_long_stretch_counts_as_much_as_a_histogram():
     """Drawn in 20 pieces here, in one there: the numbers agree within 5 sigma of two Poisson draws."""
-    simulator = HydraHarpSimulator(random_bench(1e6))
-    with HydraHarp(HHLib(simulator.functions), clock=simulator.instrument.bench.clock) as harp:
+    simulator = HarpSimulator(random_bench(1e6))
+    with Harp(
+        HarpLibrary(simulator.functions, HYDRAHARP_400), clock=simulator.instrument.bench.clock
+    ) as harp:
         expected = harp.measure(0.2).photons
     _, stream = tagged(random_bench(1e6))
     with stream:
@@ -285,7 +292,7 @@ def test_a_link_slower_than_the_photons_fills_the_memory():
         read, problem = until_it_fails(stream)
         assert "memory was full" in str(problem)
         (fault,) = [fault for piece in read for fault in piece.faults]
-        assert fault.flag == Flag.FIFOFULL
+        assert fault.flag == FLAGS.fifo_full
         records = joined(read)
         assert 1 << 15 <= len(records) < len(whole)
         assert np.array_equal(records, whole[: len(records)])
@@ -341,7 +348,7 @@ def test_a_dark_laser_is_a_fault_at_its_place_and_the_count_of_pulses_stands_sti
         stream.start(0.4)
         taken = Taken(stream)
     (fault,) = taken.faults
-    assert fault.flag == Flag.SYNC_LOST
+    assert fault.flag == FLAGS.sync_lost
     assert "laser" in fault.sentence
     # waits are of 10 ms, so it is dark from 0.10 to 0.20 s; beside the photons, each 1024th pulse is told
     assert abs(fault.record - 100_000 - 1_000_000 // 1024) < 5 * np.sqrt(1e5)
@@ -356,8 +363,8 @@ def test_a_reference_that_is_missing_is_a_fault():
     with stream:
         stream.start(0.02)
         taken = Taken(stream)
-    assert [(fault.flag, fault.record) for fault in taken.faults] == [(Flag.REF_LOST, 0)]
-    assert all(piece.flags == Flag.REF_LOST for piece in taken.pieces)
+    assert [(fault.flag, fault.record) for fault in taken.faults] == [(FLAGS.reference_lost, 0)]
+    assert all(piece.flags == FLAGS.reference_lost for piece in taken.pieces)
 
 
 def test_an_instrument_that_is_unplugged_ends_the_stream_after_what_was_read():
@@ -366,7 +373,7 @@ def test_an_instrument_that_is_unplugged_ends_the_stream_after_what_was_read():
     with stream:
         clock.begin((0.095, lambda: simulator.connection.slots.__setitem__(0, Slot.CLOSED)))
         stream.start(1.0)
-        read, problem = until_it_fails(stream, HydraHarpError)
+        read, problem = until_it_fails(stream, HarpError)
     assert problem.code == -10
     # 1 MHz for 90 ms, overflows beside
     assert abs(len(joined(read)) - 90_000 * 1.01) < 5 * np.sqrt(9e4)
@@ -378,7 +385,7 @@ def test_a_failure_inside_the_library_reaches_who_takes_the_pieces():
     with stream:
         bench.photons = (None,)
         stream.start(1.0)
-        read, problem = until_it_fails(stream, HydraHarpError)
+        read, problem = until_it_fails(stream, HarpError)
         assert (read, problem.code) == ([], -99)
         with pytest.raises(AttributeError, match="detections"):
             simulator.raise_pending()
@@ -540,8 +547,8 @@ def test_over_a_served_bench():
         serving.start()
         try:
             with ServedBench(server.addresses.timing) as served:
-                library = HHLib(HydraHarpSimulator(served).functions)
-                with HydraHarpStream(library, clock=SystemClock()) as stream:
+                library = HarpLibrary(HarpSimulator(served).functions, HYDRAHARP_400)
+                with HarpStream(library, clock=SystemClock()) as stream:
                     stream.start()
                     bench.mark(1)
                     taken = Taken(stream, until=lambda taken: taken.batches[-1].markers)
@@ -572,8 +579,8 @@ def test_more_than_records_can_tell(settings, message):
 
 
 def test_durations_and_hold_offs_must_be_possible():
-    with pytest.raises(LimitError, match="hold-off"):
-        Markers(hold_off_s=1e-3)
+    with pytest.raises(LimitError, match=r"hold-off to 1000000 ns.*to 524296"):
+        tagged(bench_with([], 0), markers=Markers(hold_off_s=1e-3))
     simulator, stream = tagged(bench_with([], 0))
     with stream, pytest.raises(LimitError, match="nearest possible value is 2 ms"):
         stream.start(1.7e-3)

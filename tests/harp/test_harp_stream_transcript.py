@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceError, LimitError, LinkError, ProtocolError
-from drivers.harp.constants import Flag
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.library import HHLib
-from drivers.harp.settings import HydraHarpSettings, Markers
-from drivers.harp.stream import HydraHarpStream
+from drivers.harp.errors import HarpError
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings, Markers
+from drivers.harp.stream import HarpStream
 from support.harp_wire import Returns, ScriptedLibrary
+
+FLAGS = HYDRAHARP_400.flags
 
 FEATURES = ("HH_GetFeatures(0)", 0x07)
 BEFORE = [
@@ -60,11 +62,11 @@ def play(lines, *, start_s=0.02, markers=None):
     """Measure on an open driver; whatever is raised, the script must come out exactly."""
     script = ScriptedLibrary(lines)
     chosen = markers or Markers((True, True, False, False), (True, False, True, True), 500e-9)
-    library = HHLib(script.functions, name="script")
-    settings = HydraHarpSettings(bins=3)
+    library = HarpLibrary(script.functions, HYDRAHARP_400, name="script")
+    settings = HarpSettings(family=HYDRAHARP_400, bins=3)
     pieces = []
     try:
-        with HydraHarpStream(library, clock=script, settings=settings, markers=chosen) as stream:
+        with HarpStream(library, clock=script, settings=settings, markers=chosen) as stream:
             if start_s is not None:
                 stream.start(start_s)
                 pieces.extend(stream.pieces())  # keeps those before a failure
@@ -126,9 +128,9 @@ def test_faults_are_told_once_and_flags_while_they_hold():
     )
     assert error is None
     told = [[(fault.flag, fault.record) for fault in piece.faults] for piece in pieces]
-    lost, reference = Flag.SYNC_LOST, Flag.REF_LOST
+    lost, reference = FLAGS.sync_lost, FLAGS.reference_lost
     assert told == [[], [(lost, 2)], [(reference, 3)], [], [(lost, 4)]]
-    assert [piece.flags for piece in pieces] == [Flag(0), lost, lost | reference, Flag(0), lost]
+    assert [piece.flags for piece in pieces] == [0, lost, lost | reference, 0, lost]
     assert len(pieces[-1].records) == 0
 
 
@@ -146,7 +148,7 @@ def test_a_system_error_brings_the_instruments_report():
     report = ("HH_GetHardwareDebugInfo(0)", "board 3 is hot")
     pieces, error = play([*OPEN, *START, *read(1, flags=0x30), *rest, report, *STOP, *CLOSE])
     assert "board 3 is hot" in str(error)
-    assert [piece.flags for piece in pieces] == [Flag.SYSERROR]
+    assert [piece.flags for piece in pieces] == [FLAGS.system_error]
 
 
 def test_a_flag_that_nobody_knows_is_a_fault():
@@ -175,7 +177,7 @@ def test_a_refused_read_stops_the_measurement():
     pieces, error = play(
         [*OPEN, *START, *read(1), *RUNS, (READ, Returns(-37)), ("HH_StopMeas(0)", Returns(-36)), *CLOSE]
     )
-    assert isinstance(error, HydraHarpError)
+    assert isinstance(error, HarpError)
     assert error.code == -37  # the first failure, not that of stopping
     assert [piece.records.tolist() for piece in pieces] == [[1]]
 

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.harp.device import HydraHarp
-from drivers.harp.library import HHLib
-from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.device import Harp
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings
 from simulators.bench import Bench, Detections
-from simulators.wire.harp import HydraHarpSimulator, Nonlinearity, Timing
+from simulators.wire.harp import HarpSimulator, Nonlinearity, Timing
 from support.harp_wire import SteadyLight
 
 PERIOD_S = 100e-9
@@ -18,9 +19,9 @@ PERIOD_S = 100e-9
 def measured(source, timing, *, exposure_s=1e-3, waits_s=0.0, **options):
     bench = Bench([source])
     bench.change_light(emitting=True, biased=True)
-    simulator = HydraHarpSimulator(bench, timing=timing, **options)
-    settings = HydraHarpSettings(bin_width_s=4e-12, bins=25_000)
-    with HydraHarp(HHLib(simulator.functions), clock=bench.clock, settings=settings) as harp:
+    simulator = HarpSimulator(bench, timing=timing, **options)
+    settings = HarpSettings(family=HYDRAHARP_400, bin_width_s=4e-12, bins=25_000)
+    with Harp(HarpLibrary(simulator.functions, HYDRAHARP_400), clock=bench.clock, settings=settings) as harp:
         bench.clock.sleep(waits_s)
         counts = harp.measure(exposure_s).counts[0].copy()
     simulator.raise_pending()

@@ -5,10 +5,12 @@ import re
 import pytest
 
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, LinkError, ProtocolError
-from drivers.harp.device import HydraHarp
-from drivers.harp.errors import HydraHarpError
-from drivers.harp.library import HHLib
-from drivers.harp.settings import HydraHarpSettings
+from drivers.harp.device import Harp
+from drivers.harp.errors import HarpError
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings
+from drivers.harp.triggers import CfdTrigger
 from support.harp_wire import Returns, ScriptedLibrary
 
 VERSION = ("HH_GetLibraryVersion()", "3.0")
@@ -44,8 +46,13 @@ ENDED = [("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
 def play(lines, work=lambda harp: None, **settings):
     """Run ``work`` on an open driver; whatever it raises, the script must come out exactly."""
     script = ScriptedLibrary(lines)
-    asked = HydraHarpSettings(**{"bins": 3, **settings})
-    harp = HydraHarp(HHLib(script.functions, name="script"), clock=script, serial="1000001", settings=asked)
+    asked = HarpSettings(family=HYDRAHARP_400, **{"bins": 3, **settings})
+    harp = Harp(
+        HarpLibrary(script.functions, HYDRAHARP_400, name="script"),
+        clock=script,
+        serial="1000001",
+        settings=asked,
+    )
     try:
         with harp:
             return work(harp)
@@ -76,11 +83,9 @@ def test_all_settings_reach_the_instrument():
         [changed.get(line[0], line) for line in OPEN] + CLOSE,
         lambda harp: harp,
         sync_divider=8,
-        sync_level_v=0.12,
-        sync_zero_cross_v=0.015,
+        sync_trigger=CfdTrigger(0.12, 0.015),
         inputs=(1,),
-        input_level_v=0.08,
-        input_zero_cross_v=0.005,
+        input_trigger=CfdTrigger(0.08, 0.005),
         sync_offset_s=-1.5e-9,
         input_offsets_s=(99.999e-9,),
         bin_width_s=16e-12,
@@ -186,7 +191,7 @@ def test_stopped_after_an_error_which_stays_the_one_raised(code):
     """A positive number passes a test for ``< 0``; it is an error all the same."""
     lines = [*START, ("HH_CTCStatus(1)", Returns(code)), ("HH_StopMeas(1)", Returns(-36))]
     closing = [("HH_StopMeas(1)", Returns(-36)), ("HH_CloseDevice(1)", Returns(-6))]
-    with pytest.raises(HydraHarpError, match="HH_CTCStatus") as caught:
+    with pytest.raises(HarpError, match="HH_CTCStatus") as caught:
         play([*OPEN, *lines, *closing], lambda harp: harp.measure(10e-3))
     assert caught.value.code == code
     (note,) = caught.value.__notes__
@@ -258,7 +263,7 @@ def test_of_several_none_is_taken_unless_it_is_named(second, words):
     script = ScriptedLibrary(lines)
     with (
         pytest.raises(DeviceNotFoundError, match=re.escape(words)),
-        HydraHarp(HHLib(script.functions, name="script"), clock=script),
+        Harp(HarpLibrary(script.functions, HYDRAHARP_400, name="script"), clock=script),
     ):
         pass
     script.finish()
@@ -275,12 +280,12 @@ def test_wrong_serial_names_what_is_there():
 def test_one_that_cannot_be_opened_may_be_the_one(code, word):
     lines = [VERSION, ("HH_OpenDevice(0)", Returns(-1)), ("HH_OpenDevice(1)", Returns(code))]
     lines += [(f"HH_OpenDevice({i})", Returns(-1)) for i in range(2, 8)]
-    with pytest.raises(HydraHarpError, match=word):
+    with pytest.raises(HarpError, match=word):
         play(lines)
 
 
 def test_closed_where_setting_up_fails():
-    with pytest.raises(HydraHarpError, match="CALIB_FAIL"):
+    with pytest.raises(HarpError, match="CALIB_FAIL"):
         play([*OPEN[:3], *INITIALIZE, ("HH_Calibrate(1)", Returns(-46)), *CLOSE])
 
 
@@ -308,7 +313,7 @@ def test_an_error_in_the_users_block_closes():
 
 
 def test_a_failure_to_close_is_told():
-    with pytest.raises(HydraHarpError, match="CLOSE_FAIL"):
+    with pytest.raises(HarpError, match="CLOSE_FAIL"):
         play([*OPEN, CLOSE[0], ("HH_CloseDevice(1)", Returns(-6))])
 
 

@@ -1,7 +1,10 @@
 """The simulated library: its rates, warnings and flags, and what other modes refuse."""
 
+from dataclasses import replace
+
 import pytest
 
+from simulators.wire.harp.families import HYDRAHARP
 from support.harp_opened import CONTINUOUS, HISTOGRAM, T2, T3, Opened
 from support.harp_wire import bench_with
 
@@ -90,7 +93,7 @@ def test_external_reference_is_not_connected():
 
 @pytest.mark.parametrize("unit_s", [1.0, 1e-12])
 def test_sync_period(unit_s):
-    hh = Opened(bench_with([], 0), sync_period_unit_s=unit_s)
+    hh = Opened(bench_with([], 0), family=replace(HYDRAHARP, sync_period_unit_s=unit_s))
     assert hh("HH_GetSyncPeriod") == 0
     hh.run(1)
     assert hh("HH_GetSyncPeriod") * unit_s == pytest.approx(100e-9)

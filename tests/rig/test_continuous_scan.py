@@ -7,7 +7,8 @@ import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError
-from drivers.harp.library import HHLib
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
 from rig.acquire.acquisition import Watch, acquire, record, resume
 from rig.acquire.connect import devices_on
 from rig.acquire.events import LineDone, Noticed, Outcome, Recorded, StepDone
@@ -53,7 +54,7 @@ class Rig:
             galvo=instruments.galvo_url,
             laser=instruments.laser_url,
             usb_backend=instruments.usb_backend,
-            hhlib=lambda: HHLib(instruments.hhlib),
+            harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
             daq=lambda device: board,
             clock=self.bench.clock,
         )

@@ -7,7 +7,8 @@ import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError, LinkError, RefusedError
-from drivers.harp.library import HHLib
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
 from rig.acquire.engine import Noticed, Outcome, StepDone
@@ -39,7 +40,7 @@ def rig(unplugged_after: int | None = None, benches: list | None = None):
             galvo=instruments.galvo_url,
             laser=instruments.laser_url,
             usb_backend=instruments.usb_backend,
-            hhlib=lambda: HHLib(instruments.hhlib),
+            harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
             daq=lambda device: board,
             clock=bench.clock,
         )

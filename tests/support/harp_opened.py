@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulators.wire.harp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from support.harp_wire import call
 
 HISTOGRAM, T2, T3, CONTINUOUS = 0, 2, 3, 8
@@ -13,7 +13,7 @@ class Opened:
 
     def __init__(self, bench, *, mode=HISTOGRAM, **instrument):
         self.bench = bench
-        self.simulator = HydraHarpSimulator(bench, **instrument)
+        self.simulator = HarpSimulator(bench, **instrument)
         self("HH_OpenDevice")
         self("HH_Initialize", mode, 0)
         self("HH_Calibrate")

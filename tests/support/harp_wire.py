@@ -1,4 +1,4 @@
-"""What the HydraHarp tests share: a steady light source, a scripted library, and calls without a driver."""
+"""What the tests of the timing instruments share: a steady light source, a scripted library, and calls."""
 
 from ctypes import (
     CFUNCTYPE,
@@ -65,6 +65,138 @@ int HH_ReadFiFo(int devidx, unsigned int* buffer, int count, int* nactual)
 int HH_GetContModeBlock(int devidx, void* buffer, int* nbytesreceived)
 """
 
+#: The other families' functions that are used here, as their headers declare them (HH500: see below).
+OTHERS = """
+int MH_GetLibraryVersion(char* vers)
+int MH_GetErrorString(char* errstring, int errcode)
+int MH_OpenDevice(int devidx, char* serial)
+int MH_CloseDevice(int devidx)
+int MH_Initialize(int devidx, int mode, int refsource)
+int MH_GetHardwareInfo(int devidx, char* model, char* partno, char* version)
+int MH_GetSerialNumber(int devidx, char* serial)
+int MH_GetFeatures(int devidx, int* features)
+int MH_GetBaseResolution(int devidx, double* resolution, int* binsteps)
+int MH_GetNumOfInputChannels(int devidx, int* nchannels)
+int MH_SetSyncDiv(int devidx, int div)
+int MH_SetSyncEdgeTrg(int devidx, int level, int edge)
+int MH_SetSyncChannelOffset(int devidx, int value)
+int MH_SetInputEdgeTrg(int devidx, int channel, int level, int edge)
+int MH_SetInputChannelOffset(int devidx, int channel, int value)
+int MH_SetInputChannelEnable(int devidx, int channel, int enable)
+int MH_SetStopOverflow(int devidx, int stop_ovfl, unsigned int stopcount)
+int MH_SetBinning(int devidx, int binning)
+int MH_SetOffset(int devidx, int offset)
+int MH_SetHistoLen(int devidx, int lencode, int* actuallen)
+int MH_SetMeasControl(int devidx, int control, int startedge, int stopedge)
+int MH_ClearHistMem(int devidx)
+int MH_StartMeas(int devidx, int tacq)
+int MH_StopMeas(int devidx)
+int MH_CTCStatus(int devidx, int* ctcstatus)
+int MH_GetHistogram(int devidx, unsigned int* chcount, int channel)
+int MH_GetResolution(int devidx, double* resolution)
+int MH_GetSyncPeriod(int devidx, double* period)
+int MH_GetSyncRate(int devidx, int* syncrate)
+int MH_GetCountRate(int devidx, int channel, int* cntrate)
+int MH_GetFlags(int devidx, int* flags)
+int MH_GetElapsedMeasTime(int devidx, double* elapsed)
+int MH_GetWarnings(int devidx, int* warnings)
+int MH_GetWarningsText(int devidx, char* text, int warnings)
+int MH_SetMarkerHoldoffTime(int devidx, int holdofftime)
+int MH_SetMarkerEdges(int devidx, int me1, int me2, int me3, int me4)
+int MH_SetMarkerEnable(int devidx, int en1, int en2, int en3, int en4)
+int MH_ReadFiFo(int devidx, unsigned int* buffer, int* nactual)
+int MH_GetDebugInfo(int devidx, char* debuginfo)
+
+int PH330_GetLibraryVersion(char* vers)
+int PH330_GetErrorString(char* errstring, int errcode)
+int PH330_OpenDevice(int devidx, char* serial)
+int PH330_CloseDevice(int devidx)
+int PH330_Initialize(int devidx, int mode, int refsource)
+int PH330_GetHardwareInfo(int devidx, char* model, char* partno, char* version)
+int PH330_GetSerialNumber(int devidx, char* serial)
+int PH330_GetFeatures(int devidx, int* features)
+int PH330_GetBaseResolution(int devidx, double* resolution, int* binsteps)
+int PH330_GetNumOfInputChannels(int devidx, int* nchannels)
+int PH330_SetSyncDiv(int devidx, int div)
+int PH330_SetSyncTrgMode(int devidx, int mode)
+int PH330_SetSyncEdgeTrg(int devidx, int level, int edge)
+int PH330_SetSyncCFD(int devidx, int level, int zerocross)
+int PH330_SetSyncChannelOffset(int devidx, int offset)
+int PH330_SetInputTrgMode(int devidx, int channel, int mode)
+int PH330_SetInputEdgeTrg(int devidx, int channel, int level, int edge)
+int PH330_SetInputCFD(int devidx, int channel, int level, int zerocross)
+int PH330_SetInputChannelOffset(int devidx, int channel, int offset)
+int PH330_SetInputChannelEnable(int devidx, int channel, int enable)
+int PH330_SetStopOverflow(int devidx, int stop_ovfl, unsigned int stopcount)
+int PH330_SetBinning(int devidx, int binning)
+int PH330_SetOffset(int devidx, int offset)
+int PH330_SetHistoLen(int devidx, int lencode, int* actuallen)
+int PH330_SetMeasControl(int devidx, int control, int startedge, int stopedge)
+int PH330_ClearHistMem(int devidx)
+int PH330_StartMeas(int devidx, int tacq)
+int PH330_StopMeas(int devidx)
+int PH330_CTCStatus(int devidx, int* ctcstatus)
+int PH330_GetHistogram(int devidx, unsigned int* chcount, int channel)
+int PH330_GetResolution(int devidx, double* resolution)
+int PH330_GetSyncPeriod(int devidx, double* period)
+int PH330_GetSyncRate(int devidx, int* syncrate)
+int PH330_GetCountRate(int devidx, int channel, int* cntrate)
+int PH330_GetFlags(int devidx, int* flags)
+int PH330_GetElapsedMeasTime(int devidx, double* elapsed)
+int PH330_GetWarnings(int devidx, int* warnings)
+int PH330_GetWarningsText(int devidx, char* text, int warnings)
+int PH330_SetMarkerHoldoffTime(int devidx, int holdofftime)
+int PH330_SetMarkerEdges(int devidx, int me1, int me2, int me3, int me4)
+int PH330_SetMarkerEnable(int devidx, int en1, int en2, int en3, int en4)
+int PH330_ReadFiFo(int devidx, unsigned int* buffer, int* nactual)
+int PH330_GetDebugInfo(int devidx, char* debuginfo)
+
+int TH260_GetLibraryVersion(char* version)
+int TH260_GetErrorString(char* errstring, int errcode)
+int TH260_OpenDevice(int devidx, char* serial)
+int TH260_CloseDevice(int devidx)
+int TH260_Initialize(int devidx, int mode)
+int TH260_GetHardwareInfo(int devidx, char* model, char* partno, char* version)
+int TH260_GetSerialNumber(int devidx, char* serial)
+int TH260_GetFeatures(int devidx, int* features)
+int TH260_GetBaseResolution(int devidx, double* resolution, int* binsteps)
+int TH260_GetNumOfInputChannels(int devidx, int* nchannels)
+int TH260_SetSyncDiv(int devidx, int div)
+int TH260_SetSyncCFD(int devidx, int level, int zc)
+int TH260_SetSyncEdgeTrg(int devidx, int level, int edge)
+int TH260_SetSyncChannelOffset(int devidx, int value)
+int TH260_SetInputCFD(int devidx, int channel, int level, int zc)
+int TH260_SetInputEdgeTrg(int devidx, int channel, int level, int edge)
+int TH260_SetInputChannelOffset(int devidx, int channel, int value)
+int TH260_SetInputChannelEnable(int devidx, int channel, int enable)
+int TH260_SetStopOverflow(int devidx, int stop_ovfl, unsigned int stopcount)
+int TH260_SetBinning(int devidx, int binning)
+int TH260_SetOffset(int devidx, int offset)
+int TH260_SetHistoLen(int devidx, int lencode, int* actuallen)
+int TH260_SetMeasControl(int devidx, int control, int startedge, int stopedge)
+int TH260_ClearHistMem(int devidx)
+int TH260_StartMeas(int devidx, int tacq)
+int TH260_StopMeas(int devidx)
+int TH260_CTCStatus(int devidx, int* ctcstatus)
+int TH260_GetHistogram(int devidx, unsigned int* chcount, int channel, int clear)
+int TH260_GetResolution(int devidx, double* resolution)
+int TH260_GetSyncRate(int devidx, int* syncrate)
+int TH260_GetCountRate(int devidx, int channel, int* cntrate)
+int TH260_GetFlags(int devidx, int* flags)
+int TH260_GetElapsedMeasTime(int devidx, double* elapsed)
+int TH260_GetSyncPeriod(int devidx, double* period)
+int TH260_GetWarnings(int devidx, int* warnings)
+int TH260_GetWarningsText(int devidx, char* text, int warnings)
+int TH260_GetHardwareDebugInfo(int devidx, char* debuginfo)
+int TH260_SetMarkerEdges(int devidx, int me1, int me2, int me3, int me4)
+int TH260_SetMarkerEnable(int devidx, int en1, int en2, int en3, int en4)
+int TH260_SetMarkerHoldoffTime(int devidx, int holdofftime)
+int TH260_ReadFiFo(int devidx, unsigned int* buffer, int count, int* nactual)
+"""
+
+#: Of HH500Lib only the names are known: its functions are taken to be those of the PicoHarp 330.
+OTHERS += "".join(f"{line}\n".replace("PH330_", "HH500_") for line in OTHERS.splitlines() if "PH330_" in line)
+
 C_TYPES = {
     "int": c_int,
     "unsigned int": c_uint,
@@ -77,15 +209,20 @@ C_TYPES = {
 
 
 def declared() -> dict[str, list[str]]:
-    """Name of each function in `HEADER` with the C types of its arguments."""
+    """Name of each function with the C types of its arguments."""
     functions = {}
-    for line in HEADER.strip().splitlines():
+    for line in filter(None, (HEADER + OTHERS).splitlines()):
         name, arguments = line.removeprefix("int ").rstrip(")").split("(")
         functions[name] = [argument.rsplit(" ", 1)[0] for argument in arguments.split(", ")]
     return functions
 
 
 DECLARED = declared()
+
+
+def declared_by(prefix: str) -> dict[str, list[str]]:
+    """Those of `DECLARED` that belong to one library."""
+    return {name: types for name, types in DECLARED.items() if name.startswith(f"{prefix}_")}
 
 
 def call(functions, name, *plain):
@@ -99,7 +236,7 @@ def call(functions, name, *plain):
             "char*": lambda: create_string_buffer(65536),
             "int*": c_int,
             "double*": c_double,
-            "unsigned int*": lambda: (c_uint * 131072)(),
+            "unsigned int*": lambda: (c_uint * 1048576)(),
             "void*": lambda: create_string_buffer(262272),
         }[c_type]()
         arguments.append(buffer)

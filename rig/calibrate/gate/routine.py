@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drivers.harp.limits import LIMITS
+from drivers.harp.families import HYDRAHARP_400
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
@@ -75,7 +75,7 @@ class GateRoutine(Routine[GateOpening]):
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a gated detector, and bins over the whole time between pulses."""
         period = RigState(config).sync_period_s
-        width_s = LIMITS.bin_width_covering(period, finest_s=8e-12)
+        width_s = HYDRAHARP_400.limits.bin_width_covering(period, finest_s=8e-12)
         return changed(
             config,
             detector={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},

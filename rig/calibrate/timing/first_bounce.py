@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from drivers.harp.limits import LIMITS
+from drivers.harp.families import HYDRAHARP_400
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, require
@@ -27,7 +27,7 @@ MAX_GATED_PER_PULSE = 0.2
 def free_running(config: RigConfig) -> RigConfig:
     """Return a configuration in which the detector runs free and the histogram holds the whole period."""
     period_s = 1 / config.laser.repetition_hz
-    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), HYDRAHARP_400.limits.max_bins)
     return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
 
 

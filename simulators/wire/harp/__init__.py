@@ -1,7 +1,7 @@
-"""A simulated HydraHarp 400: the 44 functions of HHLib 3.0 as C callbacks, driven by the bench.
+"""Simulated timing instruments of PicoQuant: the functions of their libraries as C callbacks, on the bench.
 
-    simulator = HydraHarpSimulator(bench)
-    library = HHLib(simulator.functions)        # or any other program that takes the 44 functions
+    simulator = HarpSimulator(bench, MULTIHARP)
+    simulator.functions.MH_OpenDevice(0, serial)        # or any program that takes these functions
     ...
     simulator.raise_pending()
 
@@ -12,7 +12,9 @@ documentation leaves it open, the stricter choice is made and called unconfirmed
 
 Not simulated
 -------------
-- T2 and continuous mode deliver no data: `HH_ReadFiFo` and `HH_GetContModeBlock` answer with nothing.
+- T2 and continuous mode deliver no data: ReadFiFo and GetContModeBlock answer with nothing.
+- Of the families' functions those for event filters, White Rabbit, an external FPGA, dead times, hysteresis,
+  the trigger output and other than the usual timing mode are missing.
 - Control inputs: no pulse ever comes at C1, and a measurement that waits for one never begins.
 - In T3 mode, dead times do not reach from one `tagging.PIECE_S` to the next.
 - Zero crossings of the discriminators, and jitter of the instrument: the bench's photons already have the
@@ -27,8 +29,9 @@ Not simulated
 """
 
 from simulators.wire.harp.discriminators import Pulses
+from simulators.wire.harp.families import FAMILIES, SimulatedFamily
 from simulators.wire.harp.fifo import Fifo
-from simulators.wire.harp.simulator import HydraHarpSimulator
+from simulators.wire.harp.simulator import HarpSimulator
 from simulators.wire.harp.timing import Nonlinearity, Timing
 
-__all__ = ["Fifo", "HydraHarpSimulator", "Nonlinearity", "Pulses", "Timing"]
+__all__ = ["FAMILIES", "Fifo", "HarpSimulator", "Nonlinearity", "Pulses", "SimulatedFamily", "Timing"]

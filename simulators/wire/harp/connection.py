@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 
-from simulators.wire.harp.codes import DEVICES, Code, Slot
-from simulators.wire.harp.exports import require
+from simulators.wire.harp.codes import Code, Slot
+from simulators.wire.harp.exports import Answer, require, take
+from simulators.wire.harp.families import SimulatedFamily
 from simulators.wire.harp.instrument import Instrument
 
 
@@ -12,10 +13,10 @@ class Connection:
 
     Parameters
     ----------
+    family
+        Of the library, and so of all its instruments.
     instruments
         The instruments, by their serial numbers.
-    sync_period_unit_s
-        Unit of `HH_GetSyncPeriod`.
 
     Attributes
     ----------
@@ -30,22 +31,25 @@ class Connection:
         The state of each device index.
     """
 
-    def __init__(self, instruments: Mapping[str, Instrument], sync_period_unit_s: float) -> None:
+    def __init__(self, family: SimulatedFamily, instruments: Mapping[str, Instrument]) -> None:
+        self.family = family
         self.serials = tuple(instruments)
         self._instruments = tuple(instruments.values())
-        self.sync_period_unit_s = sync_period_unit_s
         self.connected = True
         self.busy = False
-        self.slots = [Slot.CLOSED] * DEVICES
+        self.slots = [Slot.UNTOUCHED] * family.devices
 
     def slot(self, devidx: int) -> Slot:
         """Return the state of an index, or answer that there is no such index."""
-        require(0 <= devidx < DEVICES)
+        take(0 <= devidx < len(self.slots), 1)
         return self.slots[devidx]
 
     def opened(self, devidx: int) -> Instrument:
         """Return the instrument at an index, or answer why there is none."""
-        require(self.slot(devidx) is Slot.OPEN and self.connected, Code.DEVICE_NOT_OPEN)
+        slot = self.slot(devidx)
+        if slot is Slot.UNTOUCHED:
+            raise Answer(self.family.untouched)
+        require(slot is Slot.OPEN and self.connected, Code.DEVICE_NOT_OPEN)
         return self._instruments[devidx]
 
     def initialized(self, devidx: int) -> Instrument:

@@ -1,11 +1,12 @@
-"""The discriminators at sync and inputs: which pulses of the bench the instrument sees at all. No C.
+"""The triggers at sync and inputs: which pulses of the bench the instrument sees at all. No C.
 
 A pulse lower than the level is not seen. A level near zero sees the noise of the line too, as often as
 Gaussian noise crosses it: ``f exp(-level**2 / (2 noise**2))`` for a line that lets frequencies about ``f``
 through (S. O. Rice, Bell System Technical Journal 24, 46, 1945).
 
-Levels are positive here, as the instrument's commands have them, though its inputs take negative pulses. Of
-all numbers only the range of the levels is the instrument's; heights and noise are a choice.
+The pulses are negative. Levels here are magnitudes, as the commands of a HydraHarp 400 have them; a negative
+one is a positive level of an instrument with signs, which no pulse passes. Of all numbers only the range of
+the levels is the instrument's; heights, noise and width are a choice.
 """
 
 from collections.abc import Sequence
@@ -59,6 +60,26 @@ class MeasuredBench(TaggedBench, Protocol):
 
 
 @dataclass(frozen=True)
+class Threshold:
+    """Where an input makes an event.
+
+    Attributes
+    ----------
+    level_v
+        Depth that a pulse must reach [V].
+    at_end
+        Whether the event is where the pulse rises again, and not where it falls.
+    """
+
+    level_v: float = USUAL_LEVEL_V
+    at_end: bool = False
+
+    def is_passed_by(self, pulse_v: float) -> bool:
+        """Tell whether pulses of this depth pass it."""
+        return 0 <= self.level_v < pulse_v
+
+
+@dataclass(frozen=True)
 class Pulses:
     """How high the pulses at the instrument's inputs are.
 
@@ -68,11 +89,14 @@ class Pulses:
         Heights of the laser's sync pulses, and of the detector's [V].
     noise_v
         Noise of both lines, root mean square [V].
+    width_s
+        Their width [s], from the falling edge to the rising one; far below any sync period.
     """
 
     sync_v: float = 0.3
     input_v: float = 0.3
     noise_v: float = 2e-3
+    width_s: float = 10e-9
 
     def noise_hz(self, level_v: float) -> float:
         """Return how often noise alone is taken for a pulse [Hz]."""
@@ -96,8 +120,8 @@ class Discriminators:
 
     Attributes
     ----------
-    sync_level_v, input_level_v
-        Levels of sync and inputs [V].
+    sync, inputs
+        Thresholds of sync and inputs.
     """
 
     def __init__(self, bench: MeasuredBench, inputs: int, pulses: Pulses) -> None:
@@ -108,8 +132,8 @@ class Discriminators:
 
     def reset(self) -> None:
         """Set the usual levels."""
-        self.sync_level_v = USUAL_LEVEL_V
-        self.input_level_v = [USUAL_LEVEL_V] * self._inputs
+        self.sync = Threshold()
+        self.inputs = [Threshold()] * self._inputs
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -134,9 +158,14 @@ class Discriminators:
 
     def count_rate_hz(self, channel: int) -> float:
         """Return the pulses a second that are seen of a channel, by its number, now."""
-        level_v = self._level_v(channel)
-        seen_hz = self._bench.count_rate_hz(channel) if self._pulses.input_v > level_v else 0.0
-        return seen_hz + self._pulses.noise_hz(level_v)
+        threshold = self._threshold(channel)
+        passed = threshold.is_passed_by(self._pulses.input_v)
+        seen_hz = self._bench.count_rate_hz(channel) if passed else 0.0
+        return seen_hz + self._pulses.noise_hz(threshold.level_v)
+
+    def late_s(self, at_input: int) -> float:
+        """Return by how much later than the sync's an input's events come, for where on a pulse they lie."""
+        return (self.inputs[at_input].at_end - self.sync.at_end) * self._pulses.width_s
 
     def detections(self, start_s: float, stop_s: float) -> Sequence[Detections]:
         """Draw what is seen of each channel between two bench times."""
@@ -148,19 +177,19 @@ class Discriminators:
         """Take away the pulses at the marker inputs, which have no discriminators to set."""
         return self._bench.take_marks(before_s)
 
-    def _level_v(self, channel: int) -> float:
-        return self.input_level_v[self._bench.channels[channel].input]
+    def _threshold(self, channel: int) -> Threshold:
+        return self.inputs[self._bench.channels[channel].input]
 
     def _seen_sync_hz(self, hz: float) -> float:
-        through_hz = hz if self._pulses.sync_v > self.sync_level_v else 0.0
-        return through_hz + self._pulses.noise_hz(self.sync_level_v)
+        through_hz = hz if self.sync.is_passed_by(self._pulses.sync_v) else 0.0
+        return through_hz + self._pulses.noise_hz(self.sync.level_v)
 
     def _seen(
         self, drawn: Detections, channel: int, between_s: tuple[float, float], period_s: float
     ) -> Detections:
-        level_v = self._level_v(channel)
-        seen = drawn if self._pulses.input_v > level_v else no_detections()
-        noise_hz = self._pulses.noise_hz(level_v)
+        threshold = self._threshold(channel)
+        seen = drawn if threshold.is_passed_by(self._pulses.input_v) else no_detections()
+        noise_hz = self._pulses.noise_hz(threshold.level_v)
         if not noise_hz:
             return seen
         start_s, stop_s = between_s

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.wire.harp.codes import LONGEST_HISTOGRAM
 from simulators.wire.harp.timing import Nonlinearity
 
 
@@ -78,21 +77,23 @@ class HistogramMemory:
 
     Parameters
     ----------
+    longest
+        How many there are.
     count_depth
         Largest count of a bin: 2**32 - 1 in the instrument.
 
     Attributes
     ----------
     counts
-        (65536,) uint32, always the same memory.
+        (longest,) uint32, always the same memory.
     address
         Where that memory lies.
     full
         Whether a bin reached ``count_depth``, or the count that stops a measurement.
     """
 
-    def __init__(self, count_depth: int) -> None:
-        self.counts = np.zeros(LONGEST_HISTOGRAM, np.uint32)
+    def __init__(self, longest: int, count_depth: int) -> None:
+        self.counts = np.zeros(longest, np.uint32)
         self.address = self.counts.ctypes.data
         self.full = False
         self._depth = count_depth

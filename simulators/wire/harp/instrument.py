@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulators.bench import Detections, Syncs
-from simulators.wire.harp.codes import BASE_RESOLUTION_PS, LONGEST_HISTOGRAM, Flag, Mode, Warn
+from simulators.wire.harp.codes import Mode, Warn
 from simulators.wire.harp.discriminators import Discriminators, MeasuredBench
+from simulators.wire.harp.families import SimulatedFamily
 from simulators.wire.harp.fifo import Fifo
 from simulators.wire.harp.histogram import HistogramMemory, after_edge, bins_of
 from simulators.wire.harp.records import DTIME_BINS
@@ -16,9 +17,8 @@ from simulators.wire.harp.timing import Timing
 
 #: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
 RATE_GATE_S = 0.1
-#: Highest divided sync rate, and highest sum of input rates over USB [Hz] (source: manual).
-HIGHEST_SYNC_HZ = 12.5e6
-HIGHEST_TAGGED_HZ = 9e6
+#: Bins of a histogram after Initialize (manual); fewer where an instrument has fewer.
+USUAL_HISTOGRAM = 65536
 
 
 @dataclass
@@ -33,14 +33,9 @@ class Settings:
     stop_count: int = 2**32 - 1
     binning: int = 0
     offset_ns: int = 0
-    length: int = LONGEST_HISTOGRAM
+    length: int = USUAL_HISTOGRAM
     control: int = 0
     markers: MarkerSettings = field(default_factory=MarkerSettings)
-
-    @property
-    def resolution_ps(self) -> float:
-        """Width of a bin."""
-        return BASE_RESOLUTION_PS * 2**self.binning
 
 
 @dataclass
@@ -60,10 +55,12 @@ class Measurement:
 
 
 class Instrument:
-    """One HydraHarp on the bench, each detector channel connected to its input.
+    """One instrument on the bench, each detector channel connected to its input.
 
     Parameters
     ----------
+    family
+        What it is.
     bench
         Gives time, sync pulses and detections, which the discriminators at the inputs see or do not see.
     inputs
@@ -77,14 +74,22 @@ class Instrument:
     """
 
     def __init__(
-        self, bench: MeasuredBench, inputs: int, count_depth: int, timing: Timing, fifo: Fifo
+        self,
+        family: SimulatedFamily,
+        bench: MeasuredBench,
+        inputs: int,
+        *,
+        count_depth: int,
+        timing: Timing,
+        fifo: Fifo,
     ) -> None:
+        self.family = family
         self.discriminators = Discriminators(bench, inputs, timing.pulses)
         self.bench = self.discriminators
         self.timing = timing
         self.inputs = inputs
         self.fifo = fifo
-        self.memories = [HistogramMemory(count_depth) for _ in range(inputs)]
+        self.memories = [HistogramMemory(family.longest, count_depth) for _ in range(inputs)]
         self._channel_at = {one.input: number for number, one in enumerate(bench.channels)}
         self.initialize(Mode.HISTOGRAM, external_reference=False)
         self.initialized = False
@@ -92,11 +97,16 @@ class Instrument:
     def initialize(self, mode: Mode, *, external_reference: bool) -> None:
         """Take all settings back to their defaults."""
         self.initialized = True
-        self.calibrated = False
+        self.calibrated = not self.family.calibrates
         self.mode = mode
         self.external_reference = external_reference
         self.discriminators.reset()
-        self.settings = Settings(input_offset_ps=[0] * self.inputs, input_enabled=[True] * self.inputs)
+        self.trigger_modes: dict[int | None, int] = {}  # of sync (None) and inputs, where there is a choice
+        self.settings = Settings(
+            input_offset_ps=[0] * self.inputs,
+            input_enabled=[True] * self.inputs,
+            length=min(USUAL_HISTOGRAM, self.family.longest),
+        )
         self.sync_hz_read = 0
         self.input_hz_read = [0] * self.inputs
         self.running = False
@@ -111,6 +121,11 @@ class Instrument:
         """Set the counts of all inputs to zero."""
         for memory in self.memories:
             memory.clear()
+
+    @property
+    def resolution_ps(self) -> float:
+        """Width of a bin."""
+        return self.family.base_ps * 2**self.settings.binning
 
     # Rates
 
@@ -137,20 +152,28 @@ class Instrument:
 
     def warnings(self) -> Warn:
         """Judge the rates that were read last; rates never read count as zero."""
-        sync_hz, inputs_hz, settings = self.sync_hz_read, self.input_hz_read, self.settings
+        sync_hz, inputs_hz, settings, family = (
+            self.sync_hz_read,
+            self.input_hz_read,
+            self.settings,
+            self.family,
+        )
         tagging, on_sync = self.mode in (Mode.T2, Mode.T3), self.mode is not Mode.T2
-        span_bins = LONGEST_HISTOGRAM // 2 if self.mode is Mode.T3 else LONGEST_HISTOGRAM
+        span_bins = DTIME_BINS if self.mode is Mode.T3 else min(USUAL_HISTOGRAM, family.longest)
         period_s = 1 / sync_hz if sync_hz else 0.0
-        too_short = period_s > span_bins * settings.resolution_ps * 1e-12
+        too_short = period_s > span_bins * self.resolution_ps * 1e-12
+        too_fast = sync_hz / settings.sync_divider > family.warns_sync_hz
+        divided, needless = settings.sync_divider > 1, sync_hz <= family.warns_sync_hz
         holds = {
             Warn.SYNC_RATE_ZERO: on_sync and not sync_hz,
-            Warn.SYNC_RATE_TOO_HIGH: sync_hz / settings.sync_divider > HIGHEST_SYNC_HZ,
+            Warn.SYNC_RATE_TOO_HIGH: too_fast,
             Warn.INPT_RATE_ZERO: not any(inputs_hz),
-            Warn.INPT_RATE_TOO_HIGH: tagging and sum(inputs_hz) > HIGHEST_TAGGED_HZ,
+            Warn.INPT_RATE_TOO_HIGH: tagging and sum(inputs_hz) > family.warns_inputs_hz,
             Warn.INPT_RATE_RATIO: on_sync and sync_hz > 0 and max(inputs_hz) > 0.05 * sync_hz,
-            Warn.DIVIDER_GREATER_ONE: self.mode is Mode.T2 and settings.sync_divider > 1,
+            Warn.DIVIDER_GREATER_ONE: divided and (not on_sync or (family.warns_divider and needless)),
             Warn.TIME_SPAN_TOO_SMALL: on_sync and too_short,
             Warn.OFFSET_UNNECESSARY: on_sync and sync_hz > 0 and settings.offset_ns > 0 and not too_short,
+            Warn.DIVIDER_TOO_SMALL: on_sync and family.warns_divider and too_fast,
         }
         return Warn(sum(bit for bit, true in holds.items() if true))
 
@@ -220,20 +243,18 @@ class Instrument:
             return 0.0
         return 1 / run.sync_hz
 
-    def flags(self) -> Flag:
+    def flags(self) -> int:
         """Return the state flags; no clock is connected to the external reference input."""
-        flags = Flag(0)
-        if self.running and not self.ended():
-            flags |= Flag.ACTIVE
-        if any(memory.full for memory in self.memories):
-            flags |= Flag.OVERFLOW
-        if self.fifo.full:
-            flags |= Flag.FIFOFULL
-        if self.sync_lost or (self._stream is not None and self._stream.sync_lost):
-            flags |= Flag.SYNC_LOST
-        if self.external_reference:
-            flags |= Flag.REF_LOST
-        return flags
+        bits = self.family.flags
+        synced = self._stream is None or not self._stream.sync_lost
+        raised = {
+            bits.active: self.running and not self.ended(),
+            bits.overflow: any(memory.full for memory in self.memories),
+            bits.fifo_full: self.fifo.full,
+            bits.sync_lost: self.sync_lost or not synced,
+            bits.reference_lost: self.external_reference,
+        }
+        return sum(bit for bit, holds in raised.items() if holds)
 
     def _finish(self, run: Measurement, stop_s: float) -> None:
         """Draw what was detected since the start and count it."""
@@ -270,12 +291,13 @@ class Instrument:
             counted.time_s,
             counted.pulse + first_pulse,
             period_s=period_s,
-            shift_s=(settings.input_offset_ps[at_input] - settings.sync_offset_ps) * 1e-12,
+            shift_s=(settings.input_offset_ps[at_input] - settings.sync_offset_ps) * 1e-12
+            + self.discriminators.late_s(at_input),
         )
         bins = bins_of(
             times_s,
             offset_s=settings.offset_ns * 1e-9,
-            bin_width_s=settings.resolution_ps * 1e-12,
+            bin_width_s=self.resolution_ps * 1e-12,
             length=DTIME_BINS if self.mode is Mode.T3 else settings.length,
             clock=self.timing.nonlinearity,
         )

@@ -19,8 +19,9 @@ PIECE_S = 10e-3
 #: Sums of bench times are not exact to so much [s], after the longest measurement too.
 ROUNDING_S = 1e-9
 
-#: By how much offsets of sync and input together can make a photon earlier than it is (manual).
-MOST_EARLY_S = 2 * 99999e-12
+#: By how much offsets of sync and input together (manual), and edges at two ends of pulses, can make a photon
+#: earlier than it is.
+MOST_EARLY_S = 2 * 99999e-12 + 100e-9
 
 MARKERS = 4
 

@@ -8,8 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simulators.bench import Detections
-from simulators.wire.harp.codes import LONGEST_HISTOGRAM
 from simulators.wire.harp.discriminators import Pulses
+
+#: So many bins are unequal; those of longer histograms are ideal beyond.
+UNEQUAL_BINS = 65536
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,9 @@ class Nonlinearity:
 
     def widths(self) -> NDArray[np.float64]:
         """(65536,) real widths, in bins; their sum is that of as many ideal bins."""
-        pattern = np.random.default_rng(self.seed).laplace(0, self.rms / np.sqrt(2), LONGEST_HISTOGRAM)
+        pattern = np.random.default_rng(self.seed).laplace(0, self.rms / np.sqrt(2), UNEQUAL_BINS)
         widths = 1 + np.clip(pattern, -self.peak, self.peak)
-        return widths * (LONGEST_HISTOGRAM / widths.sum())
+        return widths * (UNEQUAL_BINS / widths.sum())
 
     def counted(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return times in real bins for times in ideal ones, both from 1 where the first bin begins."""
