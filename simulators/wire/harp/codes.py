@@ -12,6 +12,7 @@ class Code(IntEnum):
     INSTANCE_RUNNING = -16
     INVALID_ARGUMENT = -17
     INVALID_MODE = -18
+    INVALID_MEMORY = -20
     NOT_INITIALIZED = -22
     NOT_CALIBRATED = -23
     USB_VCMD_FAIL = -36
@@ -47,6 +48,5 @@ class Warn(IntFlag):
 class Slot(Enum):
     """State of a device index."""
 
-    UNTOUCHED = "never opened"
-    CLOSED = "closed, or could not be opened"
+    CLOSED = "never opened, closed, or could not be opened"
     OPEN = "open"

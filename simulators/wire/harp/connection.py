@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from simulators.wire.harp.codes import Code, Slot
-from simulators.wire.harp.exports import Answer, require, take
+from simulators.wire.harp.exports import require, take
 from simulators.wire.harp.families import SimulatedFamily
 from simulators.wire.harp.instrument import Instrument
 
@@ -25,6 +25,8 @@ class Connection:
         not (unconfirmed; an error of the USB link is as likely).
     busy
         Set True to let another program have the instruments.
+    ever_asked
+        Whether any index was ever to be opened.
     serials
         The instruments' serial numbers, by index.
     slots
@@ -37,7 +39,8 @@ class Connection:
         self._instruments = tuple(instruments.values())
         self.connected = True
         self.busy = False
-        self.slots = [Slot.UNTOUCHED] * family.devices
+        self.ever_asked = False
+        self.slots = [Slot.CLOSED] * family.devices
 
     def slot(self, devidx: int) -> Slot:
         """Return the state of an index, or answer that there is no such index."""
@@ -47,8 +50,7 @@ class Connection:
     def opened(self, devidx: int) -> Instrument:
         """Return the instrument at an index, or answer why there is none."""
         slot = self.slot(devidx)
-        if slot is Slot.UNTOUCHED:
-            raise Answer(self.family.untouched)
+        require(self.ever_asked, Code.INVALID_MEMORY)  # observed: until the first OpenDevice, at any index
         require(slot is Slot.OPEN and self.connected, Code.DEVICE_NOT_OPEN)
         return self._instruments[devidx]
 

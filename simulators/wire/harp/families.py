@@ -138,8 +138,6 @@ class SimulatedFamily:
         Names of the codes without ``PREFIX_ERROR_``, and the whole text for those that do not exist.
     says_which_argument
         Whether a wrong argument is answered with -200 and its place (counted from 1), or with -17.
-    untouched
-        Answer of an index that was never opened.
     devices
         Number of indices.
     base_ps, binnings
@@ -181,7 +179,6 @@ class SimulatedFamily:
     errors: Mapping[int, str]
     unknown_error: str = ""
     says_which_argument: bool = True
-    untouched: int = -20
     devices: int = 8
     base_ps: float = 1.0
     binnings: int = 24
@@ -228,7 +225,6 @@ HYDRAHARP = SimulatedFamily(
     model="HydraHarp 400",
     errors={**_ALL, **_USB, -42: "MODACK_TIMEOUT"},
     says_which_argument=False,
-    untouched=-10,
     binnings=26,
     shortest_code=0,
     offset_ns=500_000,

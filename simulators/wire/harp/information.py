@@ -43,7 +43,7 @@ def get_error_string(connection: Connection, errstring: Any, errcode: int) -> No
 def open_device(connection: Connection, devidx: int, serial: Any) -> None:
     """Open an index that has an instrument; opening it twice is answered as busy, which is unconfirmed."""
     require(connection.slot(devidx) is not Slot.OPEN, Code.DEVICE_BUSY)
-    connection.slots[devidx] = Slot.CLOSED
+    connection.ever_asked = True
     require(devidx < len(connection.serials) and connection.connected, Code.DEVICE_OPEN_FAIL)
     require(not connection.busy, Code.DEVICE_BUSY)
     connection.slots[devidx] = Slot.OPEN
@@ -130,7 +130,7 @@ def get_hardware_debug_info(connection: Connection, devidx: int, debuginfo: Any)
 @_declare("GetDebugInfo", INT, TEXT_OUT, where=lambda family: family.debug == "GetDebugInfo")
 def get_debug_info(connection: Connection, devidx: int, debuginfo: Any) -> None:
     """Tell that there is nothing to tell, also where no instrument could be opened."""
-    if connection.slot(devidx) is not Slot.CLOSED:
+    if connection.slot(devidx) is Slot.OPEN or not connection.ever_asked:
         connection.initialized(devidx)
     write_text(debuginfo, "simulated instrument, no system error")
 
