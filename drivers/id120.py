@@ -113,6 +113,8 @@ class Id120Spad:
         What the instrument answered to ``*IDN?``.
     """
 
+    by_hand: frozenset[str] = frozenset()
+
     def __init__(
         self,
         *,

@@ -49,3 +49,8 @@ def rig(capsys, monkeypatch, tmp_path):
         return Finished(code, streams.out, streams.err)
 
     return run
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Two workers a core: a worker waits half of its time, for clocks, disks and other processes."""
+    return 2 * (os.cpu_count() or 1)

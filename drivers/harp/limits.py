@@ -14,6 +14,9 @@ from drivers.harp.triggers import CfdTrigger, Trigger, TriggerMode, WireTrigger
 #: Relative difference below which two values are the same but for floating-point arithmetic.
 SAME = 1e-6
 
+#: Bins after a sync pulse, and inputs, that a time-tagged record can tell (T3, all families).
+TAGGED_BINS, TAGGED_INPUTS = 32_768, 63
+
 #: Length of a histogram with length code 0; each further code doubles it.
 CODE_0_BINS = 1024
 
@@ -126,6 +129,16 @@ class HarpLimits:
         """Raise `LimitError` unless a histogram can have so many bins of this width."""
         self.length_code(bins)
         self.binning_code(bin_width_s)
+
+    def check_tagged(self, bins: int, inputs: Sequence[int]) -> None:
+        """Raise `LimitError` unless time-tagged records can tell so many bins, and these inputs."""
+        if bins > TAGGED_BINS or max(inputs) >= TAGGED_INPUTS:
+            raise LimitError(
+                self.device,
+                f"record photons of {bins} bins at inputs up to {max(inputs)}",
+                f"records tell {TAGGED_BINS} bins at most, and inputs up to {TAGGED_INPUTS - 1}",
+                "Use wider bins, or fewer inputs.",
+            )
 
     def nearest_exposure_s(self, exposure_s: float) -> float:
         """Return the possible exposure that is nearest to ``exposure_s``."""

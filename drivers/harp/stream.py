@@ -23,8 +23,9 @@ from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.harp import constants as hh
 from drivers.harp.instrument import Instrument, Rates
 from drivers.harp.library import HarpLibrary
+from drivers.harp.limits import TAGGED_BINS
 from drivers.harp.reader import QUEUE_PIECES, Fault, Piece, Reader
-from drivers.harp.records import MAX_CHANNEL, MAX_DTIME, T3, Batch, DamagedRecordsError, Decoder
+from drivers.harp.records import T3, Batch, DamagedRecordsError, Decoder
 from drivers.harp.settings import HarpSettings, Integers, Markers
 from drivers.leaving import leave
 
@@ -89,19 +90,12 @@ class HarpStream(Instrument):
         self._markers = markers or Markers()
         self._markers.hold_off_ns(self.limits)
         self._queue_pieces = queue_pieces
-        self._span_bins = MAX_DTIME + 1
+        self._span_bins = TAGGED_BINS
         self._reader: Reader | None = None
         Decoder(T3).decode(
             np.empty(0, np.uint32)
         )  # compiled the first time, which must not keep records waiting
-        bins, last = self._settings.bins, max(self._settings.inputs)
-        if bins > self._span_bins or last > MAX_CHANNEL:
-            raise LimitError(
-                self._name,
-                f"record photons of {bins} bins at inputs up to {last}",
-                f"records tell {self._span_bins} bins at most, and inputs up to {MAX_CHANNEL}",
-                "Use wider bins, or fewer inputs.",
-            )
+        self.limits.check_tagged(self._settings.bins, self._settings.inputs)
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
@@ -234,7 +228,7 @@ class HarpStream(Instrument):
         library.set_marker_edges(index, (m1, m2, m3, m4))
         library.set_marker_enable(index, markers.enabled)
         library.set_marker_holdoff_time(index, markers.hold_off_ns(self.limits))
-        self._require_as_asked(MAX_DTIME + 1)
+        self._require_as_asked(TAGGED_BINS)
 
     def _require_features(self, features: hh.Feature) -> None:
         needed = hh.Feature.TTTR | (hh.Feature.MARKERS if any(self._markers.enabled) else hh.Feature(0))

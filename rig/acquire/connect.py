@@ -3,16 +3,16 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivers.daq.board import SharedBoard
-from drivers.harp.families import HYDRAHARP_400
 from drivers.harp.library import HarpLibrary
 from drivers.video_camera import VideoCamera
+from rig.acquire.abilities import tagging_of
 from rig.acquire.engine import Devices
 from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
 from rig.devices.wires import wires_by_address
-from rig.errors import RefusedError
 from rig.light.guarded import GuardedHere
 from rig.light.lock import locked
 from rig.light.remote import GuardedElsewhere
@@ -73,9 +73,9 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     Parameters and errors are those of `open_devices`.
     """
     with ExitStack() as stack:
-        galvo = stack.enter_context(GALVOS[config.galvo.kind](config.galvo, wires))
+        galvo = stack.enter_context(GALVOS.of(config.galvo).open(config.galvo, wires))
         clock = stack.enter_context(_point_clock(config, wires, tagged))
-        spad = stack.enter_context(DETECTORS[config.detector.kind](config.detector, wires))
+        spad = stack.enter_context(DETECTORS.of(config.detector).open(config.detector, wires))
         yield Devices(
             galvo=galvo,
             point_clock=clock,
@@ -89,21 +89,15 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
 def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
     if config.point_clock is None or not tagged:
         return nullcontext()
-    return POINT_CLOCKS[config.point_clock.kind](config.point_clock, wires)
+    return POINT_CLOCKS.of(config.point_clock).open(config.point_clock, wires)
 
 
 def _timing(
     config: RigConfig, wires: Wires, first: int, tagged: bool
 ) -> AbstractContextManager[Tcspc | TimeTagger]:
-    kind = TIMING[config.tcspc.kind]
-    if not tagged:
-        return kind.open(config, wires, first)
-    if kind.open_tagger is None:
-        raise RefusedError(
-            f"tcspc.kind = '{config.tcspc.kind}' records no single photons, which a mirror that never stops "
-            "needs: use --mode step"
-        )
-    return kind.open_tagger(config, wires)
+    if tagged:
+        return tagging_of(config).open(config, wires)
+    return TIMING.of(config.tcspc).open(config, wires, first)
 
 
 @contextmanager
@@ -145,7 +139,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 galvo=instruments.galvo_url,
                 laser=instruments.laser_url,
                 usb_backend=instruments.usb_backend,
-                harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
+                harp=partial(HarpLibrary, instruments.harp),
                 daq=lambda device: board,
                 clock=bench.clock,
             ),
@@ -156,7 +150,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
 def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> GuardedLaser:
     """Open the laser behind its guard: a process of its own, unless laser and program end together anyway."""
     if config.simulated:
-        laser = stack.enter_context(LASERS[config.laser.kind](config.laser, wires))
+        laser = stack.enter_context(LASERS.of(config.laser).open(config.laser, wires))
         return GuardedHere(laser, wires.clock)
     guarded = GuardedElsewhere(config)
     guarded.when_hanging.append(spad.disable)

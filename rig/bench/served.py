@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rig.bench.simulated import daq_wiring, laser_head, simulated_bench, timing_faults
 from rig.errors import UsageError
-from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
+from rig.model.config import AnalogueGalvoConfig, HarpConfig, RigConfig, SimulationConfig
 
 if TYPE_CHECKING:
     from simulators.wire.served.server import Addresses, BenchServer
@@ -85,7 +85,7 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
         places["galvo"] = addresses.timing  # the board's, too
     if config.point_clock is not None:
         places["point_clock"] = addresses.timing
-    if isinstance(config.tcspc, HydraHarpConfig):  # a file that is played needs no bench
+    if isinstance(config.tcspc, HarpConfig):  # a file that is played needs no bench
         places["tcspc"] = addresses.timing
     sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}
     return config.model_copy(update={**sections, "simulation": None})

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,19 @@ from numpy.typing import NDArray
 from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import (
     AnalogueGalvoConfig,
+    DaqClockConfig,
+    DeviceSection,
     FaultsConfig,
+    HarpConfig,
+    Katana08Config,
     KatanaConfig,
     NktConfig,
     RigConfig,
     SimulationConfig,
+    TcspcConfig,
+    TimeHarp260Config,
 )
+from rig.model.config.kinds import ROLES
 from rig.model.quantities import parse
 
 if TYPE_CHECKING:
@@ -27,7 +34,7 @@ if TYPE_CHECKING:
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
     from simulators.wire.daq import DaqWiring
-    from simulators.wire.harp import Timing
+    from simulators.wire.harp import SimulatedFamily, Timing
     from simulators.wire.instruments import SimulatedInstruments
     from simulators.wire.laser_head import LaserHead
 
@@ -59,18 +66,45 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
         laser=laser_head(config),
         timing=timing_faults(config),
         count_depth=depth,
+        family=simulated_family(config.tcspc),
         wiring=daq_wiring(config),
     )
 
 
+def simulated_family(tcspc: TcspcConfig) -> "SimulatedFamily":
+    """Return what timing instrument is simulated; one that plays a file leaves a HydraHarp 400 unused."""
+    from simulators.wire.harp import FAMILIES
+
+    board = tcspc.board.lower() if isinstance(tcspc, TimeHarp260Config) else ""
+    return FAMILIES[f"{tcspc.kind}{board}" if isinstance(tcspc, HarpConfig) else "hydraharp"]
+
+
 def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead]":
-    """Return what makes the simulated laser of the configured kind, on a bench."""
+    """Return what makes the simulated laser of the configured kind, on a bench.
+
+    Raises
+    ------
+    ConfigError
+        If the package that brings the kind has no simulator.
+    """
     from simulators.wire.laser import Katana08Head, KatanaHead
     from simulators.wire.nkt import NktMainboard
 
-    if isinstance(config.laser, NktConfig):
-        return partial(NktMainboard, oscillator_hz=config.laser.oscillator_hz)
-    return KatanaHead if isinstance(config.laser, KatanaConfig) else Katana08Head
+    laser = config.laser
+    if isinstance(laser, NktConfig):
+        return partial(NktMainboard, oscillator_hz=laser.oscillator_hz)
+    own = {KatanaConfig: KatanaHead, Katana08Config: Katana08Head}
+    return own.get(type(laser)) or _simulated_elsewhere("laser", laser)
+
+
+def _simulated_elsewhere(role: str, section: DeviceSection) -> "Callable[[Bench], Any]":
+    """Return the simulator that an installed package brings."""
+    found = ROLES[role].installed(section.kind)
+    if found is None or found.simulated is None:
+        raise ConfigError(
+            f"{role}.kind = '{section.kind}' has no simulator: leave [simulation] out, or choose another kind"
+        )
+    return found.simulated
 
 
 def daq_wiring(config: RigConfig) -> "DaqWiring":
@@ -78,7 +112,7 @@ def daq_wiring(config: RigConfig) -> "DaqWiring":
     from simulators.wire.daq import DaqWiring
 
     wiring = DaqWiring((), None)
-    if clock := config.point_clock:
+    if isinstance(clock := config.point_clock, DaqClockConfig):
         wiring = replace(wiring, markers=clock.markers, step=clock.step or None)
     if isinstance(galvo := config.galvo, AnalogueGalvoConfig):
         wiring = replace(wiring, channels=galvo.channels, volts_per_degree=galvo.volts_per_degree)

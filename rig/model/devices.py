@@ -147,6 +147,14 @@ class GuardedLaser(Laser, Protocol):
 class GatedSpad(Device, Protocol):
     """A single-photon detector with a gate locked to the laser's pulses."""
 
+    @property
+    def by_hand(self) -> frozenset[str]:
+        """What only a person can set: of "bias", "hold_off", "gate_delay" and "gate_width".
+
+        At most it is read back. A detector whose bias is set by hand stays biased after `disable`.
+        """
+        ...
+
     def enable(self) -> None:
         """Bias the detector and open the configured gate on every pulse."""
         ...
@@ -161,6 +169,22 @@ class GatedSpad(Device, Protocol):
 
     def set_hold_off(self, hold_off_s: float) -> None:
         """Set the time after a detection during which the detector stays off."""
+        ...
+
+
+class GateDelayer(Device, Protocol):
+    """A delay generator between the laser's sync pulse and the detector's gate."""
+
+    def set_delay(self, delay_s: float) -> None:
+        """Set the time from the pulse that comes to the pulse that goes; verified."""
+        ...
+
+    def enable(self) -> None:
+        """Let pulses out; verified."""
+        ...
+
+    def disable(self) -> None:
+        """Let no pulse out; safe to call at any time."""
         ...
 
 

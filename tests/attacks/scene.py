@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from attacks.serial_url import protocol_attacked
 from attacks.taps import Tap, TappedLibrary, TappedUsb
 from drivers.daq.board import SharedBoard
-from drivers.harp.families import HYDRAHARP_400
 from drivers.harp.library import HarpLibrary
 from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
@@ -89,7 +89,7 @@ def attacked_rig(
         addresses["galvo"],
         addresses["laser"],
         usb,
-        lambda: HarpLibrary(library, HYDRAHARP_400),
+        partial(HarpLibrary, library),
         lambda _: board,
         bench.clock,
     )

@@ -1,13 +1,13 @@
 """Continuous scans through the real drivers and the simulated wires: whole, disturbed, taken up again."""
 
 from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
 import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError
-from drivers.harp.families import HYDRAHARP_400
 from drivers.harp.library import HarpLibrary
 from rig.acquire.acquisition import Watch, acquire, record, resume
 from rig.acquire.connect import devices_on
@@ -54,7 +54,7 @@ class Rig:
             galvo=instruments.galvo_url,
             laser=instruments.laser_url,
             usb_backend=instruments.usb_backend,
-            harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
+            harp=partial(HarpLibrary, instruments.harp),
             daq=lambda device: board,
             clock=self.bench.clock,
         )

@@ -1,13 +1,13 @@
 """What a continuous scan makes of a DAQ board that loses markers, ticks late, or is gone."""
 
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import pytest
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError, LinkError, RefusedError
-from drivers.harp.families import HYDRAHARP_400
 from drivers.harp.library import HarpLibrary
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
@@ -40,7 +40,7 @@ def rig(unplugged_after: int | None = None, benches: list | None = None):
             galvo=instruments.galvo_url,
             laser=instruments.laser_url,
             usb_backend=instruments.usb_backend,
-            harp=lambda: HarpLibrary(instruments.harp, HYDRAHARP_400),
+            harp=partial(HarpLibrary, instruments.harp),
             daq=lambda device: board,
             clock=bench.clock,
         )

@@ -1,0 +1,38 @@
+"""The kinds of devices: for each role, from the kind that a configuration names to what opens it.
+
+A new device of a known role costs its driver, its simulator at the wire, its section in `rig.model.config`,
+and a line in its role's table.
+"""
+
+from rig.devices.kinds.detectors import DETECTORS
+from rig.devices.kinds.galvos import GALVOS
+from rig.devices.kinds.kind import Kind, Kinds
+from rig.devices.kinds.lasers import LASERS
+from rig.devices.kinds.point_clocks import POINT_CLOCKS
+from rig.devices.kinds.timing import TIMING, Tagging, TimingKind, time_axis, timing_limits
+from rig.devices.kinds.wires import Wires
+from rig.model.config import RigConfig
+
+__all__ = [
+    "DETECTORS",
+    "GALVOS",
+    "LASERS",
+    "POINT_CLOCKS",
+    "TIMING",
+    "Kind",
+    "Kinds",
+    "Tagging",
+    "TimingKind",
+    "Wires",
+    "check_settings",
+    "time_axis",
+    "timing_limits",
+]
+
+
+def check_settings(config: RigConfig) -> None:
+    """Raise `drivers.errors.LimitError` unless the devices can be set as configured."""
+    GALVOS.of(config.galvo).check(config.galvo)
+    LASERS.of(config.laser).check(config.laser)
+    DETECTORS.of(config.detector).check(config.detector)
+    TIMING.of(config.tcspc).check(config)

@@ -1,0 +1,35 @@
+"""Where each driver finds its device."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.daq.board import SharedBoard
+from drivers.harp.family import Family
+from drivers.harp.library import HarpLibrary
+from rig.model.devices import Clock
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Where each driver finds its device.
+
+    Attributes
+    ----------
+    galvo, laser
+        Serial ports or pyserial URLs.
+    usb_backend
+        Of pyusb; None for the system's.
+    harp
+        Gives the library of a family of timing instruments, when it is needed.
+    daq
+        Gives the DAQ board of a name: always the same one, so that all devices on it share it.
+    clock
+        The time that all devices share.
+    """
+
+    galvo: str
+    laser: str
+    usb_backend: object
+    harp: Callable[[Family], HarpLibrary]
+    daq: Callable[[str], SharedBoard]
+    clock: Clock

@@ -1,0 +1,51 @@
+"""Sections of detectors, and of their channels."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from rig.model.config.section import DeviceSection, Point, Section
+from rig.model.quantities import Hertz, Seconds, Volts
+
+
+class DetectorConfig(DeviceSection):
+    """What all detectors have."""
+
+    address: str | None = None
+    """Where it is reached; None where its driver finds it."""
+    position_m: Point = (0.15, 0.0, 2.5)
+    """The detector's lens."""
+    gated: bool = True
+    """False: free running, the first bounce is detected too."""
+    gate_delay_s: Seconds = Field(31.5e-9, ge=0)
+    """Opening edge of the gate after the sync pulse."""
+    gate_width_s: Seconds = Field(40e-9, gt=0)
+    """Time the gate stays open."""
+    hold_off_s: Seconds = Field(100e-9, ge=0)
+    """Time after a detection during which the detector stays off."""
+    max_count_rate_hz: Hertz | None = Field(None, gt=0)
+    """Counts a second of a channel at which the bias is taken away; None: half of what is possible."""
+
+
+class Id120Config(DetectorConfig):
+    """An ID Quantique ID120, gated."""
+
+    kind: Literal["id120"] = "id120"
+    serial: str | None = None
+    """Serial number, when several detectors are connected."""
+    address: str | None = None
+    """Pseudo-terminal of a simulated detector that ``rig sim serve`` serves; None: one on USB."""
+    excess_bias_v: Volts = Field(5.0, gt=0)
+    """Bias above breakdown."""
+
+
+class ChannelConfig(Section):
+    """One pixel of the detector: what it looks at, and where its pulses go."""
+
+    name: str = "spad"
+    input: int = Field(0, ge=0)
+    """Input of the timing instrument, counted from 0."""
+    spot_m: Point = (0.0, 0.0, 0.0)
+    """The spot on the relay wall that it looks at."""
+    delay_s: Seconds = 0.0
+    """By how much its pulses come later than timing.electronics_delay says."""

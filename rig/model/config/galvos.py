@@ -1,0 +1,90 @@
+"""Sections of beam-steering mirrors."""
+
+from math import degrees, pi
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from rig.model.config.section import DeviceSection, Point
+from rig.model.quantities import Metres, Radians, Seconds
+
+
+class GalvoConfig(DeviceSection):
+    """What all beam-steering mirrors have."""
+
+    address: str | None = None
+    """Where it is reached; None where its driver finds it."""
+    position_m: Point = (-0.15, 0.0, 2.5)
+    """The mirror, from which the beam leaves; at rest it sends the beam squarely to the wall."""
+    mirrors: Literal[1, 2] = 1
+    """1: one mirror that turns about both axes. 2: a galvanometer pair."""
+    incidence_rad: Radians = Field(0.0, ge=0, lt=pi / 2)
+    """Angle between the beam that comes and the normal of one mirror at rest."""
+    incidence_direction_rad: Radians = 0.0
+    """Where that beam comes from, turned from x towards y: for one who faces the wall, 0 is from the right,
+    90 degrees from above."""
+    separation_m: Metres = Field(0.0, ge=0)
+    """Distance between the mirrors of a pair."""
+    max_angle_x_rad: Radians = Field(0.436332312998582, gt=0)  # 25 degrees
+    """Largest optical angle to either side."""
+    max_angle_y_rad: Radians = Field(0.349065850398866, gt=0)  # 20 degrees
+    """Largest optical angle up or down."""
+    beam_dump_rad: tuple[Radians, Radians] | None = None
+    """Optical angles of a beam dump, to which the mirror goes when the laser cannot be made dark."""
+    settle_timeout_s: Seconds = Field(0.1, gt=0)
+    """Longest wait for the mirror to be stable after a move."""
+    settle_time_s: Seconds = Field(0.006, ge=0)
+    """Usual time to settle after a small step; used only to estimate how long a scan takes."""
+    turn_time_s: Seconds = Field(0.008, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.8e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command; what was calibrated goes before it."""
+
+
+class OptotuneConfig(GalvoConfig):
+    """An Optotune MR-15-30 steering mirror, or another one behind the same electronics."""
+
+    needs_address = True
+
+    kind: Literal["optotune"] = "optotune"
+    address: str | None = None
+    """Serial port or pyserial URL."""
+    serial: str | None = None
+    """The board's serial number, or another part of what it says of itself, when there are several boards."""
+
+
+class AnalogueGalvoConfig(GalvoConfig):
+    """A galvanometer pair that follows two voltages of an NI-DAQmx board, such as Thorlabs GVS012."""
+
+    kind: Literal["analogue"] = "analogue"
+    address: str | None = None
+    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
+    device: str = Field("Dev1", min_length=1)
+    """The board's name in NI MAX; the point clock's, if both shall act together."""
+    channels: tuple[str, str] = ("ao0", "ao1")
+    """The board's analogue outputs for x and y."""
+    volts_per_degree: tuple[float, float] = (0.5, 0.5)
+    """Volts for each degree by which a mirror turns, for x and y; the beam turns twice that. Below zero where
+    an axis is mounted the other way round."""
+    mirrors: Literal[1, 2] = 2
+    settle_time_s: Seconds = Field(0.001, ge=0)
+    """Time that is waited after a small step; the mirror cannot be asked."""
+    settle_time_full_s: Seconds = Field(0.02, ge=0)
+    """Time that is waited after a step from one end of the range to the other."""
+    turn_time_s: Seconds = Field(0.003, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line."""
+    lag_s: Seconds = Field(0.13e-3, ge=0)
+    """Continuous scans: by how much the mirror trails its command."""
+
+    @model_validator(mode="after")
+    def _within_the_range(self) -> "AnalogueGalvoConfig":
+        if self.channels[0] == self.channels[1]:
+            raise ValueError(f"channels: x and y are both {self.channels[0]}; give each its own")
+        for axis, scale in zip("xy", self.volts_per_degree, strict=True):
+            volts = degrees(getattr(self, f"max_angle_{axis}_rad") / 2) * abs(scale)
+            if not 0 < volts <= 10 * (1 + 1e-9):  # 40 degrees at 0.5 V are just allowed
+                raise ValueError(
+                    f"max_angle_{axis} is {volts:.3g} V at volts_per_degree {scale:g}, and has to be above "
+                    "0 V and up to 10 V. Lower the angle, or give the scale that is set at the servo board"
+                )
+        return self

@@ -1,0 +1,152 @@
+"""Configurations read from files and records, and what is wrong with them in words."""
+
+import re
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from rig.errors import ConfigError
+from rig.model.config.detectors import ChannelConfig
+from rig.model.config.kinds import ROLES
+from rig.model.config.point_clocks import DaqClockConfig
+from rig.model.config.rig import RigConfig
+from rig.model.config.simulation import MotionConfig, SimulationConfig
+from rig.model.presets import Table, merged
+from rig.model.quantities import FROM_RECORD
+
+#: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
+MOST_BYTES = 1_000_000
+#: Wrong keys that are told at once.
+MOST_TOLD = 20
+#: A key of more than 100 words: reading it would take time with the square of their number.
+_LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
+
+
+def built_in() -> RigConfig:
+    """Return the built-in simulated rig."""
+    return RigConfig(point_clock=DaqClockConfig(), simulation=SimulationConfig())
+
+
+def recorded(text: str) -> RigConfig:
+    """Read the configuration that a scan file holds: JSON with SI numbers, from `RigConfig.model_dump_json`.
+
+    Raises
+    ------
+    ConfigError
+        If it does not fit this version of the program.
+    """
+    try:
+        return RigConfig.model_validate_json(text, context=FROM_RECORD, by_alias=False, by_name=True)
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+
+
+def built_in_with(changes: Table) -> RigConfig:
+    """Return the built-in simulated rig with ``changes``, written as a file's tables are.
+
+    Raises
+    ------
+    ConfigError
+        If a value is wrong.
+    """
+    try:
+        return RigConfig.model_validate(merged({"point_clock": {}, "simulation": {}}, changes))
+    except ValidationError as error:
+        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+
+
+def load(path: Path, changes: Table | None = None) -> RigConfig:
+    """Read a configuration file, and make ``changes``, written as a file's tables are, to it.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
+    """
+    table = _table(path)
+    try:
+        return RigConfig.model_validate(merged(table, changes or {}))
+    except ValidationError as error:
+        raise ConfigError(_all_of(error, path)) from None
+
+
+def _table(path: Path) -> Table:
+    """Read a TOML file; raises as `load`."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        text = content.decode("utf-8")
+        if len(content) > MOST_BYTES or _LONG_KEY.search(text):
+            raise ConfigError(
+                f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
+            )
+        return tomllib.loads(text)
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
+        ) from None
+    except RecursionError:
+        raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
+    except ValueError as error:  # what TOML forbids, bytes that are no text, numbers of thousands of digits
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+
+
+def _all_of(error: ValidationError, path: Path) -> str:
+    """Return what is wrong, a line for each key, the first `MOST_TOLD` of them."""
+    told = [f"{path}: {_explain(problem)}" for problem in error.errors()]
+    more = [f"{path}: and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
+    return "\n".join(told[:MOST_TOLD] + more)
+
+
+def _explain(problem: ErrorDetails) -> str:
+    place = problem["loc"]
+    parts = [part for before, part in zip(("", *place), place, strict=False) if not _is_kind(before, part)]
+    where = ".".join(str(part) for part in parts)
+    if problem["type"] == "extra_forbidden":
+        if owners := _kinds_with(place):
+            return (
+                f"'{where}' is a key of kind {' or '.join(owners)}; this {place[0]} is of kind "
+                f"'{place[1]}', which has {', '.join(_known_keys(place[:-1]))}"
+            )
+        near = get_close_matches(str(place[-1]), _known_keys(place[:-1]), n=1)
+        return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _is_kind(section: str | int, part: str | int) -> bool:
+    return section in ROLES and part in ROLES[str(section)].kinds
+
+
+def _kinds_with(place: tuple[str | int, ...]) -> list[str]:
+    """Return the other kinds of a section of which a key is, quoted."""
+    if len(place) != 3 or not _is_kind(place[0], place[1]):
+        return []
+    return [f"'{kind}'" for kind in ROLES[str(place[0])].kinds if place[2] in _known_keys((place[0], kind))]
+
+
+def _known_keys(place: tuple[str | int, ...]) -> list[str]:
+    model: type[BaseModel] = RigConfig
+    for before, part in zip(("", *place), place, strict=False):
+        if isinstance(part, int):
+            continue
+        if part in _SECTIONS:
+            model = _SECTIONS[part]
+        elif part in ROLES:
+            model = ROLES[part].usual
+        elif _is_kind(before, part):
+            model = ROLES[str(before)].kinds[part]
+        else:
+            model = model.model_fields[part].annotation  # type: ignore[assignment]
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+#: Sections whose type is not simply that of their field.
+_SECTIONS: dict[str, type[BaseModel]] = {
+    "simulation": SimulationConfig,
+    "motion": MotionConfig,
+    "channels": ChannelConfig,
+}

@@ -1,0 +1,186 @@
+"""The whole rig."""
+
+from typing import Annotated, Any
+
+from pydantic import model_validator
+
+from rig.model.config.detectors import ChannelConfig, DetectorConfig, Id120Config
+from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
+from rig.model.config.harps import HarpConfig, HydraHarpConfig
+from rig.model.config.kinds import ROLES
+from rig.model.config.lasers import KatanaConfig, LaserConfig
+from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
+from rig.model.config.section import Section
+from rig.model.config.simulation import SimulationConfig
+from rig.model.config.timing import TcspcConfig, TimingConfig
+from rig.model.config.use import CalibrationConfig, CamerasConfig, ScanConfig
+
+
+class RigConfig(Section):
+    """The whole rig. All defaults together are the built-in rig, except for point clock and simulation."""
+
+    name: str = "simulated rig"
+    galvo: Annotated[GalvoConfig, ROLES["galvo"]] = OptotuneConfig()
+    laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
+    """Without this section, which a real rig has, the simulated laser has full power."""
+    detector: Annotated[DetectorConfig, ROLES["detector"]] = Id120Config()
+    tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
+    channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
+    """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
+    point_clock: Annotated[PointClockConfig, ROLES["point_clock"]] | None = None
+    """Present: the mirror can be scanned without a stop, with a marker at each point."""
+    timing: TimingConfig = TimingConfig()
+    scan: ScanConfig = ScanConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
+    cameras: CamerasConfig = CamerasConfig()
+    simulation: SimulationConfig | None = None
+    """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_older(cls, table: Any) -> Any:
+        return _with_kinds(table) if isinstance(table, dict) else table
+
+    @model_validator(mode="after")
+    def _incidence_is_of_one_mirror(self) -> "RigConfig":
+        wrong_rad = self.simulation.misalignment.mirror_incidence_rad if self.simulation else (0.0, 0.0)
+        if self.galvo.mirrors == 2 and (self.galvo.incidence_rad or any(wrong_rad)):
+            raise ValueError(
+                "galvo.incidence (or simulation.misalignment.mirror_incidence) is given for a pair: it is an "
+                "angle of one mirror that turns about both axes. Leave it out, or set galvo.mirrors = 1"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _channels_differ(self) -> "RigConfig":
+        if not self.channels:
+            raise ValueError("channels: there is none; a single detector has one")
+        for what in ("name", "input"):
+            values = [getattr(channel, what) for channel in self.channels]
+            twice = sorted({value for value in values if values.count(value) > 1})
+            if twice:
+                raise ValueError(f"channels: two have the {what} {twice[0]}; give each its own")
+        return self
+
+    @model_validator(mode="after")
+    def _galvo_and_clock_share_a_board(self) -> "RigConfig":
+        if isinstance(self.galvo, AnalogueGalvoConfig) and isinstance(self.point_clock, DaqClockConfig):
+            galvo, clock = ((one.device, one.address) for one in (self.galvo, self.point_clock))
+            if galvo != clock:
+                raise ValueError(
+                    f"point_clock.device is {clock[0]}, galvo.device is {galvo[0]}: an analogue galvo and "
+                    "its point clock have to be on the same board, which plays both by one clock"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _addresses_are_given(self) -> "RigConfig":
+        if self.simulation is None:
+            for name in ROLES:
+                section = getattr(self, name)
+                if section is not None and section.needs_address and section.address is None:
+                    raise ValueError(
+                        f"{name}.address is missing: give the serial port, "
+                        f'e.g. address = "/dev/ttyACM0", or add a [simulation] section'
+                    )
+        if self.galvo.position_m[2] <= 0 or self.detector.position_m[2] <= 0:
+            raise ValueError(
+                "galvo.position and detector.position stand in front of the wall: "
+                "their third number is above 0"
+            )
+        return self
+
+    @property
+    def boards(self) -> dict[str, str | None]:
+        """The DAQ boards that galvo and point clock are on: their names, and where they are served."""
+        on_boards = (AnalogueGalvoConfig, DaqClockConfig)
+        users = [one for one in (self.galvo, self.point_clock) if isinstance(one, on_boards)]
+        return {one.device: one.address for one in users}
+
+    @property
+    def serial_addresses(self) -> dict[str, str | None]:
+        """Where the devices on a serial line are, by their section."""
+        galvo = {"galvo": self.galvo.address} if isinstance(self.galvo, OptotuneConfig) else {}
+        return {**galvo, "laser": self.laser.address}
+
+    @property
+    def simulated(self) -> bool:
+        """Whether all devices are simulated in this process, so that nothing outside of it can be harmed."""
+        return self.simulation is not None
+
+    @property
+    def served(self) -> bool:
+        """Whether the photons are those of a simulated bench that another process serves."""
+        return isinstance(self.tcspc, HarpConfig) and self.tcspc.address is not None
+
+    @property
+    def rehearsed(self) -> bool:
+        """Whether the counts say nothing of a real rig: they are simulated, or played from a file."""
+        return self.simulated or self.served or self.tcspc.kind == "playback"
+
+    def differences(self, other: "RigConfig") -> list[str]:
+        """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
+
+        Left out is what does not change what is measured: where devices are connected, limits, times to wait,
+        cameras, the folder of calibrations, and the plan of a scan.
+        """
+        mine, theirs = _flat(self.model_dump()), _flat(other.model_dump())
+        return [
+            f"{key} is {mine.get(key)}, was {theirs.get(key)}"
+            for key in sorted(mine.keys() | theirs.keys())
+            if mine.get(key) != theirs.get(key) and not key.startswith(_NOT_MEASURED_WITH)
+        ]
+
+
+#: Keys, or beginnings of keys, that may change between two parts of a scan.
+_NOT_MEASURED_WITH = (
+    "galvo.address",
+    "galvo.device",
+    "galvo.max_angle",
+    "galvo.beam_dump",
+    "galvo.settle_",
+    "laser.address",
+    "laser.max_",
+    "detector.max_count_rate",
+    "detector.serial",
+    "detector.address",
+    "tcspc.library",
+    "tcspc.serial",
+    "tcspc.address",
+    "tcspc.readout_time_s",
+    "tcspc.file",
+    "point_clock",
+    "scan.",
+    "calibration.",
+    "cameras.",
+    "simulation.real_time",
+)
+
+
+#: Sections as they were called before their kind was a choice, and keys that have gone to `channels` since.
+_OLDER_SECTIONS = {"hydraharp": "tcspc", "spad": "detector"}
+_OLDER_KEYS = {
+    ("tcspc", "input_channel"): "input",
+    ("detector", "spot"): "spot",
+    ("detector", "spot_m"): "spot_m",
+}
+
+
+def _with_kinds(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a configuration of an older program, as a file or a scan holds it, in the present sections."""
+    table = {_OLDER_SECTIONS.get(name, name): value for name, value in table.items()}
+    of_channel: dict[str, Any] = {}
+    for (section, key), channel_key in _OLDER_KEYS.items():
+        values = table.get(section)
+        if isinstance(values, dict) and key in values:
+            of_channel[channel_key] = values[key]
+            table[section] = {name: value for name, value in values.items() if name != key}
+    return {**table, "channels": [of_channel]} if of_channel and "channels" not in table else table
+
+
+def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
+    """Return the values of nested tables by their dotted keys."""
+    values: dict[str, Any] = {}
+    for name, value in table.items():
+        values |= _flat(value, f"{within}{name}.") if isinstance(value, dict) else {within + name: value}
+    return values

@@ -1,0 +1,110 @@
+"""Sections of the simulated bench."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from rig.model.config.section import Point, Section
+from rig.model.quantities import Hertz, Metres, Radians, Seconds, Volts
+
+
+class MisalignmentConfig(Section):
+    """By how much the simulated rig differs from what the rest of the configuration says of it."""
+
+    wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """The wall, turned about its vertical and its horizontal middle line."""
+    galvo_shift_m: Point = (0.0, 0.0, 0.0)
+    spad_shift_m: Point = (0.0, 0.0, 0.0)
+    mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
+    """The mirror's mount, turned about x, y and z."""
+    mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Optical angles at command zero."""
+    mirror_gain: tuple[float, float] = (1.0, 1.0)
+    """Real angle for each commanded one."""
+    mirror_incidence_rad: tuple[Radians, Radians] = (0.0, 0.0)
+    """Angle of incidence on one mirror, and the direction of it."""
+    cable_delay_s: Seconds = 0.0
+    """Delay of forgotten cable."""
+    mirror_lag_s: Seconds | None = Field(None, gt=0)
+    """By how much the mirror trails a command that moves evenly; None: as usual for its kind. galvo.lag and
+    rig calibrate lag say how much is taken for it."""
+
+
+class FaultsConfig(Section):
+    """What the simulated detector and timing do wrong; where a number is 0, that effect is off.
+
+    Sources, and what is unconfirmed: ``docs/faults.md``.
+    """
+
+    dark_counts_hz: Hertz = Field(10.0, ge=0)
+    ambient_light_hz: Hertz = Field(500.0, ge=0)
+    """Counts a second from room light while the detector is sensitive."""
+    hold_off: bool = True
+    """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
+    afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
+    afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
+    gate_ringing: float = Field(0.07, ge=0, le=1)
+    """Overshoot of the sensitivity when the gate opens."""
+    gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
+    memory: float = Field(0.0, ge=0, le=1)
+    """Fraction of the gated-off first bounce that comes back inside the gate."""
+    memory_decay_s: Seconds = Field(30e-9, gt=0)
+    reflections_per_pulse: float = Field(0.0, ge=0)
+    """Detections a pulse from each stray reflection of the first bounce."""
+    failed_gates: float = Field(0.0, ge=0, le=1)
+    """Fraction of positions where the gate does not block the first bounce."""
+    failed_gate_radius_m: Metres = Field(0.0, ge=0)
+    """Distance from the detector's spot up to which it does not either."""
+    dead_time_s: Seconds = Field(80e-9, ge=0)
+    """Of the timing instrument."""
+    nonlinearity: float = Field(0.0, ge=0, lt=0.02)
+    """Differential non-linearity of the timing instrument, root mean square."""
+    drift_per_minute_s: Seconds = 0.0
+    """How much later counts come with each minute."""
+    largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
+    """Where a bin of the timing instrument is full."""
+    sync_pulse_v: Volts = Field(0.3, ge=0)
+    """Depth of the laser's sync pulses, which are negative; a tcspc.sync_level beyond it is not passed."""
+    input_pulse_v: Volts = Field(0.3, ge=0)
+    """Depth of the detector's pulses, which are negative; a tcspc.input_level beyond it is not passed."""
+    line_noise_v: Volts = Field(2e-3, ge=0)
+    """Noise of both lines, root mean square, which a level near zero counts."""
+
+
+class MotionConfig(Section):
+    """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
+
+    travel_m: Point
+    """From one end of its way to the other; without motion it stands in the middle."""
+    duration_s: Seconds = Field(gt=0)
+    """Time from one end to the other; it sets off from the first when the bench's clock begins."""
+
+
+class SimulationConfig(Section):
+    """The simulated bench, when there is no hardware."""
+
+    scene: str = "letters"
+    """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
+    bounces: Literal[3, 4, 5] = 3
+    """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
+    roughness: float | None = Field(None, ge=0.05, le=1)
+    """Roughness of all hidden surfaces instead of their own; 1 is Lambertian, less is glossy."""
+    gloss: Literal["ward", "ggx"] | None = None
+    """Model of the gloss of all hidden surfaces instead of their own."""
+    motion: MotionConfig | None = None
+    """Present: the scene moves while it is scanned (with three bounces). Absent: it stands still."""
+    count_rate_hz: Hertz | None = Field(None, gt=0)
+    """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
+    seed: int = Field(0, ge=0)
+    real_time: bool = False
+    """False: the bench's clock runs as fast as the computer can."""
+    faults: FaultsConfig = FaultsConfig()
+    misalignment: MisalignmentConfig = MisalignmentConfig()
+
+    @model_validator(mode="after")
+    def _moves_without_interreflections(self) -> "SimulationConfig":
+        if self.motion is not None and self.bounces > 3:
+            raise ValueError(
+                f"a scene that moves is lit by three bounces, not {self.bounces}: leave motion or bounces out"
+            )
+        return self
