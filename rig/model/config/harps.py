@@ -131,6 +131,6 @@ class TimeHarp260Config(EitherTriggerConfig):
     @model_validator(mode="before")
     @classmethod
     def _usual_bins(cls, table: Any) -> Any:
-        if isinstance(table, dict) and table.get("board") == "N":
-            return {"bin_width": "250ps", "bins": 240} | table
-        return table
+        if not isinstance(table, dict) or table.get("board") != "N" or "bin_width_s" in table:
+            return table  # what a scan file records is complete, and has the fields' own names
+        return {"bin_width": "250ps", "bins": 240} | table
