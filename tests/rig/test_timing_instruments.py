@@ -1,14 +1,17 @@
 """Every family of timing instruments, from the configuration to a picture, on the same simulated bench."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rig.acquire.doctor import examine
 from rig.errors import ConfigError
 from rig.files import ScanFile
 from rig.files.picoquant import read_head
-from rig.model.config import TimeHarp260Config, load, recorded
+from rig.model.config import RigConfig, TimeHarp260Config, load, recorded
+from support.served_bench import served
 
 #: What a configuration says of each, beside its kind; nothing where its usual settings do.
 KINDS = {
@@ -267,3 +270,32 @@ def test_the_other_edge_shifts_all_times_by_the_pulses(rig, tmp_path):
     assert np.array_equal(both, before)
     late = with_edges('input_edge = "rising"\n')
     assert np.array_equal(late[:, 20:], before[:, :-20])
+
+
+def test_another_instrument_on_a_served_bench(rig, tmp_path):
+    """The configuration that is served with says what instrument is simulated where the scan runs."""
+    with served(tmp_path, "--config", configured(tmp_path, "timeharp260-n")) as bench:
+        told = load(bench.config).tcspc
+        assert isinstance(told, TimeHarp260Config)
+        assert (told.board, told.address) == ("N", bench.told["timing"])
+        done = rig("scan", "--config", bench.config, *PLAN, "--out", "served.h5", "--yes")
+        assert done.code == 0, done.err
+    with ScanFile(tmp_path / "served.h5") as scan:
+        assert scan.devices["tcspc"]["identity"].startswith("PicoQuant TimeHarp 260 N, part SIM")
+        assert scan.photons > 10_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "variable"),
+    [("multiharp", "MultiHarp", "MHLIB_PATH"), ("timeharp260", "TimeHarp 260 P", "TH260LIB_PATH")],
+)
+def test_the_doctor_looks_for_the_library_of_its_kind(monkeypatch, kind, name, variable):
+    monkeypatch.setenv(variable, "/nowhere/lib.so")
+    monkeypatch.setenv("HHLIB_PATH", "/elsewhere/hhlib.so")
+    config = RigConfig.model_validate(
+        {"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}, "tcspc": {"kind": kind}}
+    )
+    (finding,) = [one for one in examine(config, Path()) if one.what == f"{name} library"]
+    assert finding.verdict == "missing"
+    assert "/nowhere/lib.so" in finding.found
+    assert variable in finding.remedy
