@@ -13,6 +13,7 @@ from drivers.harp.constants import Edge, Feature, MeasControl, Mode, Reference
 from drivers.harp.errors import HarpError
 from drivers.harp.family import Family
 from drivers.harp.triggers import TriggerMode
+from drivers.lines.listening import tapped_functions
 
 #: What a histogram or records begin with until the library has written them. A bin that is full holds as
 #: many: 4 billion photons in the first bin, which no exposure here comes near. No record has all bits set.
@@ -109,6 +110,7 @@ class HarpLibrary:
         self.family = family
         self.name = name or family.library
         self._device = f"{family.name} through {self.name}"
+        functions = tapped_functions(functions)
         self._functions: dict[str, Any] = {}
         for bare_name, argument_types in prototypes(family).items():
             function_name = f"{family.prefix}_{bare_name}"

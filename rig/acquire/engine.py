@@ -11,8 +11,8 @@ from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
 from rig.acquire import sync
 from rig.acquire.abilities import require_point_clock
-from rig.acquire.assembly import LineFailed, LineRead, Timing, warm_up
-from rig.acquire.continuous import SweepDevices, follow
+from rig.acquire.assembly import LineRead, Timing, warm_up
+from rig.acquire.continuous import SweepDevices, sweep_over
 from rig.acquire.events import (
     Consumer,
     Ended,
@@ -24,7 +24,6 @@ from rig.acquire.events import (
     Phase,
     PhaseChanged,
     Ready,
-    Recorded,
     StepCut,
     StepDone,
 )
@@ -47,7 +46,7 @@ from rig.model.devices import (
 )
 from rig.model.plan import Pass, ScanPlan, Step
 from rig.model.state import RigState
-from rig.model.sweep import Sweep, Trajectories
+from rig.model.sweep import Trajectories
 
 #: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
@@ -60,8 +59,8 @@ WORTH_CUTTING_S = 0.3
 #: While the mirror does not stop, everything is read back so often at the ends of lines.
 VOUCH_S = 0.5
 
-#: A line whose markers or photons cannot be trusted is measured so many times before the scan ends.
-TRIES = 3
+#: What is said of a detector whose bias only a person can take away, when it has been closed as ever.
+STAYS_BIASED = "the detector stays BIASED, as a person has set it: its bias can only be switched off by hand"
 
 #: What is said of a detector whose bias could not be taken away, or that could not be asked.
 BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
@@ -135,7 +134,6 @@ class ScanEngine:
         self._angles_rad = state.pointing.angles_rad(plan.spots_m)
         self._done = self._vouched = first
         self._vouched_s = 0.0
-        self._beside = 0
         self._operator = operator
         detector = state.config.detector
         self._gate_s = (detector.gate_delay_s, detector.gate_width_s)
@@ -188,7 +186,7 @@ class ScanEngine:
         finally:
             ended = Ended(outcome, self._done, reason)
             closing, told = partial(consume, PhaseChanged(Phase.CLOSING)), partial(consume, ended)
-            leave([self._put_out, self._take_bias, closing, told], during)
+            leave([self._put_out, self._take_bias, self._tell_of_bias, closing, told], during)
         return ended
 
     def _run_passes(self) -> None:
@@ -204,6 +202,7 @@ class ScanEngine:
             self._expose(steps)
             if self._done < steps.stop:
                 return
+        self._set_hold_off_back()
 
     def _set_up(self, one: Pass) -> None:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
@@ -230,6 +229,16 @@ class ScanEngine:
             self._devices.spad.set_hold_off(hold_off_s)
             self._hold_off_s = hold_off_s
 
+    def _set_hold_off_back(self) -> None:
+        """Leave the hold-off as the configuration has it: a person may have to set it, who is there still."""
+        usual_s = self._state.config.detector.hold_off_s
+        if self._hold_off_s == usual_s:
+            return
+        self._put_out()
+        self._take_bias()
+        self._devices.spad.set_hold_off(usual_s)
+        self._hold_off_s = usual_s
+
     def _light_up(self, pass_index: int) -> None:
         devices = self._devices
         self._consume(PhaseChanged(Phase.AIMING))
@@ -254,6 +263,7 @@ class ScanEngine:
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
+        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
         warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
@@ -303,40 +313,22 @@ class ScanEngine:
             tagger.rates().sync_hz,
             self._state.mirror_lag_s,
         )
-        devices = SweepDevices(galvo, clock, tagger, self._devices.clock)
-        began, self._beside = self._done, 0
-        failed: list[int] = []  # the steps with which lines began that failed, one after the other
-        while self._done < steps.stop and not self._should_stop():
-            self._devices.laser.beat(ASKING_LEASE_S)
-            sweep = next(paths.sweeps(range(self._done, steps.stop), galvo.longest_trajectory))
-            try:
-                reason = self._follow(sweep, devices, timing)
-            except _StopAskedError:
-                break
-            failed = [one for one in (*failed, self._done) if one == self._done] if reason else []
-            if len(failed) == TRIES:
-                self._vouch()  # for the lines before it
-                raise DoubtError(f"a line failed {TRIES} times. {reason}")
-        self._tell_beside(began)
-
-    def _follow(self, sweep: Sweep, devices: SweepDevices, timing: Timing) -> str:
-        """Measure the lines of a sweep, until it ends or a stop is asked for; return why a line failed."""
-        settle_s = self._state.config.galvo.settle_timeout_s
-        with closing(follow(sweep, devices, timing, settle_s, self._go_on)) as found:
+        devices = SweepDevices(galvo, clock, tagger, self._devices.clock, config.galvo.settle_timeout_s)
+        first, beside = self._done, 0
+        lines = sweep_over(range(first, steps.stop), paths, devices, timing, self._go_on)
+        with closing(lines) as found, suppress(_StopAskedError):
             for one in found:
                 self._devices.laser.beat(LIBRARY_LEASE_S)
-                match one:
-                    case Recorded():
-                        self._tell(one)
-                        if self._should_stop():
-                            return ""
-                    case LineRead():
-                        self._read_line(one)
-                    case LineFailed(line=line, reason=reason):
-                        told = f"{reason} The line is measured again"
-                        self._tell(Noticed(told, line.steps.start, line.steps.stop - 1))
-                        return reason
-        return ""
+                if isinstance(one, LineRead):
+                    self._read_line(one)
+                    beside += one.beside
+                else:
+                    self._tell(one)
+                    if isinstance(one, Noticed):  # between sweeps: what was measured is made safe
+                        self._vouch()
+                    if self._should_stop():
+                        break
+        self._tell_beside(first, beside)
 
     def _go_on(self) -> None:
         """Keep the light on while the mirror is told its way, unless a stop is asked for."""
@@ -346,7 +338,6 @@ class ScanEngine:
 
     def _read_line(self, found: LineRead) -> None:
         self._devices.laser.beat(FILE_LEASE_S)
-        self._beside += found.beside
         for step, exposure in zip(self._plan.steps(self._done), found.exposures, strict=False):
             self._consume(StepDone(step, exposure))
             self._done += 1
@@ -355,9 +346,9 @@ class ScanEngine:
             self._vouch()
             self._tell(LineDone(self._done))
 
-    def _tell_beside(self, first: int) -> None:
+    def _tell_beside(self, first: int, beside: int) -> None:
         if self._done > first:
-            told = f"{self._beside:,} photons came while the mirror turned between lines: they are not stored"
+            told = f"{beside:,} photons came while the mirror turned between lines: they are not stored"
             self._tell(Noticed(told, first, self._done - 1, kind="turns"))
 
     def _since_vouched_s(self) -> float:
@@ -435,7 +426,7 @@ class ScanEngine:
                     self._devices.galvo.point(*beam_dump_rad)
             leave([partial(self._consume, LightChanged(None, _now()))], problem)
             raise
-        self._consume(LightChanged(False, _now()))
+        self._consume(LightChanged(False, _now(), self._state.config.known_dark_by))
 
     def _take_bias(self) -> None:
         """Take the detector's bias away, and tell if that cannot be confirmed."""
@@ -445,6 +436,12 @@ class ScanEngine:
             at = min(self._done, len(self._plan) - 1)
             leave([partial(self._consume, Noticed(BIASED, at, at))], problem)
             raise
+
+    def _tell_of_bias(self) -> None:
+        """Tell of a bias that is a person's to switch off."""
+        if "bias" in self._devices.spad.by_hand:
+            at = min(self._done, len(self._plan) - 1)
+            self._consume(Noticed(STAYS_BIASED, at, at, kind="bias"))
 
     def _require_no_sync(self) -> None:
         if not self._sync_tells:

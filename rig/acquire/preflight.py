@@ -8,13 +8,13 @@ import numpy as np
 
 from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
-from rig.devices.kinds import check_settings, time_axis, timing_limits
+from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
-from rig.model.sweep import Trajectories, planned_duration_s
+from rig.model.sweep import Trajectories
 
 #: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
 BYTES_PER_PHOTON = 0.85
@@ -37,7 +37,10 @@ class Estimate:
     mirror_rad
         Largest optical angles that it needs, right and up.
     duration_s
-        How long it takes on hardware, with settling and readout, or with turns.
+        How long it takes on hardware, with settling and readout, or with turns and the loading of the mirror.
+    sweeps, loaded, loading_s
+        Of a mirror that never stops: number of sweeps, positions that are loaded into it for all of them, and
+        how long that takes; 0 of one that stops.
     """
 
     bins: int
@@ -46,6 +49,9 @@ class Estimate:
     bytes_on_disk: int
     mirror_rad: tuple[float, float]
     duration_s: float
+    sweeps: int = 0
+    loaded: int = 0
+    loading_s: float = 0.0
 
 
 def estimate(plan: ScanPlan, state: RigState) -> Estimate:
@@ -61,14 +67,23 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
     photons = plan.exposure_total_s * ASSUMED_RATE_HZ * len(state.channels)
     on_disk = int(min(in_memory, photons * BYTES_PER_PHOTON + len(plan) * 500))
     angles_rad = state.pointing.angles_rad(plan.spots_m)
-    if plan.continuous:
-        paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
-        farthest_rad = paths.farthest_rad()
-    else:
+    if not plan.continuous:
         x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
-        farthest_rad = x_rad, y_rad
-    duration_s = planned_duration_s(plan, state)
-    return Estimate(bins, bin_width_s, in_memory, on_disk, farthest_rad, duration_s)
+        return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad), plan.duration_s(state.config))
+    told = loading(state.config.galvo)
+    way = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s).way(told.longest)
+    loading_s = sum(map(told.duration_s, way.positions))
+    return Estimate(
+        bins,
+        bin_width_s,
+        in_memory,
+        on_disk,
+        way.farthest_rad,
+        way.duration_s + loading_s,
+        sweeps=len(way.positions),
+        loaded=sum(way.positions),
+        loading_s=loading_s,
+    )
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:

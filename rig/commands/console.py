@@ -35,6 +35,11 @@ def warn(message: str) -> None:
     err.print(Text("warning:", "yellow"), _plain(message))
 
 
+def shout(message: str) -> None:
+    """Tell the person what must not be missed."""
+    err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
+
+
 def _plain(text: str) -> Text:
     """Return text as it is: no markup in it, and no control characters."""
     return Text(printable(text))
@@ -147,6 +152,8 @@ class ScanProgress:
                 self._light = tell_light(event)
             case Noticed(sentence=sentence, first=first, last=last, kind="warning"):
                 warn(f"{sentence} (positions {first} to {last})")
+            case Noticed(sentence=sentence, kind="bias" | "loading"):
+                say(sentence)
             case StepDone(step=step, exposure=exposure):
                 self._measured += 1
                 self._photons += exposure.photons
@@ -192,7 +199,7 @@ def tell_light(event: LightChanged) -> str:
     if event.on:
         err.print(f"[bold red]LASER ON[/] since {time_of_day}")
         return "[bold red]LASER ON[/]"
-    err.print(f"laser dark, read back {time_of_day}")
+    err.print(f"laser dark, {event.how.removesuffix(' twice')} {time_of_day}")
     return "dark"
 
 

@@ -47,6 +47,14 @@ Frames = Annotated[
         metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
     ),
 ]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="RULE",
+        help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
+        "'time 60s'; rig resume goes on.",
+    ),
+]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
 Live = Annotated[
     bool,

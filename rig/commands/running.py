@@ -44,6 +44,17 @@ class Onlookers:
     live: bool = False
 
 
+def ending(rule: str, plan: ScanPlan, scan: Path | None = None) -> "Until":
+    """Return what ends a scan by a rule; of a scan that is taken up again, with what it holds."""
+    from rig.image.until import Rule, Until
+
+    until = Until(Rule.from_text(rule, plan))
+    if scan is not None:
+        with ScanFile(scan) as held:
+            until.take_up(held)
+    return until
+
+
 def run(
     acquisition: Acquisition,
     plan: ScanPlan,
@@ -159,6 +170,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
                 "live_time_s": result.live_time_s,
                 "took_s": round(took_s, 2),
                 "laser": _light(result),
+                "unverified": list(result.unverified),
             }
         )
         return

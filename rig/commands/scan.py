@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
+from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing, Until
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
-    from rig.image.until import Until
     from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
@@ -42,14 +41,7 @@ def scan(
             "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="RULE",
-            help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
-            "'time 60s'; rig resume goes on.",
-        ),
-    ] = None,
+    until: Until = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -84,7 +76,7 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
-      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
 
       rig scan --preset office-10ms          a dataset of the paper
 
@@ -98,7 +90,8 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
-    from rig.commands.running import Onlookers, run
+    from rig.commands.operator import ConsoleOperator
+    from rig.commands.running import Onlookers, ending, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model.plan import ScanPlan
@@ -120,7 +113,7 @@ def scan(
         motion=mode.value,
         frames=frames,
     )
-    ending = _ending(until, plan) if until else None
+    end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
@@ -138,21 +131,21 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    others, records = Onlookers(end, live), beside(target) if ptu else None
     run(
-        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        lambda watch: acquire(
+            plan,
+            state,
+            target,
+            replace(watch, records=records),
+            ConsoleOperator(watch.should_stop, yes=yes),
+        ),
         plan,
         target,
         as_json,
         needed,
         others,
     )
-
-
-def _ending(rule: str, plan: "ScanPlan") -> "Until":
-    from rig.image.until import Rule, Until
-
-    return Until(Rule.from_text(rule, plan))
 
 
 def _show_presets(as_json: bool) -> None:
@@ -230,11 +223,14 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
                 "duration_s": found.duration_s,
+                "sweeps": found.sweeps,
+                "loading_s": found.loading_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
                 "mirror_limit_deg": limits,
                 "calibrations": sorted(state.calibrations.records),
+                "unverified": list(config.unverified),
             }
         )
         return
@@ -253,8 +249,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(found.duration_s)} on hardware, with "
-            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "time": f"~{show_duration(found.duration_s)} on hardware, with " + _beside_exposure(plan, found),
+            **({"loading": _loading_in_words(found)} if found.loading_s else {}),
             "photons"
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
@@ -263,8 +259,23 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
+            **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),
         },
     )
+
+
+def _loading_in_words(found: "Estimate") -> str:
+    from rig.model.sweep import loading_in_words
+
+    sweeps = f"{found.sweeps} sweeps" if found.sweeps > 1 else "one sweep"
+    return f"{sweeps}: {loading_in_words(found.loaded, found.loading_s)}"
+
+
+def _beside_exposure(plan: "ScanPlan", found: "Estimate") -> str:
+    """Say what takes time beside exposures."""
+    if not plan.continuous:
+        return "settling and readout"
+    return "turns between lines" + (" and loading" if found.loading_s else "")
 
 
 def _order_in_words(grid: "GridPositions") -> str:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from drivers.errors import DeviceError, LinkError, RefusedError
+from rig.devices.by_hand import LaserByHand
 from rig.model.devices import Clock, Laser, Settings
 
 #: How often a laser that is lit is looked at.
@@ -152,6 +153,27 @@ class Guard:
         if problem := self._put_out():
             self._in_alarm(str(problem))
             raise problem
+
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can; after an alarm it is told.
+
+        Raises
+        ------
+        RefusedError
+            If the laser can be asked itself.
+        """
+        if not isinstance(self._laser, LaserByHand):
+            raise RefusedError("laser", "be taken as dark", "it can be asked itself", "Ask it.")
+        self._laser.take_word()
+        if self.light is Light.ALARM:
+            self._try_again(at_once=True)
+        else:
+            self.light = Light.DARK
+
+    @property
+    def opens_anew(self) -> bool:
+        """Whether opening the laser's line anew can put it out."""
+        return not isinstance(self._laser, LaserByHand)
 
     def settings(self) -> Settings:
         """Return what the laser says of itself."""

@@ -44,6 +44,10 @@ class GuardedHere:
         """Put the light out."""
         self._guard.stop()
 
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can."""
+        self._guard.take_word()
+
     def emitting(self) -> bool:
         """Ask the laser now."""
         return self._guard.emitting()

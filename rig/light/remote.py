@@ -130,6 +130,12 @@ class GuardedElsewhere:
             self._ask("stop")
             self._lost.clear()
 
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can."""
+        self._lit = False
+        if not self._alone:
+            self._ask("take word")
+
     def emitting(self) -> bool:
         """Ask the laser now."""
         return bool(self._ask("emitting"))

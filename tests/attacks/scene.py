@@ -86,12 +86,13 @@ def attacked_rig(
     library = TappedLibrary(harp.functions, tap)
     board = SharedBoard(SimulatedBoard(bench))
     wires = Wires(
-        addresses["galvo"],
-        addresses["laser"],
-        usb,
-        partial(HarpLibrary, library),
-        lambda _: board,
-        bench.clock,
+        galvo=addresses["galvo"],
+        laser=addresses["laser"],
+        usb_backend=usb,
+        harp=partial(HarpLibrary, library),
+        daq=lambda _: board,
+        clock=bench.clock,
+        sync_hz=config.laser.repetition_hz,
     )
     try:
         yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)

@@ -14,6 +14,7 @@ DEVICES = {
     "laser_08hp": devices.Laser,
     "laser_nkt": devices.Laser,
     "spad": devices.GatedSpad,
+    "mpd": devices.GatedSpad,
 }
 
 

@@ -1,24 +1,23 @@
 """Continuous scans through the real drivers and the simulated wires: whole, disturbed, taken up again."""
 
+import json
+import re
 from contextlib import ExitStack
-from functools import partial
 
 import numpy as np
 import pytest
 
-from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError
-from drivers.harp.library import HarpLibrary
 from rig.acquire.acquisition import Watch, acquire, record, resume
 from rig.acquire.connect import devices_on
 from rig.acquire.events import LineDone, Noticed, Outcome, Recorded, StepDone
 from rig.bench.simulated import simulated_instruments
-from rig.devices.kinds import Wires
 from rig.errors import DoubtError
 from rig.files import ScanFile
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.simulated_wires import wires_to
 
 CONFIG = built_in_with({"simulation": {"seed": 5}, "calibration": {"use": False}})
 COLUMNS, ROWS = 24, 8
@@ -49,15 +48,7 @@ class Rig:
         self._stack.enter_context(instruments)
         self.instruments = instruments
         self.harp = instruments._harp.instrument
-        board = SharedBoard(instruments.daq)
-        wires = Wires(
-            galvo=instruments.galvo_url,
-            laser=instruments.laser_url,
-            usb_backend=instruments.usb_backend,
-            harp=partial(HarpLibrary, instruments.harp),
-            daq=lambda device: board,
-            clock=self.bench.clock,
-        )
+        wires = wires_to(self.config, self.bench, instruments)
         self.devices = self._stack.enter_context(devices_on(self.config, wires, tagged=True))
         return self
 
@@ -212,6 +203,24 @@ def test_without_a_point_clock_nothing_begins(tmp_path, rig):
     assert done.code == 4, done
     assert "[point_clock]" in done.err
     assert not (tmp_path / "a.h5").exists()
+
+
+def test_the_loading_of_the_mirror_is_told_before_and_meanwhile_in_the_same_words(tmp_path, rig):
+    """60 x 20 positions, three between each two lines, four to set off and four to stop."""
+    small = ("--grid", "60x20", "--spacing", "2cm", "--exposure", "1ms", "--mode", "continuous")
+    dry = rig("scan", *small, "--dry-run")
+    words = re.search(r"one sweep: (1,265 positions are loaded into the mirror, .*1\.17 s)", dry.out)
+    assert words, dry.out
+    plan = json.loads(rig("scan", *small, "--dry-run", "--json").out)
+    assert plan["sweeps"] == 1
+    assert plan["loading_s"] == pytest.approx(1265 * 0.922e-3, rel=0.01)
+    done = rig("scan", *small, "--out", "a.h5")
+    assert done.code == 0, done.err
+    assert words[1] in done.err
+    with ScanFile(tmp_path / "a.h5") as scan:
+        (note,) = [note for note in scan.events if note.kind == "loading"]
+    assert note.sentence == words[1]
+    assert (note.first, note.last) == (0, scan.steps - 1)
 
 
 def test_from_the_command_line_to_the_image(tmp_path, rig):

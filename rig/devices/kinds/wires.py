@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from drivers.daq.board import SharedBoard
 from drivers.harp.family import Family
 from drivers.harp.library import HarpLibrary
-from rig.model.devices import Clock
+from rig.model.devices import Clock, Operator
 
 
 @dataclass(frozen=True)
@@ -15,8 +15,10 @@ class Wires:
 
     Attributes
     ----------
-    galvo, laser
+    galvo, laser, detector, delayer, shutter
         Serial ports or pyserial URLs.
+    sync_hz
+        Sync pulses a second, which come to all that follows the laser.
     usb_backend
         Of pyusb; None for the system's.
     harp
@@ -25,6 +27,8 @@ class Wires:
         Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
         The time that all devices share.
+    operator
+        Who sets by hand what has no data interface; None where nobody is there.
     """
 
     galvo: str
@@ -33,3 +37,8 @@ class Wires:
     harp: Callable[[Family], HarpLibrary]
     daq: Callable[[str], SharedBoard]
     clock: Clock
+    sync_hz: float
+    detector: str = ""
+    delayer: str = ""
+    shutter: str = ""
+    operator: Operator | None = None
