@@ -17,10 +17,11 @@ from usb.core import USBError, USBTimeoutError
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
 from drivers.errors import DeviceError
-from drivers.hydraharp.device import HydraHarp
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.hydraharp.stream import HydraHarpStream
+from drivers.harp.device import Harp
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings
+from drivers.harp.stream import HarpStream
 from drivers.id120 import Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
@@ -32,7 +33,7 @@ from simulators.bench import Bench
 from simulators.wire.nkt import NktMainboard
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.serial_url.protocol_sim import Firmware
-from support.hydraharp_wire import C_TYPES, DECLARED, write
+from support.harp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
 from support.wire_script import StepClock
@@ -272,11 +273,11 @@ def harp(random: Random) -> dict[str, Any]:
 
 def read_harp(given: dict[str, Any]) -> None:
     """Open, measure, ask for rates, warnings and settings."""
-    with HydraHarp(
+    with Harp(
         _library(given),
         clock=StepClock(),
         serial="1000001",
-        settings=replace(HydraHarpSettings(), bins=1024),
+        settings=replace(HarpSettings(family=HYDRAHARP_400), bins=1024),
     ) as instrument:
         instrument.measure(0.001)
         rates = instrument.rates()
@@ -289,7 +290,7 @@ def read_harp(given: dict[str, Any]) -> None:
 
 def read_stream(given: dict[str, Any]) -> None:
     """Open in time-tagged mode, and take what is recorded."""
-    with HydraHarpStream(_library(given), clock=StepClock(), serial="1000001") as stream:
+    with HarpStream(_library(given), clock=StepClock(), serial="1000001") as stream:
         stream.start(0.001)
         number = 0
         for piece in stream.pieces():
@@ -297,7 +298,7 @@ def read_stream(given: dict[str, Any]) -> None:
             number += len(piece.records)
 
 
-def _library(given: dict[str, Any]) -> HHLib:
+def _library(given: dict[str, Any]) -> HarpLibrary:
     def function(name: str) -> Any:
         def call(*arguments: Any) -> int:
             if code := given["codes"].get(name, 0):
@@ -309,7 +310,7 @@ def _library(given: dict[str, Any]) -> HHLib:
 
         return CFUNCTYPE(c_int, *(C_TYPES[c_type] for c_type in DECLARED[name]))(call)
 
-    return HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
+    return HarpLibrary(SimpleNamespace(**{name: function(name) for name in DECLARED}), HYDRAHARP_400)
 
 
 def spad(random: Random) -> tuple[Table, int | None]:
