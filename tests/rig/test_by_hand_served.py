@@ -104,7 +104,7 @@ def test_a_person_at_a_terminal_scans_behind_a_shutter(external, tmp_path):
         say_yes(program, 3)  # light it, laser, detector
         program.until("LASER ON")
         program.until("laser dark, by its shutter")
-        program.until("stays biased")
+        program.until("stays BIASED")
         assert program.process.wait(20) == 0
         assert "only its shutter keeps" in program.seen
     assert external.values("shutter open") == ["1", "0"]
