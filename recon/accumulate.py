@@ -120,13 +120,20 @@ class Accumulator:
         """
         bright = self.arrived.copy()
         bright[len(bright) if last is None else last :] = False
-        shown = np.flatnonzero(bright) if among is None else np.arange(among)
+        # a slice where it can be: taking some of the spectra takes as long as a tenth of the image
+        if among is not None or bright.all():
+            shown: NDArray[np.intp] | slice = slice(among)
+        else:
+            shown = np.flatnonzero(bright)
         weight = bright[shown] if weights is None else (bright * weights)[shown].astype(np.float32)
 
         def spectra(*asked: object) -> list[NDArray[np.complexfloating]]:
+            if weights is None and weight.all():
+                return [one[:, shown].copy() for one in self._transform.spectra]
             return [one[:, shown] * weight for one in self._transform.spectra]
 
-        part = replace(self._problem, capture=subset(self._capture, shown), spectra=spectra)
+        part = replace(self._problem, capture=subset(self._capture, np.arange(len(bright))[shown]))
+        part = replace(part, spectra=spectra)
         return focused(part, "rsd", self.pulse)
 
     def surface(self, image: Image, weights: NDArray[np.floating] | None = None) -> Surface:
