@@ -198,6 +198,19 @@ def test_a_delayer_by_hand_is_asked_for_the_delay_without_what_cables_add(folder
         assert any("(box) to 25 ns" in words for words in person.asked[asked:])
 
 
+def test_behind_a_delayer_a_person_sets_no_delay_at_the_detector(folder):
+    """The box adds 21 ns by itself, of which the configuration knows 11: the gate opens 10 ns late."""
+    text = DETECTOR + '[delayer]\nkind = "t560"\ninsertion_delay = "11ns"\n' + SIMULATION
+    with at_the_bench(written(text)) as (devices, person, bench):
+        devices.spad.enable()
+        assert "gated by its trigger input, open for 40 ns" in person.asked[0]
+        assert bench.light.gate_delay_s == pytest.approx(41.5e-9, abs=1e-12)
+        assert bench.light.sensitive
+        devices.spad.disable()
+        assert not bench.light.sensitive  # biased as before, but no gate opens
+    assert not bench.light.triggered
+
+
 @pytest.mark.parametrize("text", [LASER, LASER + DAQ_SHUTTER], ids=["by hand", "shutter"])
 def test_a_laser_that_was_not_switched_on_is_not_believed(folder, text):
     config = written(text + SIMULATION)
