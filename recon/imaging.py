@@ -87,13 +87,7 @@ def image(
     """
     window = window or Window()
     _known(solver)
-    if device != "cpu" and "device" not in SOLVERS[solver].options:
-        raise ParameterError(
-            f"solver {solver}",
-            f"device {device}",
-            "it computes on the cpu alone",
-            f"Use {' or '.join(taking('device'))}, or the cpu.",
-        )
+    check_device(solver, device)
     problem = replace(
         plan(capture, pulse, grid, camera, window, progress),
         device=device,
@@ -178,6 +172,17 @@ def bounded(problem: ImagingProblem, solver: str, memory_bytes: int | None) -> I
             f"Use {' or '.join(BOUNDED)}.",
         )
     return memory.cut(problem, load(needs), memory_bytes)
+
+
+def check_device(solver: str, device: str) -> None:
+    """Raise `recon.errors.ParameterError` if a solver does not compute on a device."""
+    if device != "cpu" and "device" not in SOLVERS[solver].options:
+        raise ParameterError(
+            f"solver {solver}",
+            f"device {device}",
+            "it computes on the cpu alone",
+            f"Use {' or '.join(taking('device'))}, or the cpu.",
+        )
 
 
 def _known(solver: str) -> None:

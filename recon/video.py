@@ -7,6 +7,7 @@ frequencies, T frames and V voxels in a plane, are then 4 T V bytes of front vie
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from recon.camera import TransientCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
-from recon.imaging import Progress, bounded, plan, planes
+from recon.imaging import Progress, bounded, check_device, plan, planes
 from recon.result import Image
 from recon.sampling import path_limits_m
 from recon.wave import VirtualPulse
@@ -45,12 +46,13 @@ def video(
     window: Window | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
+    device: str = "cpu",
 ) -> Image:
     """Film how the flash of one point source travels through the hidden scene.
 
     Parameters
     ----------
-    capture, pulse, grid, solver, window, progress, memory_bytes
+    capture, pulse, grid, solver, window, progress, memory_bytes, device
         As of `recon.imaging.image`.
     camera
         Which moments to show.
@@ -74,7 +76,9 @@ def video(
             "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
         )
     window = window or Window()
-    problem = bounded(plan(capture, pulse, grid, camera, window, progress), solver, memory_bytes)
+    check_device(solver, device)
+    problem = replace(plan(capture, pulse, grid, camera, window, progress), device=device)
+    problem = bounded(problem, solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(problem, solver)):

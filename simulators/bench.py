@@ -134,7 +134,9 @@ class LightState:
     repetition_hz
         Pulses a second.
     biased
-        Whether the detector can detect at all.
+        Whether the detector has its bias.
+    triggered
+        Whether anything opens the gate; without it a gated detector detects nothing.
     gated
         True: sensitive only inside the gate. False: free running.
     gate_delay_s, gate_width_s
@@ -145,6 +147,8 @@ class LightState:
         What filters in the beam let pass.
     blocked
         Whether a beam stop keeps the light from the wall; the laser's sync pulses go on.
+    shuttered
+        Whether a shutter keeps the light in; the laser's sync pulses go on.
     covered
         Whether the detector's lens is covered.
     lamp_hz
@@ -155,12 +159,14 @@ class LightState:
     power: float = 1.0
     repetition_hz: float = 10e6
     biased: bool = False
+    triggered: bool = True
     gated: bool = False
     gate_delay_s: float = 0.0
     gate_width_s: float = 40e-9
     hold_off_s: float = 100e-9
     attenuation: float = 1.0
     blocked: bool = False
+    shuttered: bool = False
     covered: bool = False
     lamp_hz: float = 0.0
 
@@ -170,9 +176,15 @@ class LightState:
         return self.repetition_hz if self.emitting else 0.0
 
     @property
+    def sensitive(self) -> bool:
+        """Whether the detector can detect at all."""
+        return self.biased and (self.triggered or not self.gated)
+
+    @property
     def on_wall(self) -> float:
         """Fraction of the laser's full power that reaches the wall."""
-        return self.power * self.attenuation if self.emitting and not self.blocked else 0.0
+        stopped = self.blocked or self.shuttered
+        return self.power * self.attenuation if self.emitting and not stopped else 0.0
 
     @property
     def received(self) -> float:

@@ -72,7 +72,7 @@ class HiddenScenePhotons:
     ) -> Detections:
         """Draw the detections of ``duration_s``, times after sync folded into one period [s]."""
         seen_s = [self.detector.background_times(light, duration_s, rng)]
-        if light.biased and light.received > 0:
+        if light.sensitive and light.received > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
             seen_s.append(arrivals_s[self.detector.passes(arrivals_s, light, rng)])
@@ -88,7 +88,7 @@ class HiddenScenePhotons:
         """
         background_s = self.detector.background_times(light, track.duration_s, rng)
         seen = [(background_s, rng.random(len(background_s)))]
-        if light.biased and light.received > 0:
+        if light.sensitive and light.received > 0:
             arrivals_s, moments = self._arrivals_along(track, light, rng)
             passing = self.detector.passes(arrivals_s, light, rng)
             seen.append((arrivals_s[passing], moments[passing]))
@@ -100,7 +100,7 @@ class HiddenScenePhotons:
     def rate_hz(self, laser_spot_m: Spot, light: LightState) -> float:
         """Return the expected detections a second; the gate's edges are met at the patches' centres."""
         seen_hz = self.detector.background_hz(light)
-        if light.biased and light.received > 0:
+        if light.sensitive and light.received > 0:
             seen_hz += self._light_hz(laser_spot_m, light)
         return self.detector.detected_hz(seen_hz, light)
 

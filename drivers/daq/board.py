@@ -140,8 +140,9 @@ class SharedBoard:
             return self._board.fastest_hz(analogue=analogue)
 
     def set_lines(self, lines: Sequence[str], level: bool) -> None:
-        """Set lines to one level, now; what is loaded for lines is forgotten."""
-        self._lines = None
+        """Set lines to one level, now; what is loaded for some of them is forgotten."""
+        if self._lines and set(lines) & set(self._lines.names):
+            self._lines = None
         with self._asked(f"set {', '.join(lines)}"):
             self._board.set_lines(lines, [level] * len(lines))
 

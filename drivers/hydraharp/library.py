@@ -23,6 +23,7 @@ from drivers.hydraharp.constants import (
 )
 from drivers.hydraharp.errors import HydraHarpError
 from drivers.hydraharp.limits import MAX_BINS
+from drivers.lines.listening import tapped_functions
 
 #: What a histogram or records begin with until the library has written them. A bin that is full holds as
 #: many: 4 billion photons in the first bin, which no exposure here comes near. No record has all bits set.
@@ -117,6 +118,7 @@ class HHLib:
 
     def __init__(self, functions: object, *, name: str = "HHLib") -> None:
         self.name = name
+        functions = tapped_functions(functions)
         self._functions: dict[str, Any] = {}
         for function_name, argument_types in PROTOTYPES.items():
             try:

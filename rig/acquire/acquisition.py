@@ -43,12 +43,17 @@ UNSEEN_END = (
 
 @dataclass(frozen=True)
 class ScanResult:
-    """What a scan gave; ``light`` is what was last known of the laser's, None where no device was opened."""
+    """What a scan gave.
+
+    ``light`` is what was last known of the laser's, None where no device was opened; ``unverified`` says what
+    was set by hand.
+    """
 
     ended: Ended
     photons: int
     live_time_s: float
     light: LightChanged | None = None
+    unverified: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -161,8 +166,14 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
     )
 
 
-def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
-    """Run a plan on a rig, into a new scan file.
+def acquire(
+    plan: ScanPlan,
+    state: RigState,
+    target: Path,
+    watch: Watch | None = None,
+    operator: Operator | None = None,
+) -> ScanResult:
+    """Run a plan on a rig, into a new scan file; ``operator`` sets what has no data interface.
 
     Raises
     ------
@@ -173,7 +184,7 @@ def acquire(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None =
     rig.errors.RefusedError
         If the plan goes beyond what was calibrated.
     """
-    with open_devices(state.config, tagged=plan.continuous) as devices:
+    with open_devices(state.config, tagged=plan.continuous, operator=operator) as devices:
         return record(plan, state.of_devices(devices.identities()), devices, target, watch)
 
 
@@ -242,10 +253,17 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
     return plan, RigState(mine, began.calibrations)
 
 
-def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = None) -> ScanResult:
+def resume(
+    plan: ScanPlan,
+    state: RigState,
+    target: Path,
+    watch: Watch | None = None,
+    operator: Operator | None = None,
+) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
-    Where the instrument's records were kept beside it, those of what follows are kept in a file of their own.
+    ``operator`` sets what has no data interface. Where the instrument's records were kept beside it, those of
+    what follows are kept in a file of their own.
 
     Raises
     ------
@@ -259,7 +277,10 @@ def resume(plan: ScanPlan, state: RigState, target: Path, watch: Watch | None = 
             return _end(target)
         measured = int(scan.done.argmin())
     begin_s = _begin_s(plan, state, measured)
-    with open_devices(state.config, first=measured, tagged=plan.continuous, begin_s=begin_s) as devices:
+    opened = open_devices(
+        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator
+    )
+    with opened as devices:
         with ScanFile(target) as scan:
             _same_devices(scan, devices)
         watch, description = watch or Watch(), describe(plan, state, devices)
@@ -317,10 +338,13 @@ def _run(
         for consumer in everyone:
             consumer(event)
 
+    first = min(writer.appended, writer.steps - 1)
+    for sentence in state.config.unverified:
+        writer.note(sentence, first, first, "by hand")
     engine = ScanEngine(devices, plan, state, first=writer.appended, operator=operator)
     with log:
         ended = engine.run(consume, watch.should_stop)
-    return ScanResult(ended, recorder.photons, recorder.live_time_s, recorder.light)
+    return ScanResult(ended, recorder.photons, recorder.live_time_s, recorder.light, state.config.unverified)
 
 
 def _same_devices(scan: ScanFile, devices: Devices) -> None:

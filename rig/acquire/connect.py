@@ -1,6 +1,6 @@
 """The composition root: opens the devices that a configuration names, real or simulated at their wires."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,13 +9,16 @@ from drivers.daq.board import SharedBoard
 from drivers.hydraharp.library import HHLib
 from drivers.video_camera import VideoCamera
 from rig.acquire.engine import Devices
-from rig.devices.kinds import DETECTORS, GALVOS, LASERS, POINT_CLOCKS, TIMING, Wires
+from rig.devices.delayed_gate import open_detector
+from rig.devices.kinds import GALVOS, POINT_CLOCKS, TIMING, Wires
+from rig.devices.shuttered import open_laser
 from rig.devices.wires import wires_by_address
 from rig.errors import RefusedError
+from rig.light.attended import BehindItsShutter, SwitchedByHand, TakesWord
 from rig.light.guarded import GuardedHere
 from rig.light.lock import locked
 from rig.light.remote import GuardedElsewhere
-from rig.model.config import RigConfig
+from rig.model.config import ExternalLaserConfig, RigConfig
 from rig.model.devices import GatedSpad, GuardedLaser, Operator, PointClock, Tcspc, TimeTagger, WallCamera
 
 if TYPE_CHECKING:
@@ -33,7 +36,12 @@ class Station:
 
 @contextmanager
 def open_devices(
-    config: RigConfig, first: int = 0, *, tagged: bool = False, begin_s: float = 0.0
+    config: RigConfig,
+    first: int = 0,
+    *,
+    tagged: bool = False,
+    begin_s: float = 0.0,
+    operator: Operator | None = None,
 ) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
@@ -48,6 +56,8 @@ def open_devices(
         them, instead of histograms that the instrument makes.
     begin_s
         Time at which the clock of a simulated bench begins.
+    operator
+        Who sets by hand what has no data interface; None where nobody is there. A simulated rig has its own.
 
     Raises
     ------
@@ -61,8 +71,39 @@ def open_devices(
             wires, _ = stack.enter_context(_simulated(config, begin_s))
         else:
             stack.enter_context(locked(config))
-            wires = stack.enter_context(wires_by_address(config))
+            wires = stack.enter_context(wires_by_address(config, operator))
         yield stack.enter_context(devices_on(config, wires, first, tagged=tagged))
+
+
+#: Reaches the wires of one device, named by its section of the configuration.
+Reach = Callable[[str], AbstractContextManager[Wires]]
+
+
+@contextmanager
+def wires_of(config: RigConfig) -> Iterator[Reach]:
+    """Have a rig alone, and give what reaches the wires of one device after the other; none is opened yet.
+
+    Raises
+    ------
+    RefusedError
+        If another program has the rig.
+    """
+    with ExitStack() as stack:
+        if config.simulated:
+            wires, _ = stack.enter_context(_simulated(config))
+            yield lambda section: nullcontext(wires)
+        else:
+            stack.enter_context(locked(config))
+            yield lambda section: wires_by_address(_without_others(config, section))
+
+
+def _without_others(config: RigConfig, section: str) -> RigConfig:
+    """Return a configuration in which one device alone has an address: no other one is reached."""
+    named = {name: getattr(config, name) for name in type(config).model_fields if name != section}
+    others = {name: one for name, one in named.items() if getattr(one, "address", None)}
+    return config.model_copy(
+        update={name: one.model_copy(update={"address": None}) for name, one in others.items()}
+    )
 
 
 @contextmanager
@@ -74,13 +115,15 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
     with ExitStack() as stack:
         galvo = stack.enter_context(GALVOS.of(config.galvo).open(config.galvo, wires))
         clock = stack.enter_context(_point_clock(config, wires, tagged))
-        spad = stack.enter_context(DETECTORS.of(config.detector).open(config.detector, wires))
+        spad = stack.enter_context(open_detector(config, wires))
+        tcspc = stack.enter_context(_timing(config, wires, first, tagged))
+        guarded = _guarded(config, wires, stack, spad)  # the last, so that it is the first to be made safe
         yield Devices(
             galvo=galvo,
             point_clock=clock,
             spad=spad,
-            tcspc=stack.enter_context(_timing(config, wires, first, tagged)),
-            laser=_guarded(config, wires, stack, spad),  # the last, so that it is the first to be made safe
+            tcspc=tcspc,
+            laser=_attended(config, wires, stack, guarded, lambda: tcspc.rates().sync_hz),
             clock=wires.clock,
         )
 
@@ -125,7 +168,7 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
             operator, cameras = simulated_operator(bench)
         else:
             stack.enter_context(locked(config))
-            wires = stack.enter_context(wires_by_address(config))
+            wires = stack.enter_context(wires_by_address(config, operator))
             cameras = tuple(stack.enter_context(VideoCamera(one)) for one in config.cameras.addresses)
         yield Station(stack.enter_context(devices_on(config, wires, tagged=tagged)), operator, cameras)
 
@@ -133,6 +176,7 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
 @contextmanager
 def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
+    from rig.bench.operator import SimulatedOperator
     from rig.bench.simulated import simulated_instruments
 
     bench, instruments = simulated_instruments(config, begin_s)
@@ -147,16 +191,33 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 hhlib=lambda: HHLib(instruments.hhlib),
                 daq=lambda device: board,
                 clock=bench.clock,
+                sync_hz=config.laser.repetition_hz,
+                detector=instruments.detector_url,
+                delayer=instruments.delayer_url,
+                shutter=instruments.shutter_url,
+                operator=SimulatedOperator(bench),
             ),
             bench,
         )
 
 
-def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> GuardedLaser:
+def _guarded(config: RigConfig, wires: Wires, stack: ExitStack, spad: GatedSpad) -> TakesWord:
     """Open the laser behind its guard: a process of its own, unless laser and program end together anyway."""
     if config.simulated:
-        laser = stack.enter_context(LASERS.of(config.laser).open(config.laser, wires))
+        laser = stack.enter_context(open_laser(config, wires))
         return GuardedHere(laser, wires.clock)
     guarded = GuardedElsewhere(config)
     guarded.when_hanging.append(spad.disable)
     return stack.enter_context(guarded)
+
+
+def _attended(
+    config: RigConfig, wires: Wires, stack: ExitStack, guarded: TakesWord, sync_hz: Callable[[], float]
+) -> GuardedLaser:
+    """Put the person in front of a laser without a data interface."""
+    if not isinstance(config.laser, ExternalLaserConfig):
+        return guarded
+    person = (guarded, config, wires.operator, sync_hz, wires.clock)
+    if config.shutter is None:
+        return stack.enter_context(SwitchedByHand(*person))
+    return stack.enter_context(BehindItsShutter(*person))

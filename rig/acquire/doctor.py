@@ -98,10 +98,10 @@ def _served(what: str, address: str) -> Finding:
 
 
 def _detector(config: RigConfig) -> Finding:
-    if config.detector.address:
-        return _served(f"served detector at {config.detector.address}", config.detector.address)
     if not isinstance(config.detector, Id120Config):
         return Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")
+    if config.detector.address:
+        return _served(f"served detector at {config.detector.address}", config.detector.address)
 
     from drivers.errors import DeviceError
     from drivers.id120 import ID120

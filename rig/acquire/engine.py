@@ -58,6 +58,9 @@ WORTH_CUTTING_S = 0.3
 #: While the mirror does not stop, everything is read back so often at the ends of lines.
 VOUCH_S = 0.5
 
+#: What is said of a detector whose bias only a person can take away, when it has been closed as ever.
+STAYS_BIASED = "the detector stays BIASED, as a person has set it: its bias can only be switched off by hand"
+
 #: What is said of a detector whose bias could not be taken away, or that could not be asked.
 BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
 
@@ -182,7 +185,7 @@ class ScanEngine:
         finally:
             ended = Ended(outcome, self._done, reason)
             closing, told = partial(consume, PhaseChanged(Phase.CLOSING)), partial(consume, ended)
-            leave([self._put_out, self._take_bias, closing, told], during)
+            leave([self._put_out, self._take_bias, self._tell_of_bias, closing, told], during)
         return ended
 
     def _run_passes(self) -> None:
@@ -198,6 +201,7 @@ class ScanEngine:
             self._expose(steps)
             if self._done < steps.stop:
                 return
+        self._set_hold_off_back()
 
     def _set_up(self, one: Pass) -> None:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
@@ -224,6 +228,16 @@ class ScanEngine:
             self._devices.spad.set_hold_off(hold_off_s)
             self._hold_off_s = hold_off_s
 
+    def _set_hold_off_back(self) -> None:
+        """Leave the hold-off as the configuration has it: a person may have to set it, who is there still."""
+        usual_s = self._state.config.detector.hold_off_s
+        if self._hold_off_s == usual_s:
+            return
+        self._put_out()
+        self._take_bias()
+        self._devices.spad.set_hold_off(usual_s)
+        self._hold_off_s = usual_s
+
     def _light_up(self, pass_index: int) -> None:
         devices = self._devices
         self._consume(PhaseChanged(Phase.AIMING))
@@ -248,6 +262,7 @@ class ScanEngine:
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
+        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
         warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
@@ -412,7 +427,7 @@ class ScanEngine:
                     self._devices.galvo.point(*beam_dump_rad)
             leave([partial(self._consume, LightChanged(None, _now()))], problem)
             raise
-        self._consume(LightChanged(False, _now()))
+        self._consume(LightChanged(False, _now(), self._state.config.known_dark_by))
 
     def _take_bias(self) -> None:
         """Take the detector's bias away, and tell if that cannot be confirmed."""
@@ -422,6 +437,12 @@ class ScanEngine:
             at = min(self._done, len(self._plan) - 1)
             leave([partial(self._consume, Noticed(BIASED, at, at))], problem)
             raise
+
+    def _tell_of_bias(self) -> None:
+        """Tell of a bias that is a person's to switch off."""
+        if "bias" in self._devices.spad.by_hand:
+            at = min(self._done, len(self._plan) - 1)
+            self._consume(Noticed(STAYS_BIASED, at, at, kind="bias"))
 
     def _require_no_sync(self) -> None:
         if not self._sync_tells:

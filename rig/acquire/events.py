@@ -95,17 +95,20 @@ class LightChanged:
         Whether the laser says that it emits; None where it could not be asked or does not obey.
     when
         Local time at which it was read back, ISO 8601.
+    how
+        What speaks for darkness.
     """
 
     on: bool | None
     when: str
+    how: str = "read back twice"
 
     @property
     def words(self) -> str:
         """What is known, as a sentence."""
         if self.on is None:
             return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
-        return f"laser on since {self.when}" if self.on else f"laser dark, read back twice at {self.when}"
+        return f"laser on since {self.when}" if self.on else f"laser dark, {self.how} at {self.when}"
 
 
 @dataclass(frozen=True)

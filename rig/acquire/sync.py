@@ -2,6 +2,7 @@
 
 from math import isclose
 
+from rig.errors import RefusedError
 from rig.model.devices import Rates, Settings
 from rig.model.quantities import show
 
@@ -26,6 +27,33 @@ def none_came(settings: Settings) -> str:
     return (
         "the timing instrument sees no sync pulses although the laser says that it emits. "
         f"Check the sync cable{level}, then scan again"
+    )
+
+
+def require_gate(detector: Settings, repetition_hz: float) -> None:
+    """Refuse a gate that does not follow the laser, where the detector tells how often it opens.
+
+    Parameters
+    ----------
+    detector
+        Its settings, as read back while the laser emits.
+    repetition_hz
+        Pulses a second of the laser.
+
+    Raises
+    ------
+    RefusedError
+        If the gate opens more or less often.
+    """
+    gate_hz = detector.get("gate_rate_hz")
+    if gate_hz is None or not detector.get("gated"):
+        return
+    if isclose(float(gate_hz), repetition_hz, rel_tol=AS_SET):
+        return
+    raise RefusedError(
+        f"the detector's gate opens {show(float(gate_hz), 'Hz')}, and the laser is set to "
+        f"{show(repetition_hz, 'Hz')}: check the cable from the laser's sync output to the gate, the "
+        "thresholds of detector and delayer, and the delayer's output"
     )
 
 

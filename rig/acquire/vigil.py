@@ -14,7 +14,16 @@ from drivers.errors import DeviceError, LinkError, ProtocolError
 from rig.errors import DoubtError, LightLostError
 from rig.light.guard import ASKING_LEASE_S, LIBRARY_LEASE_S
 from rig.model.config import RigConfig
-from rig.model.devices import Clock, Exposure, Galvo, GuardedLaser, Rates, Settings, TimingInstrument
+from rig.model.devices import (
+    Clock,
+    Exposure,
+    Galvo,
+    GatedSpad,
+    GuardedLaser,
+    Rates,
+    Settings,
+    TimingInstrument,
+)
 from rig.model.quantities import show
 from rig.model.state import RigState
 
@@ -34,8 +43,8 @@ DRIFTING = {
     "trajectory_positions",
 }
 
-#: By how much a number that is read back may differ, relative: of the sync rate, of a measured bias, of
-#: everything else that was set.
+#: By how much a number that is read back may differ, relative: of the rates of sync pulses and of gates, of
+#: a measured bias, of everything else that was set.
 SYNC_WITHIN = 0.01
 BIAS_WITHIN = 0.05
 SET_WITHIN = 1e-3
@@ -69,6 +78,11 @@ class Rig(Protocol):
     @property
     def galvo(self) -> Galvo:
         """The mirror."""
+        ...
+
+    @property
+    def spad(self) -> GatedSpad:
+        """The detector."""
         ...
 
     @property
@@ -126,9 +140,17 @@ class Vigil:
         if rates.input_hz > self._bearable_hz:
             raise DoubtError(
                 f"the detector counts {show(rates.input_hz, 'counts/s')}, and more than "
-                f"{show(self._bearable_hz, 'counts/s')} may harm it: too much light. Its bias is taken away. "
+                f"{show(self._bearable_hz, 'counts/s')} may harm it: too much light. {self._what_is_done()} "
                 "Check room light, gate and filters (detector.max_count_rate is the limit)."
             )
+
+    def _what_is_done(self) -> str:
+        if "bias" not in self._rig.spad.by_hand:
+            return "Its bias is taken away."
+        return (
+            "Light and gate are taken away, as far as the program can; ITS BIAS IT CANNOT: SWITCH IT OFF BY "
+            "HAND, NOW."
+        )
 
     def measured(self, exposure: Exposure) -> None:
         """Add up what was counted since everything was read back the last time.
@@ -301,4 +323,6 @@ def _flat(settings: Mapping[str, Settings]) -> dict[str, object]:
 def _same(name: str, was: object, now: object) -> bool:
     if isinstance(was, bool) or not isinstance(was, int | float) or not isinstance(now, int | float):
         return was == now
-    return isclose(was, now, rel_tol=BIAS_WITHIN if name.endswith("bias_v") else SET_WITHIN, abs_tol=1e-15)
+    measured = {"bias_v": BIAS_WITHIN, "gate_rate_hz": SYNC_WITHIN}
+    within = next((part for end, part in measured.items() if name.endswith(end)), SET_WITHIN)
+    return isclose(was, now, rel_tol=within, abs_tol=1e-15)

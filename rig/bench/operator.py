@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.devices import Board, Galvo, Operator, Preparation, WallCamera
+from rig.model.devices import Board, Galvo, Operator, Preparation, Request, WallCamera
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
@@ -26,6 +26,9 @@ _AS_FOR_A_SCAN: dict[str, float | bool] = {
     "covered": False,
     "lamp_hz": 0.0,
 }
+
+#: What a person sets by hand, as the bench calls it too.
+_BY_HAND = {"emitting", "biased", "gated", "triggered", "gate_delay_s", "gate_width_s", "hold_off_s"}
 
 #: How well a person steers a beam onto a mark: standard deviation along x and along y [m].
 AIMING_ERROR_M = 0.3e-3
@@ -51,6 +54,17 @@ class SimulatedOperator:
         self.bench = bench
         self.board: Checkerboard | None = None
         self._rng = np.random.default_rng((bench.seed, 1))
+
+    def set_by_hand(self, wanted: Request, meanwhile: Callable[[], bool] = lambda: False) -> str:
+        """Set the bench as asked; a laser that is switched off by hand gives no sync pulses either."""
+        changes = {name: value for name, value in wanted.settings.items() if name in _BY_HAND}
+        if "delay_s" in wanted.settings:  # of a delayer that adds nothing by itself
+            changes["gate_delay_s"] = wanted.settings["delay_s"]
+        self.bench.change_light(**changes)  # type: ignore[arg-type]
+        return "the simulated person"
+
+    def tell(self, words: str) -> None:
+        """Be told."""
 
     def prepare(self, preparation: Preparation) -> None:
         """Change the bench's light as asked."""

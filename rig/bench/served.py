@@ -5,9 +5,20 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.bench.gates import detector_head, gate_delayer
 from rig.bench.simulated import daq_wiring, laser_head, simulated_bench, timing_faults
 from rig.errors import UsageError
-from rig.model.config import AnalogueGalvoConfig, HydraHarpConfig, RigConfig, SimulationConfig
+from rig.model.config import (
+    AnalogueGalvoConfig,
+    DaqShutterConfig,
+    DetectorConfig,
+    ExternalDetectorConfig,
+    ExternalLaserConfig,
+    HydraHarpConfig,
+    RigConfig,
+    SerialShutterConfig,
+    SimulationConfig,
+)
 
 if TYPE_CHECKING:
     from simulators.wire.served.server import Addresses, BenchServer
@@ -40,15 +51,40 @@ def served(config: RigConfig, log: Path | None = None) -> "Iterator[BenchServer]
 
     with ExitStack() as stack:
         write = stack.enter_context(_appending(log)) if log else None
+        if isinstance(config.shutter, SerialShutterConfig):
+            raise UsageError("a pseudo-terminal has no RTS or DTR: serve a shutter of kind 'daq'")
         bench = simulated_bench(config, real_time=True)
+        if isinstance(config.laser, ExternalLaserConfig):  # nobody is at this bench to switch it
+            bench.change_light(emitting=True)
+        if isinstance(config.detector, ExternalDetectorConfig):
+            bench.change_light(biased=True, **_gate_of(config.detector))
         bench.warm_up()
         faults = TimingFaults(
             timing_faults(config), (config.simulation or SimulationConfig()).faults.largest_count
         )
-        server = stack.enter_context(BenchServer(bench, faults, daq_wiring(config), laser=laser_head(config)))
+        server = stack.enter_context(
+            BenchServer(
+                bench,
+                faults,
+                daq_wiring(config),
+                laser=laser_head(config),
+                detector=detector_head(config),
+                delayer=gate_delayer(config),
+            )
+        )
         if write:
             ChangeLog(bench, write)
         yield server
+
+
+def _gate_of(detector: DetectorConfig) -> dict[str, bool | float]:
+    """Return how a detector is gated, as a person has set it."""
+    return {
+        "gated": detector.gated,
+        "gate_delay_s": detector.gate_delay_s,
+        "gate_width_s": detector.gate_width_s,
+        "hold_off_s": detector.hold_off_s,
+    }
 
 
 @contextmanager
@@ -81,6 +117,10 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
     and are guarded as such.
     """
     places = {"galvo": addresses.galvo, "laser": addresses.laser, "detector": addresses.detector}
+    if isinstance(config.shutter, DaqShutterConfig):
+        places["shutter"] = addresses.timing
+    if config.delayer is not None and addresses.delayer is not None:
+        places["delayer"] = addresses.delayer
     if isinstance(config.galvo, AnalogueGalvoConfig):
         places["galvo"] = addresses.timing  # the board's, too
     if config.point_clock is not None:

@@ -9,16 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.gates import detector_head, gate_delayer
 from rig.errors import ConfigError, DataFileError, UsageError
 from rig.model.config import (
     AnalogueGalvoConfig,
     DaqClockConfig,
+    DaqShutterConfig,
     DeviceSection,
+    ExternalLaserConfig,
     FaultsConfig,
     Katana08Config,
     KatanaConfig,
     NktConfig,
     RigConfig,
+    SerialShutterConfig,
     SimulationConfig,
 )
 from rig.model.config.kinds import ROLES
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
     from simulators.wire.hydraharp import Timing
     from simulators.wire.instruments import SimulatedInstruments
     from simulators.wire.laser_head import LaserHead
+    from simulators.wire.shutter import PortShutter
 
 #: By how much the mirror of each kind trails its command [s] (unconfirmed). A galvanometer of 2.5 kHz is
 #: within a thousandth of a small step in 0.6 ms; the GVS011's specification is 0.4 ms, to an unsaid fraction.
@@ -61,14 +66,17 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
     return bench, SimulatedInstruments(
         bench,
         laser=laser_head(config),
+        detector=detector_head(config),
+        delayer=gate_delayer(config),
+        shutter=port_shutter(config),
         timing=timing_faults(config),
         count_depth=depth,
         wiring=daq_wiring(config),
     )
 
 
-def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead]":
-    """Return what makes the simulated laser of the configured kind, on a bench.
+def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead] | None":
+    """Return what makes the simulated laser of the configured kind, on a bench; None without interface.
 
     Raises
     ------
@@ -79,6 +87,8 @@ def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead]":
     from simulators.wire.nkt import NktMainboard
 
     laser = config.laser
+    if isinstance(laser, ExternalLaserConfig):
+        return None
     if isinstance(laser, NktConfig):
         return partial(NktMainboard, oscillator_hz=laser.oscillator_hz)
     own = {KatanaConfig: KatanaHead, Katana08Config: Katana08Head}
@@ -95,6 +105,16 @@ def _simulated_elsewhere(role: str, section: DeviceSection) -> "Callable[[Bench]
     return found.simulated
 
 
+def port_shutter(config: RigConfig) -> "Callable[[Bench], PortShutter] | None":
+    """Return what makes the simulated shutter on a serial port, on a bench; None where there is none."""
+    from simulators.wire.shutter import PortShutter
+
+    shutter = config.shutter
+    if not isinstance(shutter, SerialShutterConfig):
+        return None
+    return partial(PortShutter, line=shutter.line, opens_high=shutter.open_level == "high")
+
+
 def daq_wiring(config: RigConfig) -> "DaqWiring":
     """Return what hangs on the DAQ board."""
     from simulators.wire.daq import DaqWiring
@@ -104,6 +124,8 @@ def daq_wiring(config: RigConfig) -> "DaqWiring":
         wiring = replace(wiring, markers=clock.markers, step=clock.step or None)
     if isinstance(galvo := config.galvo, AnalogueGalvoConfig):
         wiring = replace(wiring, channels=galvo.channels, volts_per_degree=galvo.volts_per_degree)
+    if isinstance(shutter := config.shutter, DaqShutterConfig):
+        wiring = replace(wiring, shutter=shutter.line, opens_high=shutter.open_level == "high")
     return wiring
 
 
@@ -124,7 +146,12 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
     clock = BenchClock(real_time=real_time, begin_s=begin_s)
     asked_s = simulation.misalignment.mirror_lag_s
     mirror = SteeringMirror.trailing(MIRROR_LAG_S[config.galvo.kind] if asked_s is None else asked_s)
-    return Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock, mirror=mirror)
+    bench = Bench(_photons(config, geometry), geometry, seed=simulation.seed, clock=clock, mirror=mirror)
+    if isinstance(config.laser, ExternalLaserConfig):  # nobody but a person can set this one
+        bench.change_light(power=1.0, repetition_hz=config.laser.repetition_hz)
+    if config.shutter is not None:
+        bench.change_light(shuttered=True)
+    return bench
 
 
 def timing_faults(config: RigConfig) -> "Timing":

@@ -42,7 +42,7 @@ def run(
     rig = configuration(config, seed)
     if not recorded:
         require_consent(rig, yes=yes)
-    result = calibrated(routine, rig, recorded, keep)
+    result = calibrated(routine, rig, recorded, keep, yes=yes)
     content = result.calibration.model_dump(mode="json")
     for warning in content.get("warnings", []):
         console.warn(warning)
@@ -56,9 +56,17 @@ def run(
 
 
 def calibrated(
-    routine: "Routine[Any]", config: "RigConfig", recorded: list[Path] | None, keep: Path | None
+    routine: "Routine[Any]",
+    config: "RigConfig",
+    recorded: list[Path] | None,
+    keep: Path | None,
+    *,
+    yes: bool = False,
 ) -> "Calibrated[Any]":
-    """Measure or read, fit and store; raw data stays in ``keep`` alone."""
+    """Measure or read, fit and store; raw data stays in ``keep`` alone.
+
+    ``yes`` answers for the person what is set by hand, but for what the routine itself asks.
+    """
     from rig.acquire.acquisition import Watch
     from rig.acquire.interrupt import StopRequest
     from rig.calibrate.run import fitted, measured
@@ -72,7 +80,8 @@ def calibrated(
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
-            files = measured(routine, config, ConsoleOperator(), folder, Watch([counting], stop))
+            operator = ConsoleOperator(stop, yes=yes)
+            files = measured(routine, config, operator, folder, Watch([counting], stop))
         if stop():
             raise InterruptedScanError(f"{routine.kind}: stopped, nothing was stored")
         return fitted(routine, config, files)

@@ -28,12 +28,14 @@ def require_consent(config: "RigConfig", *, yes: bool) -> None:
     from rig.commands import console
     from rig.errors import RefusedError
 
+    for sentence in config.unverified:
+        console.warn(sentence)
     if config.simulated:
         return
     require_no_trip(config)
     laser = config.laser
     what = (
-        f"the laser of {config.name} at {laser.address}: {laser.power_in_words}, "
+        f"the laser of {config.name} at {config.light_place}: {laser.power_in_words}, "
         f"{laser.repetition_hz / 1e6:g} MHz"
     )
     if yes:

@@ -42,7 +42,7 @@ def off(config: ThisRig = None, as_json: AsJson = False) -> None:
     else:
         for one in done:
             if one["dark"]:
-                console.say(f"{one['rig']}: the laser at {one['laser']} is dark, read back twice.")
+                console.say(f"{one['rig']}: the laser at {one['laser']} is dark.")
         if not done:
             console.say("No program here has a laser in its hands. To reach one anyway: --config FILE")
     if still := [str(one["laser"]) for one in done if not one["dark"]]:
@@ -59,14 +59,14 @@ def _darkened(rig: "RigConfig | None") -> list[dict[str, object]]:
 
     done: list[dict[str, object]] = []
     for one in watchmen():
-        if rig is None or one.laser == str(rig.laser.address):
+        if rig is None or one.laser == rig.light_place:
             dark = switch_off(one)
             if dark is not None:  # else it is gone, and has put its light out before
                 done.append({"rig": one.rig, "laser": one.laser, "dark": dark})
     if rig is not None and not done:
         if rig.simulated:
             raise RefusedError(f"{rig.name} is simulated: its laser ends with the program that simulates it")
-        done.append({"rig": rig.name, "laser": rig.laser.address, "dark": _made_dark(rig)})
+        done.append({"rig": rig.name, "laser": rig.light_place, "dark": _made_dark(rig)})
     return done
 
 

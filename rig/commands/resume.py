@@ -32,6 +32,7 @@ def resume(
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
     from rig.commands.consent import require_consent
+    from rig.commands.operator import ConsoleOperator
     from rig.commands.running import Onlookers, ending, run
     from rig.model.config import load
 
@@ -39,4 +40,8 @@ def resume(
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
     others = Onlookers(ending(until, plan, scan) if until else None, live)
-    run(lambda watch: acquisition.resume(plan, state, scan, watch), plan, scan, as_json, config, others)
+
+    def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
+        return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))
+
+    run(resumed, plan, scan, as_json, config, others)

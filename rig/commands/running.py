@@ -182,6 +182,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
                 "live_time_s": result.live_time_s,
                 "took_s": round(took_s, 2),
                 "laser": _light(result),
+                "unverified": list(result.unverified),
             }
         )
         return

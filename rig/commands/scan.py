@@ -106,6 +106,7 @@ def scan(
     from rig.acquire.preflight import check
     from rig.commands import console
     from rig.commands.consent import require_consent
+    from rig.commands.operator import ConsoleOperator
     from rig.commands.running import Onlookers, ending, run
     from rig.errors import UsageError
     from rig.files.records import beside
@@ -150,7 +151,13 @@ def scan(
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
     others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
     run(
-        lambda watch: acquire(plan, state, target, replace(watch, records=records)),
+        lambda watch: acquire(
+            plan,
+            state,
+            target,
+            replace(watch, records=records),
+            ConsoleOperator(watch.should_stop, yes=yes),
+        ),
         plan,
         target,
         as_json,
@@ -261,6 +268,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "mirror_angle_deg": angles,
                 "mirror_limit_deg": limits,
                 "calibrations": sorted(state.calibrations.records),
+                "unverified": list(config.unverified),
             }
         )
         return
@@ -289,6 +297,7 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
+            **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),
         },
     )
 

@@ -1,7 +1,7 @@
 """The wires of a rig whose devices have addresses: real ones, or served by another process."""
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, partial
 
@@ -11,19 +11,20 @@ from drivers.daq.nidaqmx_board import NidaqmxBoard
 from drivers.hydraharp.library import HHLib
 from drivers.hydraharp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
-from rig.devices.kinds import DETECTORS, LASERS, Wires
-from rig.model.config import DaqClockConfig, HydraHarpConfig, RigConfig
-from rig.model.devices import GatedSpad, Laser
+from rig.devices.delayed_gate import open_detector
+from rig.devices.kinds import Wires
+from rig.devices.shuttered import open_laser
+from rig.model.config import DaqClockConfig, DaqShutterConfig, HydraHarpConfig, Id120Config, RigConfig
+from rig.model.devices import GatedSpad, Laser, Operator
 
 
 @contextmanager
-def wires_by_address(config: RigConfig) -> Iterator[Wires]:
+def wires_by_address(config: RigConfig, operator: Operator | None = None) -> Iterator[Wires]:
     """Reach each device where the configuration says that it is; none is opened yet."""
     harp = config.tcspc
     with ExitStack() as stack:
-        wires = _wires(config)
-        if config.detector.address:
-            wires = replace(wires, usb_backend=stack.enter_context(detector_at(config.detector.address)))
+        wires = replace(_wires(config), operator=operator)
+        wires = stack.enter_context(_detector_wires(config, wires))
         if isinstance(harp, HydraHarpConfig) and harp.address:
             wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
         served = {
@@ -35,19 +36,32 @@ def wires_by_address(config: RigConfig) -> Iterator[Wires]:
         yield replace(wires, daq=lambda device: served[device] if device in served else here(device))
 
 
-def laser_by_address(config: RigConfig, clock: Clock | None = None) -> AbstractContextManager[Laser]:
-    """Return the laser alone, to be entered."""
-    return LASERS.of(config.laser).open(config.laser, _wires(config, clock))
+@contextmanager
+def laser_by_address(config: RigConfig, clock: Clock | None = None) -> Iterator[Laser]:
+    """Open the laser alone, with the shutter in its beam."""
+    wires, shutter = _wires(config, clock), config.shutter
+    with ExitStack() as stack:
+        if isinstance(shutter, DaqShutterConfig) and shutter.address:
+            board = stack.enter_context(board_at(shutter.address))
+            wires = replace(wires, daq=lambda device: board)
+        yield stack.enter_context(open_laser(config, wires))
 
 
 @contextmanager
 def detector_by_address(config: RigConfig) -> Iterator[GatedSpad]:
-    """Open the detector alone."""
-    detector, wires = config.detector, _wires(config)
-    with ExitStack() as stack:
-        if detector.address:
-            wires = replace(wires, usb_backend=stack.enter_context(detector_at(detector.address)))
-        yield stack.enter_context(DETECTORS.of(detector).open(detector, wires))
+    """Open the detector alone, with the delayer of its gate."""
+    with _detector_wires(config, _wires(config)) as wires, open_detector(config, wires) as detector:
+        yield detector
+
+
+@contextmanager
+def _detector_wires(config: RigConfig, wires: Wires) -> Iterator[Wires]:
+    """Reach a served detector that is on USB."""
+    if isinstance(config.detector, Id120Config) and config.detector.address:
+        with detector_at(config.detector.address) as backend:
+            yield replace(wires, usb_backend=backend)
+    else:
+        yield wires
 
 
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
@@ -66,4 +80,8 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         hhlib=hhlib,
         daq=daq,
         clock=clock or SystemClock(),
+        sync_hz=config.laser.repetition_hz,
+        detector=config.detector.address or "",
+        delayer=(config.delayer.address if config.delayer else None) or "",
+        shutter=(config.shutter.address if config.shutter else None) or "",
     )

@@ -213,7 +213,7 @@ SCAN: Layout = {
     "/events": Entry(
         "table",
         "what happened, as it happened: when (UTC, ISO 8601), the first and the last step that it concerns, "
-        "its kind (`warning` or `light`), and a sentence",
+        "its kind (`warning`, `light` or `by hand`), and a sentence",
         ("events",),
     ),
     "/unfinished": Entry(

@@ -258,11 +258,6 @@ def _check(request: Request, video_path: Path | None) -> None:
             {"--cycles": request.cycles is not None},
             "leave it out",
         )
-    if request.device != "cpu" and CAMERAS[request.camera].film:
-        raise UsageError(
-            f"the {request.camera} camera has no --device: a graphics processor adds the frequencies up at "
-            "one moment, and a video reads them at every frame's; leave --device out"
-        )
     _check_each_frame(request)
     if video_path:
         check_video(video_path)
@@ -425,6 +420,7 @@ def _film(
             window=work.window,
             progress=progress,
             memory_bytes=request.memory_bytes,
+            device=request.device,
         )
     return work.volume(found, surface, over_depth=over)
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from drivers.errors import DeviceError, LinkError, RefusedError
+from rig.devices.by_hand import LaserByHand
 from rig.model.devices import Clock, Laser, Settings
 
 #: How often a laser that is lit is looked at.
@@ -59,11 +60,14 @@ class Lost:
         Whether the laser has confirmed that it is dark.
     trip
         Whether a person has to look at the rig before there is light again.
+    how
+        What speaks for darkness.
     """
 
     reason: str
     dark: bool
     trip: bool
+    how: str = "read back twice"
 
 
 class Guard:
@@ -79,12 +83,21 @@ class Guard:
         The time to watch by.
     tell
         Called when the light was lost, and again when a laser that could not be made dark is dark at last.
+    known_dark_by
+        What speaks for darkness, in words.
     """
 
-    def __init__(self, laser: Laser, clock: Clock, tell: Callable[[Lost], None]) -> None:
+    def __init__(
+        self,
+        laser: Laser,
+        clock: Clock,
+        tell: Callable[[Lost], None],
+        known_dark_by: str = "read back twice",
+    ) -> None:
         self._laser = laser
         self._clock = clock
         self._tell = tell
+        self._known_dark_by = known_dark_by
         self.light = Light.DARK
         self._until_s = 0.0
         self._looked_s = 0.0
@@ -153,6 +166,27 @@ class Guard:
             self._in_alarm(str(problem))
             raise problem
 
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can; after an alarm it is told.
+
+        Raises
+        ------
+        RefusedError
+            If the laser can be asked itself.
+        """
+        if not isinstance(self._laser, LaserByHand):
+            raise RefusedError("laser", "be taken as dark", "it can be asked itself", "Ask it.")
+        self._laser.take_word()
+        if self.light is Light.ALARM:
+            self._try_again(at_once=True)
+        else:
+            self.light = Light.DARK
+
+    @property
+    def opens_anew(self) -> bool:
+        """Whether opening the laser's line anew can put it out."""
+        return not isinstance(self._laser, LaserByHand)
+
     def settings(self) -> Settings:
         """Return what the laser says of itself."""
         return self._laser.settings()
@@ -162,7 +196,7 @@ class Guard:
         if problem := self._put_out():
             self._in_alarm(f"{reason}. {problem}")
         else:
-            self._tell(Lost(reason, True, trip))
+            self._tell(Lost(reason, True, trip, self._known_dark_by))
 
     def turn(self) -> None:
         """Look whether anything has to be done, and do it."""
@@ -210,7 +244,7 @@ class Guard:
             return
         self._looked_s = now_s
         if self._put_out() is None:
-            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True))
+            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True, self._known_dark_by))
 
     def _put_out(self) -> DeviceError | None:
         """Make the laser dark; return why that is not confirmed, if it is not."""

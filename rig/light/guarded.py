@@ -44,6 +44,10 @@ class GuardedHere:
         """Put the light out."""
         self._guard.stop()
 
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can."""
+        self._guard.take_word()
+
     def emitting(self) -> bool:
         """Ask the laser now."""
         return self._guard.emitting()
@@ -83,4 +87,4 @@ def raise_lost(lost: list[Lost]) -> None:
 def in_words(lost: Lost) -> str:
     """Return what was lost and why, and what is known of the light now."""
     reason = lost.reason.removesuffix(".")
-    return f"{reason}. {'The laser is dark, read back twice' if lost.dark else BEWARE}."
+    return f"{reason}. {f'The laser is dark, {lost.how}' if lost.dark else BEWARE}."

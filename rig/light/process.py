@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
 from types import FrameType
 from typing import Any, TextIO
 
@@ -126,7 +127,7 @@ class GuardProcess:
         self._replies = replies
         self._clock = GuardClock(inbox.urgent)
         self._laser_stack = ExitStack()
-        self._guard = Guard(self._open(), self._clock, self._lost)
+        self._guard = Guard(self._open(), self._clock, self._lost, config.known_dark_by)
         self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
         self._alone = False
         self._off = False
@@ -181,6 +182,8 @@ class GuardProcess:
                 self._answer(message, lambda: self._emit(message["until_s"]))
             case "stop":
                 self._answer(message, self._guard.stop)
+            case "take word":
+                self._answer(message, self._guard.take_word)
             case "emitting":
                 self._answer(message, self._guard.emitting)
             case "settings":
@@ -219,12 +222,13 @@ class GuardProcess:
         if self._guard.light is not Light.ALARM:
             return
         # a server that is gone never comes back, and its pseudo-terminal may be another's by now
-        if now_s - self._reopened_s > REOPEN_S and not self._config.served:
+        can_reopen = self._guard.opens_anew and not self._config.served
+        if now_s - self._reopened_s > REOPEN_S and can_reopen:
             self._reopened_s = now_s
             self._reopen()
         if now_s - self._told_s > TELL_AGAIN_S:
             self._told_s = now_s
-            shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
+            self._shout_for_help()
 
     def _reopen(self) -> None:
         """Open the line anew: a plug may have been pulled and put back. Opening puts the light out."""
@@ -250,7 +254,7 @@ class GuardProcess:
         """Go on for a while with a laser that could not be made dark: its plug may be put back."""
         if self._guard.light is not Light.ALARM:
             return
-        shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
+        self._shout_for_help()
         if not sys.stderr.isatty():
             silent = os.open(os.devnull, os.O_WRONLY)
             # who waits for the end of what the program says gets it
@@ -261,15 +265,20 @@ class GuardProcess:
             time.sleep(PAUSE_S)
             self._watch()
 
+    def _shout_for_help(self) -> None:
+        shout(f"the laser of {self._config.name} cannot be made dark. TURN ITS KEY OFF BY HAND, NOW.")
+
     def _take_bias(self) -> None:
         try:
-            with detector_by_address(self._config):
-                pass  # opening takes the bias away, and leaving does so again
+            with detector_by_address(self._config) as detector:  # opening takes the bias away, and leaving
+                by_hand = "bias" in detector.by_hand
+            if by_hand:
+                shout("the detector keeps its BIAS: only a person can switch it off")
         except DeviceError as problem:
             shout(f"the detector may still be BIASED: {problem}")
 
     def _lost(self, lost: Lost) -> None:
-        self._say({"lost": {"reason": lost.reason, "dark": lost.dark, "trip": lost.trip}})
+        self._say({"lost": asdict(lost)})
         if lost.trip:
             with suppress(OSError):
                 remember_trip(self._config, lost.reason)

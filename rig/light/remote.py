@@ -130,6 +130,12 @@ class GuardedElsewhere:
             self._ask("stop")
             self._lost.clear()
 
+    def take_word(self) -> None:
+        """Believe a person who has switched off a laser that nobody else can."""
+        self._lit = False
+        if not self._alone:
+            self._ask("take word")
+
     def emitting(self) -> bool:
         """Ask the laser now."""
         return bool(self._ask("emitting"))
@@ -221,7 +227,8 @@ class GuardedElsewhere:
             dark, found = True, make_dark(self._config)
         except DeviceError as problem:
             dark, found = False, str(problem)
-        return Lost(f"the guard of the laser has ended, which it never should: {found}", dark, trip=False)
+        reason = f"the guard of the laser has ended, which it never should: {found}"
+        return Lost(reason, dark, trip=False, how=self._config.known_dark_by)
 
     def _mind(self) -> None:
         """End a guard that hangs, and a program whose main thread does: the guard has put the light out then.

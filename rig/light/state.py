@@ -34,7 +34,7 @@ def key(config: RigConfig) -> str:
     A served laser is another one with each server, though pseudo-terminals have the same names again.
     """
     server = getattr(config.tcspc, "address", None) or ""
-    return hashlib.sha256(f"{config.laser.address} {server}".encode()).hexdigest()[:16]
+    return hashlib.sha256(f"{config.light_place} {server}".encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class Switch:
         self._token = secrets.token_hex(16)
         self._socket = socket.create_server(("127.0.0.1", 0))
         port = self._socket.getsockname()[1]
-        watchman = Watchman(os.getpid(), config.name, str(config.laser.address), port, self._token)
+        watchman = Watchman(os.getpid(), config.name, config.light_place, port, self._token)
         self._path = announce(watchman)
         threading.Thread(target=self._serve, daemon=True).start()
 

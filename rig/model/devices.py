@@ -148,6 +148,22 @@ class GuardedLaser(Laser, Protocol):
         ...
 
 
+class Shutter(Device, Protocol):
+    """A shutter in the laser's beam; closed when opened as a device, and left closed."""
+
+    def let_through(self) -> None:
+        """Open it; return when it is open."""
+        ...
+
+    def close(self) -> None:
+        """Close it; return when it is closed. Safe to call at any time."""
+        ...
+
+    def is_open(self) -> bool:
+        """Return whether it is open: read back where it can be, else as it was told last."""
+        ...
+
+
 class GatedSpad(Device, Protocol):
     """A single-photon detector with a gate locked to the laser's pulses."""
 
@@ -402,8 +418,42 @@ class Board:
     square_m: float = 0.08
 
 
+@dataclass(frozen=True)
+class Request:
+    """Something that only a person can set, because the device has no interface for it.
+
+    Attributes
+    ----------
+    device
+        Its role in the configuration.
+    words
+        What is to be done, as an order.
+    settings
+        The same by names and SI values.
+    urgent
+        Whether it has to be done now: light that no program can put out.
+    """
+
+    device: str
+    words: str
+    settings: Settings
+    urgent: bool = False
+
+
 class Operator(Protocol):
     """The person at the rig, or the bench in their place."""
+
+    def set_by_hand(self, wanted: Request, meanwhile: Callable[[], bool] = lambda: False) -> str:
+        """Have something set by hand; return who says that it is so, and when.
+
+        ``meanwhile`` is called several times a second; where it returns True the question is no longer
+        needed. Raises `rig.errors.RigError` if the person says no, or nobody can answer.
+        """
+        ...
+
+    def tell(self, words: str) -> None:
+        """Tell the person something that must not be missed."""
+        ...
 
     def prepare(self, preparation: Preparation) -> None:
         """Return when the rig is prepared so, and only so."""

@@ -79,7 +79,7 @@ class Detector:
 
     def background_hz(self, light: LightState) -> float:
         """Return dark and ambient counts a second, over open and closed times."""
-        if not light.biased:
+        if not light.sensitive:
             return 0.0
         width_s = light.gate_width_s + self.ringing.added_s
         duty = width_s * light.repetition_hz if gate.gates(light) else 1.0
@@ -89,7 +89,7 @@ class Detector:
         self, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """Draw when dark and ambient counts fall, after the sync [s]: evenly while sensitive."""
-        if not light.biased:
+        if not light.sensitive:
             return np.empty(0)
         duty = light.gate_width_s * light.repetition_hz if gate.gates(light) else 1.0
         expected = self._steady_hz(light) * duty * duration_s

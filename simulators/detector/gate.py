@@ -64,7 +64,7 @@ def sensitivity(
     arrival_s: NDArray[np.float64], light: LightState, edge_s: float, ringing: Ringing
 ) -> NDArray[np.float64]:
     """Return what part of the photons arriving at these times after sync may be detected; see `Detector`."""
-    if not light.biased:
+    if not light.sensitive:
         return np.zeros_like(arrival_s)
     if not gates(light):
         return np.ones_like(arrival_s)
@@ -87,7 +87,7 @@ def passes(
 
     That is as seen through ``ringing.peak``: so many times more photons must arrive as the peak is above 1.
     """
-    if not light.biased:
+    if not light.sensitive:
         return np.zeros(len(arrival_s), np.bool_)
     if not gates(light):
         return np.asarray(rng.random(len(arrival_s)) * (ringing.peak if light.gated else 1.0) < 1)

@@ -36,8 +36,11 @@ SLOWEST_HZ = 0.01
 #: Where a galvo's stop holds its mirrors, to either side [degrees].
 STOP_DEG = 40.0
 
-#: Board's lines and channels: port 0 of an X Series board, and two of its analogue outputs.
-LINES = tuple(f"port0/line{number}" for number in range(32))
+#: Board's lines and channels: the ports of an X Series board, and two of its analogue outputs.
+LINES = (
+    *(f"port0/line{number}" for number in range(32)),
+    *(f"port{port}/line{number}" for port in (1, 2) for number in range(8)),
+)
 CHANNELS = ("ao0", "ao1")
 
 
@@ -77,12 +80,18 @@ class DaqWiring:
         Analogue channels that lead to the galvo's x and y; None where its voltages come from elsewhere.
     volts_per_degree
         The galvo's scale: volts for each degree by which its mirrors turn, for x and y.
+    shutter
+        Line that leads to the shutter in the laser's beam; None where none does.
+    opens_high
+        Whether the shutter is open at the line's high level.
     """
 
     markers: tuple[str, ...] = LINES[:4]
     step: str | None = LINES[4]
     channels: tuple[str, str] | None = None
     volts_per_degree: tuple[float, float] = (0.5, 0.5)
+    shutter: str | None = None
+    opens_high: bool = True
 
 
 class SimulatedBoard:
@@ -126,6 +135,7 @@ class SimulatedBoard:
         self._wiring = wiring or DaqWiring()
         self._plugged_in = True
         self._ends_s = 0.0
+        self._played: tuple[str, ...] = ()
         self._volts = np.zeros(len(CHANNELS))
 
     def unplug(self) -> None:
@@ -153,10 +163,13 @@ class SimulatedBoard:
         return 840e3 if analogue else 10e6
 
     def set_lines(self, lines: Sequence[str], levels: Sequence[bool]) -> None:
-        """Set lines to levels; an edge of a single line makes no tick."""
+        """Set lines to levels; an edge of a single line makes no tick. Lines that play are reserved."""
         self._require(lines, LINES, len(levels))
-        if self._playing:
+        if self._playing and set(lines) & set(self._played):
             raise DaqFailure(RESERVED, "The specified resource is reserved.")
+        for line, level in zip(lines, levels, strict=True):
+            if line == self._wiring.shutter:
+                self._bench.change_light(shuttered=bool(level) != self._wiring.opens_high)
 
     def set_volts(self, channels: Sequence[str], volts: Sequence[float]) -> None:
         """Set channels to voltages."""
@@ -193,6 +206,7 @@ class SimulatedBoard:
         sample_s = (1 + self.clock_error) / rate_hz
         begin_s = self._bench.clock.now_s() + self.start_after_s
         self._ends_s = begin_s + len(levels) * sample_s
+        self._played = tuple(lines)
         if len(channels):
             self._follow(begin_s + np.arange(len(volts)) * np.float64(sample_s), list(channels), volts)
         self._tick(begin_s, sample_s, list(lines), levels)

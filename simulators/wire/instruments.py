@@ -11,8 +11,10 @@ from simulators.wire.galvo import GalvoBoard
 from simulators.wire.hydraharp import HydraHarpSimulator, Timing
 from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
+from simulators.wire.lines import LineFirmware
 from simulators.wire.serial_url.protocol_sim import attach, detach
-from simulators.wire.spad import SpadInstrument
+from simulators.wire.shutter import PortShutter
+from simulators.wire.spad import DetectorInstrument, SpadInstrument
 from simulators.wire.usb import UsbBackend
 
 _numbers = count(1)
@@ -25,8 +27,9 @@ class SimulatedInstruments:
     ----------
     bench
         What they act on.
-    laser
-        Makes the laser.
+    laser, detector, delayer, shutter
+        Make these devices; None where there is no such one, or it has no data interface. The shutter is one
+        on a serial port.
     timing, count_depth
         Faults of the timing instrument's clock, and the largest count of its bins.
     wiring
@@ -34,10 +37,12 @@ class SimulatedInstruments:
 
     Attributes
     ----------
-    galvo_url, laser_url
-        Addresses for ``serial.serial_for_url``.
+    galvo_url, laser_url, detector_url, delayer_url, shutter_url
+        Addresses for ``serial.serial_for_url``; empty where no such device is on a serial line.
     usb_backend
-        Backend for ``usb.core.find``; the detector is its only device.
+        Backend for ``usb.core.find``; a detector on USB is its only device.
+    detector, delayer, shutter
+        The devices that were made.
     hhlib
         Object with the 44 HHLib functions as attributes.
     daq
@@ -48,7 +53,10 @@ class SimulatedInstruments:
         self,
         bench: Bench,
         *,
-        laser: Callable[[Bench], LaserHead] = KatanaHead,
+        laser: Callable[[Bench], LaserHead] | None = KatanaHead,
+        detector: Callable[[Bench], DetectorInstrument] | None = SpadInstrument,
+        delayer: Callable[[Bench], LineFirmware] | None = None,
+        shutter: Callable[[Bench], PortShutter] | None = None,
         timing: Timing | None = None,
         count_depth: int = 2**32 - 1,
         wiring: DaqWiring | None = None,
@@ -56,20 +64,32 @@ class SimulatedInstruments:
         self._bench = bench
         self._laser = laser
         self._name = f"bench{next(_numbers)}"
-        self.usb_backend = UsbBackend([SpadInstrument(bench)])
+        self.detector = detector(bench) if detector else None
+        self.delayer = delayer(bench) if delayer else None
+        self.shutter = shutter(bench) if shutter else None
+        self.usb_backend = UsbBackend([self.detector] if isinstance(self.detector, SpadInstrument) else [])
         self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
         self.hhlib = self._harp.functions
         self.daq = SimulatedBoard(bench, wiring)
 
     def __enter__(self) -> Self:
-        clock = self._bench.clock
-        self.galvo_url = attach(f"{self._name}/galvo", GalvoBoard(self._bench), clock)
-        self.laser_url = attach(f"{self._name}/laser", self._laser(self._bench), clock)
+        self.galvo_url = self._plugged_in("galvo", GalvoBoard(self._bench))
+        self.laser_url = self._plugged_in("laser", self._laser(self._bench) if self._laser else None)
+        self.detector_url = self._plugged_in("detector", self.detector)
+        self.delayer_url = self._plugged_in("delayer", self.delayer)
+        self.shutter_url = self._plugged_in("shutter", self.shutter)
         return self
+
+    def _plugged_in(self, name: str, device: DetectorInstrument | PortShutter | None) -> str:
+        """Plug a device into a serial line of its own, if it has one; return the address."""
+        if not isinstance(device, LineFirmware | PortShutter):
+            return ""
+        return attach(f"{self._name}/{name}", device, self._bench.clock)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        detach(self.galvo_url)
-        detach(self.laser_url)
+        urls = (self.galvo_url, self.laser_url, self.detector_url, self.delayer_url, self.shutter_url)
+        for address in urls:
+            detach(address)
         self._harp.raise_pending()  # inside a C callback an exception is only an error code

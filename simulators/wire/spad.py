@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 
 from simulators.bench import Bench
+from simulators.wire.lines import LineFirmware
 
 #: Settings in their own units: lowest, highest, step, and the value after power-on.
 RANGES = {
@@ -155,3 +156,7 @@ class SpadInstrument:
 
     def _gate_rate_hz(self) -> float:
         return self._bench.sync_rate_hz() if self._words["GATE:MODE"] == "EXT" else 0.0
+
+
+#: A detector on USB, or one on a serial line.
+DetectorInstrument = SpadInstrument | LineFirmware

@@ -85,7 +85,13 @@ def attacked_rig(
     library = TappedLibrary(harp.functions, tap)
     board = SharedBoard(SimulatedBoard(bench))
     wires = Wires(
-        addresses["galvo"], addresses["laser"], usb, lambda: HHLib(library), lambda _: board, bench.clock
+        galvo=addresses["galvo"],
+        laser=addresses["laser"],
+        usb_backend=usb,
+        hhlib=lambda: HHLib(library),
+        daq=lambda _: board,
+        clock=bench.clock,
+        sync_hz=config.laser.repetition_hz,
     )
     try:
         yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)

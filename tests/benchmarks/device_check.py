@@ -61,7 +61,7 @@ def main() -> None:
             index = index[index % step == 0]
             if part.reached and len(index):
                 planes = VoxelGrid(*axes, grid.z_m[index])
-                field[index] = rsd_array.focus_block(
+                fields = rsd_array.focus_block(
                     aperture,
                     spectrum * part.band.weights[:, None],
                     part.band,
@@ -70,6 +70,8 @@ def main() -> None:
                     times_s[index],
                     on=where,
                 )
+                for plane, (one,) in zip(index, fields, strict=True):
+                    field[plane] = one
         return field, perf_counter() - begun
 
     _, first_s = image(on)

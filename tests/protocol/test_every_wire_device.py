@@ -14,6 +14,9 @@ DEVICES = {
     "laser_08hp": devices.Laser,
     "laser_nkt": devices.Laser,
     "spad": devices.GatedSpad,
+    "mpd": devices.GatedSpad,
+    "dg645": devices.GateDelayer,
+    "t560": devices.GateDelayer,
 }
 
 

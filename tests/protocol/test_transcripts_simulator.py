@@ -1,11 +1,13 @@
-"""The simulated firmware against what the manuals say, byte by byte, with no driver in sight."""
+"""The simulated firmware against transcripts of what public documents say, with no driver in sight."""
 
 import pytest
 
 from simulators.bench import Bench
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import Katana08Head, KatanaHead
+from simulators.wire.mpd import MpdModule
 from simulators.wire.nkt import NktMainboard
+from simulators.wire.psd import PsdFirmware
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.tmc import TmcInterface
 from support.wire_script import read_transcript
@@ -28,6 +30,10 @@ def key_off(bench):
         ("laser_key_off.txt", key_off),
         ("laser_775.txt", Katana08Head),
         ("nkt_session.txt", NktMainboard),
+        ("mpd_session.txt", MpdModule),
+        ("mpd_module.txt", MpdModule),
+        ("psd_session.txt", PsdFirmware),
+        ("psd_unit.txt", PsdFirmware),
         ("spad_session.txt", SpadInstrument),
         ("spad_instrument.txt", SpadInstrument),
     ],

@@ -53,13 +53,28 @@ def test_equals_the_fused_solver(library, confocal, grid):
     parts = []
     on = rsd_array.backend("cpu", library)
     # Few frequencies at a time, so that batches are added up too.
-    found = rsd_array.focus_block(*arguments, moments_s, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
-    assert found.shape[1] == 1
-    found = found[:, 0]
+    planes = rsd_array.focus_block(*arguments, moments_s, parts.append, on=on, batch_bytes=5 * 64 * 40 * 40)
+    found = np.concatenate(list(planes))
     # Both are single precision: 1e-7 for each of some 30 frequencies and as many FFT stages.
     assert np.abs(found - wanted).max() < 3e-5 * np.abs(wanted).max()
     assert parts == sorted(parts)
     assert parts[-1] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("library", ["numpy", "torch"])
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
+def test_many_frames_equal_those_of_the_fused_solver(library, grid):
+    pytest.importorskip(library, reason=f"{library} is not installed")
+    laser_m = wall(16, 14, 0.02)
+    arguments = recognise(laser_m), emitted(laser_m), BAND, grid, 1
+    frames_s = np.linspace(2e-9, 4e-9, 7)[:, None, None]
+    fused = LatticePropagator(*arguments)
+    wanted = np.stack([fused.focus(z_m, frames_s) for z_m in grid.z_m])
+    on = rsd_array.backend("cpu", library)
+    planes = rsd_array.focus_block(*arguments, [frames_s] * 2, on=on, batch_bytes=5 * 64 * 40 * 40)
+    found = np.stack(list(planes))
+    assert found.shape == (2, 7, *grid.shape[1:])
+    assert np.abs(found - wanted).max() < 3e-5 * np.abs(wanted).max()  # as above
 
 
 def test_one_position_is_the_spherical_wave():
@@ -67,7 +82,9 @@ def test_one_position_is_the_spherical_wave():
     laser_m = wall(16, 14, 0.02)
     spectra = np.zeros((len(BAND), len(laser_m)), np.complex64)
     spectra[:, 37] = BAND.weights
-    found = rsd_array.focus_block(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False))[:, 0]
+    found = np.concatenate(
+        list(rsd_array.focus_block(recognise(laser_m), spectra, BAND, grid, 1, times_s(grid, False)))
+    )
     z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
     voxels = np.stack([x, y, z], axis=-1)
     r_p, r_c = (np.linalg.norm(voxels - spot, axis=-1)[..., None] for spot in (laser_m[37], DETECTOR))

@@ -7,19 +7,17 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError
-from drivers.hydraharp.library import HHLib
 from rig.acquire.acquisition import Watch, acquire, record, resume
 from rig.acquire.connect import devices_on
 from rig.acquire.events import LineDone, Noticed, Outcome, Recorded, StepDone
 from rig.bench.simulated import simulated_instruments
-from rig.devices.kinds import Wires
 from rig.errors import DoubtError
 from rig.files import ScanFile
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.simulated_wires import wires_to
 
 CONFIG = built_in_with({"simulation": {"seed": 5}, "calibration": {"use": False}})
 COLUMNS, ROWS = 24, 8
@@ -50,15 +48,7 @@ class Rig:
         self._stack.enter_context(instruments)
         self.instruments = instruments
         self.harp = instruments._harp.instrument
-        board = SharedBoard(instruments.daq)
-        wires = Wires(
-            galvo=instruments.galvo_url,
-            laser=instruments.laser_url,
-            usb_backend=instruments.usb_backend,
-            hhlib=lambda: HHLib(instruments.hhlib),
-            daq=lambda device: board,
-            clock=self.bench.clock,
-        )
+        wires = wires_to(self.config, self.bench, instruments)
         self.devices = self._stack.enter_context(devices_on(self.config, wires, tagged=True))
         return self
 

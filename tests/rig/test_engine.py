@@ -32,6 +32,7 @@ class ScriptedRig:
     bin_width_s = 4e-12
     first_bin_s = 0.0
     identity = "scripted"
+    by_hand: frozenset[str] = frozenset()
 
     def __init__(self, fail_at: int | None = None, sync_hz: float = 1e7) -> None:
         self.log: list[str] = []

@@ -5,18 +5,16 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceError, LinkError, RefusedError
-from drivers.hydraharp.library import HHLib
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
 from rig.acquire.engine import Noticed, Outcome, StepDone
 from rig.bench.simulated import simulated_instruments
-from rig.devices.kinds import Wires
 from rig.files import ScanFile
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.simulated_wires import wires_to
 
 CONFIG = built_in_with({"galvo": {"kind": "analogue"}, "simulation": {"scene": "empty", "seed": 2}})
 COLUMNS, ROWS = 20, 6
@@ -33,18 +31,8 @@ def rig(unplugged_after: int | None = None, benches: list | None = None):
     instruments.daq.calls_until_unplugged = unplugged_after
     if benches is not None:
         benches.append(bench)
-    with instruments:
-        board = SharedBoard(instruments.daq)
-        wires = Wires(
-            galvo=instruments.galvo_url,
-            laser=instruments.laser_url,
-            usb_backend=instruments.usb_backend,
-            hhlib=lambda: HHLib(instruments.hhlib),
-            daq=lambda device: board,
-            clock=bench.clock,
-        )
-        with devices_on(CONFIG, wires, tagged=True) as devices:
-            yield devices, bench, instruments.daq
+    with instruments, devices_on(CONFIG, wires_to(CONFIG, bench, instruments), tagged=True) as devices:
+        yield devices, bench, instruments.daq
 
 
 def scanned(folder, devices, consumer=lambda event: None) -> ScanFile:

@@ -1,5 +1,6 @@
 """``rig recon`` with every camera: files, pictures and videos of a scan with one point that is known."""
 
+import importlib.util
 import json
 import os
 import stat
@@ -257,7 +258,9 @@ def test_memory_bounds_the_video(rig, scan, over):
     assert "image fewer voxels" in refused.err + refused.out
 
 
-def test_a_video_has_no_device(rig, scan):
+def test_a_video_on_a_device_that_is_not_there(rig, scan):
+    if importlib.util.find_spec("torch") or importlib.util.find_spec("cupy"):
+        pytest.skip("a library for graphics processors is installed")
     refused = rig("recon", scan, "--camera", "transient", "--device", "cuda")
     assert refused.code == 2
-    assert "the transient camera has no --device: a graphics processor adds" in refused.err
+    assert "torch is not installed, cupy is not installed" in refused.err

@@ -1,23 +1,32 @@
-"""The three simulated devices on one bench, plugged in for the length of a test."""
+"""The simulated devices on one bench, plugged in for the length of a test."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 
+from drivers.delayers.dg645 import Dg645, Dg645Settings
+from drivers.delayers.psd import PsdDelayer, PsdSettings
+from drivers.delayers.t560 import T560, T560Settings
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.mpd.detector import MpdSpad
+from drivers.mpd.settings import MpdSettings
 from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
+from simulators.wire.dg645 import Dg645Box
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import Katana08Head, KatanaHead
-from simulators.wire.laser_head import LaserHead
+from simulators.wire.lines import LineFirmware
+from simulators.wire.mpd import MpdModule
 from simulators.wire.nkt import NktMainboard
+from simulators.wire.psd import PsdFirmware
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.spad import SpadInstrument
+from simulators.wire.t560 import T560Box
 from simulators.wire.usb import UsbBackend
 
 
@@ -48,7 +57,7 @@ class Rig:
         self.head = KatanaHead(self.bench)
         self.instrument = SpadInstrument(self.bench)
         self.usb = UsbBackend([self.instrument])
-        self.heads: dict[str, LaserHead] = {}
+        self.heads: dict[str, LineFirmware] = {}
         self.unplugged = False
         self.galvo_address = protocol_sim.attach("test/galvo", self.board, self.bench.clock)
         self.laser_address = protocol_sim.attach("test/laser", self.head, self.bench.clock)
@@ -74,8 +83,8 @@ class Rig:
         address = self.plug_in("nkt", NktMainboard)
         return NktLaser(address, clock=self.bench.clock, settings=settings, **options)
 
-    def plug_in(self, name: str, kind: type[LaserHead]) -> str:
-        """Put another laser on the bench, once; it is ``heads[name]`` then. Unplugged it stays away."""
+    def plug_in(self, name: str, kind: type[LineFirmware]) -> str:
+        """Put another device on the bench, once; it is ``heads[name]`` then. Unplugged it stays away."""
         if name not in self.heads:
             self.heads[name] = kind(self.bench)
             if not self.unplugged:
@@ -85,6 +94,24 @@ class Rig:
     def spad(self, **options) -> Id120Spad:
         settings = Id120Settings(**settings_in(options, Id120Settings))
         return Id120Spad(backend=self.usb, clock=self.bench.clock, settings=settings, **options)
+
+    def mpd(self, **options) -> MpdSpad:
+        settings = MpdSettings(**settings_in(options, MpdSettings))
+        address = self.plug_in("mpd", MpdModule)
+        return MpdSpad(address, clock=self.bench.clock, settings=settings, **options)
+
+    def psd(self, **options) -> PsdDelayer:
+        settings = PsdSettings(**settings_in(options, PsdSettings))
+        address = self.plug_in("psd", PsdFirmware)
+        return PsdDelayer(address, clock=self.bench.clock, settings=settings, **options)
+
+    def dg645(self, **options) -> Dg645:
+        settings = Dg645Settings(**{"pulse_width_s": 20e-9, "repetition_hz": 5e6, **options})
+        return Dg645(self.plug_in("dg645", Dg645Box), settings=settings)
+
+    def t560(self, **options) -> T560:
+        settings = T560Settings(**{"pulse_width_s": 15e-9, "repetition_hz": 10e6, **options})
+        return T560(self.plug_in("t560", T560Box), settings=settings)
 
     def unplug_all(self) -> None:
         self.unplugged = True

@@ -8,7 +8,7 @@ Only what the three libraries spell alike is used, and nothing but numpy need be
 """
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,15 +119,17 @@ def focus_block(
     reference_rad_per_s: float | None = None,
     on: Backend | None = None,
     batch_bytes: int = BATCH_BYTES,
-) -> NDArray[np.complex64]:
-    """Image all planes of a grid with one band.
+) -> Iterator[NDArray[np.complex64]]:
+    """Image all planes of a grid with one band, and yield them in order of depth.
+
+    The wall's spectra at all frequencies stay on the device; its planes leave it one by one.
 
     Parameters
     ----------
     aperture, emitted, band, grid, round_trip_factor
         As of `recon.solvers.rsd.regular.LatticePropagator`.
     times_s
-        For each plane, the (1, y or 1, x or 1) moments at which voxels are read.
+        For each plane, the (T, y or 1, x or 1) moments at which voxels are read.
     progress
         Called with the fraction that is done.
     reference_rad_per_s
@@ -137,47 +139,108 @@ def focus_block(
     batch_bytes
         Memory of a batch; it sets how many frequencies are taken at once.
 
-    Returns
-    -------
+    Yields
+    ------
     ndarray
-        (z, 1 or 2, y, x) complex64 field U, and dU/dt - i omega_0 U where it is asked for; in numpy's memory.
+        (T, y, x) complex64 field U, and then as many dU/dt - i omega_0 U where they are asked for; in numpy's
+        memory.
     """
     on = on or backend("cpu")
     xp = on.xp
     wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
     y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
-    at_once = max(1, batch_bytes // (POINT_BYTES * y.length * x.length))
-    turns_per_s = band.frequencies_rad_per_s / (2 * np.pi)
     lateral2 = on.array(_offsets(y)[:, None] ** 2 + _offsets(x) ** 2)
     readings = [(on.array(axis.first), on.array(axis.weights)) for axis in (y, x)]
-    turning = [np.ones(len(band), np.complex64)]
+    factors = [np.ones(len(band), np.complex64)]
     if reference_rad_per_s is not None:
-        turning.append((1j * (band.frequencies_rad_per_s - reference_rad_per_s)).astype(np.complex64))
-    field = np.zeros((len(grid.z_m), len(turning), *grid.shape[1:]), np.complex64)
-    batches = range(0, len(turns_per_s), at_once)
-    for number, start in enumerate(batches):
-        part = slice(start, start + at_once)
-        wall = xp.fft.fft2(on.array(_wall(aperture, emitted[part], y, x)))
-        turns = on.array(turns_per_s[part])[:, None, None]
-        for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
-            r = xp.sqrt(lateral2 + float(z_m) ** 2)
-            spectrum = (
-                xp.fft.fft2(_unit(xp, round_trip_factor / C_M_PER_S * turns * r) / _single(xp, r)) * wall
-            )
-            spectrum = _fold(spectrum, y, x)
-            turned = _unit(xp, turns * on.array(moments_s))
-            if moments_s.size > 1:
-                fields = _read(xp.fft.ifft2(spectrum), *readings) * turned
-            for sums, factors in zip(field[plane], turning, strict=True):
-                weights = on.array(factors[part])[:, None, None]
-                if moments_s.size > 1:
-                    total = (fields * weights).sum(0)
-                else:
-                    total = _read(xp.fft.ifft2((spectrum * turned * weights).sum(0))[None], *readings)[0]
-                sums += on.numpy(total)
-            if progress:
-                progress((number + (plane + 1) / len(grid.z_m)) / len(batches))
-    return field
+        factors.append((1j * (band.frequencies_rad_per_s - reference_rad_per_s)).astype(np.complex64))
+    at_once = max(1, batch_bytes // (POINT_BYTES * y.length * x.length))
+    batches = [
+        _Batch.of(on, aperture, emitted, band, slice(start, start + at_once), (y, x), factors)
+        for start in range(0, len(band), at_once)
+    ]
+    for plane, (z_m, moments_s) in enumerate(zip(grid.z_m, times_s, strict=True)):
+        r = xp.sqrt(lateral2 + float(z_m) ** 2)
+        field: Any = 0
+        for batch in batches:
+            wave = _unit(xp, round_trip_factor / C_M_PER_S * batch.turns_per_s * r) / _single(xp, r)
+            spectrum = _fold(xp.fft.fft2(wave) * batch.wall, y, x)
+            turned = on.array(moments_s)[:, None] * batch.turns_per_s
+            field = field + _at_moments(xp, spectrum, _unit(xp, turned), batch.factors, readings)
+        yield on.numpy(field.reshape(-1, *grid.shape[1:]))
+        if progress:
+            progress((plane + 1) / len(grid.z_m))
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Some frequencies of a band, on the device.
+
+    Attributes
+    ----------
+    wall
+        (F, y, x) spectra of what the wall emits.
+    turns_per_s
+        (F, 1, 1) frequencies.
+    factors
+        (S, F, 1, 1) by which each frequency is multiplied for each of the sums.
+    """
+
+    wall: Any
+    turns_per_s: Any
+    factors: Any
+
+    @classmethod
+    def of(
+        cls,
+        on: Backend,
+        aperture: Aperture,
+        emitted: NDArray[np.complex64],
+        band: Band,
+        part: slice,
+        axes: tuple[AxisPlan, AxisPlan],
+        factors: Sequence[NDArray[np.complex64]],
+    ) -> "_Batch":
+        """Put the frequencies of a part of the band there."""
+        turns_per_s = band.frequencies_rad_per_s[part, None, None] / (2 * np.pi)
+        return cls(
+            on.xp.fft.fft2(on.array(_wall(aperture, emitted[part], *axes))),
+            on.array(turns_per_s),
+            on.array(np.stack([one[part, None, None] for one in factors])),
+        )
+
+
+def _at_moments(
+    xp: Any, spectrum: Any, turned: Any, factors: Any, readings: Sequence[tuple[Any, Any]]
+) -> Any:
+    """Sum frequencies at moments.
+
+    Parameters
+    ----------
+    xp
+        The library.
+    spectrum
+        (F, folded y, folded x) spectra of the plane's fields.
+    turned
+        (T, F, y or 1, x or 1) phases of the moments.
+    factors
+        (S, F, 1, 1), see `_Batch`.
+    readings
+        Of both axes, see `_read`.
+
+    Returns
+    -------
+    array
+        (S, T, y, x).
+    """
+    if turned.shape[2] * turned.shape[3] == 1:  # the same moment everywhere: sum first, then transform once
+        flat, moments = spectrum.reshape(len(spectrum), -1), turned[:, :, 0, 0]
+        sums = [((moments * factor[:, 0, 0]) @ flat).reshape(-1, *spectrum.shape[1:]) for factor in factors]
+        return xp.stack([_read(xp.fft.ifft2(one), *readings) for one in sums])
+    fields = _read(xp.fft.ifft2(spectrum), *readings)
+    return xp.stack(
+        [xp.stack([(fields * moment * factor).sum(0) for moment in turned]) for factor in factors]
+    )
 
 
 def _offsets(axis: AxisPlan) -> NDArray[np.float64]:

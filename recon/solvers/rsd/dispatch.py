@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from recon.aperture import TOLERANCE_M, Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
-from recon.errors import GeometryError, ParameterError
+from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need, part_of
@@ -271,20 +271,13 @@ def check(problem: ImagingProblem) -> None:
     Raises
     ------
     ParameterError
-        If the device is unknown or missing, or many frames are asked of it.
+        If the device is unknown or missing.
     GeometryError
         If the positions are not one group on a lattice.
     """
     if problem.device == "cpu":
         return
     rsd_array.backend(problem.device)
-    if problem.frames > 1:
-        raise ParameterError(
-            f"device {problem.device}",
-            f"the {problem.camera.name} camera",
-            f"it shows {problem.frames} frames, and the device makes images of one",
-            "Use the cpu.",
-        )
     groups = planar_groups(problem.capture)
     if len(groups) != 1:
         raise GeometryError(

@@ -4,20 +4,24 @@ A new device of a known role costs its driver, its simulator at the wire, its se
 and a line in its role's table.
 """
 
+from rig.devices.kinds.delayers import DELAYERS, check_trigger
 from rig.devices.kinds.detectors import DETECTORS
 from rig.devices.kinds.galvos import GALVOS, loading
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.lasers import LASERS
 from rig.devices.kinds.point_clocks import POINT_CLOCKS
+from rig.devices.kinds.shutters import SHUTTERS
 from rig.devices.kinds.timing import TIMING, TimingKind, time_axis, timing_limits
 from rig.devices.kinds.wires import Wires
 from rig.model.config import RigConfig
 
 __all__ = [
+    "DELAYERS",
     "DETECTORS",
     "GALVOS",
     "LASERS",
     "POINT_CLOCKS",
+    "SHUTTERS",
     "TIMING",
     "Kind",
     "Kinds",
@@ -35,4 +39,7 @@ def check_settings(config: RigConfig) -> None:
     GALVOS.of(config.galvo).check(config.galvo)
     LASERS.of(config.laser).check(config.laser)
     DETECTORS.of(config.detector).check(config.detector)
+    if config.delayer:
+        DELAYERS.of(config.delayer).check(config.delayer)
+        check_trigger(config.delayer, config.laser.repetition_hz)
     TIMING.of(config.tcspc).check(config)

@@ -7,9 +7,10 @@ from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
+from rig.devices.by_hand import LaserByHand
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.wires import Wires
-from rig.model.config import Katana08Config, KatanaConfig, NktConfig
+from rig.model.config import ExternalLaserConfig, Katana08Config, KatanaConfig, NktConfig
 from rig.model.devices import Laser
 
 
@@ -57,9 +58,15 @@ def open_nkt(config: NktConfig, wires: Wires) -> AbstractContextManager[Laser]:
     return NktLaser(wires.laser, clock=wires.clock, settings=nkt_settings(config))
 
 
+def open_external_laser(config: ExternalLaserConfig, wires: Wires) -> AbstractContextManager[Laser]:
+    """Return a laser that a person switches, to be entered."""
+    return LaserByHand(config.model)
+
+
 LASERS: Kinds[Kind[Laser]] = Kinds(
     "laser",
     Kind(KatanaConfig, open_katana, katana_settings),
     Kind(Katana08Config, open_katana_08hp, katana_08hp_settings),
     Kind(NktConfig, open_nkt, nkt_settings),
+    Kind(ExternalLaserConfig, open_external_laser),
 )

@@ -4,13 +4,21 @@ Files are TOML with quantities as text. Without a file the built-in simulated ri
 and commented in ``configs/simulated.toml``.
 """
 
-from rig.model.config.detectors import DetectorConfig, Id120Config
+from rig.model.config.delayers import (
+    DelayerConfig,
+    Dg645Config,
+    ExternalDelayerConfig,
+    PsdConfig,
+    T560Config,
+)
+from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
-from rig.model.config.lasers import Katana08Config, KatanaConfig, LaserConfig, NktConfig
+from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.reading import built_in, built_in_with, load, recorded
 from rig.model.config.rig import RigConfig
 from rig.model.config.section import DeviceSection, Point
+from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
 from rig.model.config.simulation import FaultsConfig, SimulationConfig
 from rig.model.config.timing import HydraHarpConfig, PlaybackConfig, TcspcConfig
 from rig.model.config.use import CalibrationConfig
@@ -19,8 +27,14 @@ __all__ = [
     "AnalogueGalvoConfig",
     "CalibrationConfig",
     "DaqClockConfig",
+    "DaqShutterConfig",
+    "DelayerConfig",
     "DetectorConfig",
     "DeviceSection",
+    "Dg645Config",
+    "ExternalDelayerConfig",
+    "ExternalDetectorConfig",
+    "ExternalLaserConfig",
     "FaultsConfig",
     "GalvoConfig",
     "HydraHarpConfig",
@@ -28,12 +42,17 @@ __all__ = [
     "Katana08Config",
     "KatanaConfig",
     "LaserConfig",
+    "MpdConfig",
     "NktConfig",
     "OptotuneConfig",
     "PlaybackConfig",
     "Point",
+    "PsdConfig",
     "RigConfig",
+    "SerialShutterConfig",
+    "ShutterConfig",
     "SimulationConfig",
+    "T560Config",
     "TcspcConfig",
     "built_in",
     "built_in_with",

@@ -1,6 +1,6 @@
 """Sections of detectors, and of their channels."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -37,6 +37,24 @@ class Id120Config(DetectorConfig):
     """Pseudo-terminal of a simulated detector that ``rig sim serve`` serves; None: one on USB."""
     excess_bias_v: Volts = Field(5.0, gt=0)
     """Bias above breakdown."""
+
+
+class ExternalDetectorConfig(DetectorConfig):
+    """A detector without a data interface: a person sets bias, gate and hold-off as it is written here."""
+
+    kind: Literal["external"] = "external"
+    model: str = "detector"
+    """What it is, for people."""
+
+
+class MpdConfig(DetectorConfig):
+    """An MPD Fast-Gated SPAD; bias and hold-off are set by hand, in MPD's program."""
+
+    needs_address: ClassVar[bool] = True
+
+    kind: Literal["mpd"] = "mpd"
+    address: str | None = None
+    """Serial port or pyserial URL."""
 
 
 class ChannelConfig(Section):

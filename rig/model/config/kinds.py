@@ -6,12 +6,20 @@ from pydantic import GetCoreSchemaHandler, ValidationError, ValidationInfo, Vali
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.errors import ConfigError
-from rig.model.config.detectors import DetectorConfig, Id120Config
+from rig.model.config.delayers import (
+    DelayerConfig,
+    Dg645Config,
+    ExternalDelayerConfig,
+    PsdConfig,
+    T560Config,
+)
+from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.installed import InstalledKind, installed, names
-from rig.model.config.lasers import Katana08Config, KatanaConfig, LaserConfig, NktConfig
+from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import DeviceSection
+from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
 from rig.model.config.timing import HydraHarpConfig, PlaybackConfig, TcspcConfig
 from rig.model.quantities import FROM_RECORD
 
@@ -116,8 +124,10 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
 #: By role, which is the field's name too.
 ROLES = {
     "galvo": ByKind("galvo", GalvoConfig, OptotuneConfig, AnalogueGalvoConfig),
-    "laser": ByKind("laser", LaserConfig, KatanaConfig, Katana08Config, NktConfig),
-    "detector": ByKind("detector", DetectorConfig, Id120Config),
+    "laser": ByKind("laser", LaserConfig, KatanaConfig, Katana08Config, NktConfig, ExternalLaserConfig),
+    "detector": ByKind("detector", DetectorConfig, Id120Config, MpdConfig, ExternalDetectorConfig),
+    "delayer": ByKind("delayer", DelayerConfig, PsdConfig, Dg645Config, T560Config, ExternalDelayerConfig),
     "point_clock": ByKind("point_clock", PointClockConfig, DaqClockConfig),
+    "shutter": ByKind("shutter", ShutterConfig, DaqShutterConfig, SerialShutterConfig),
     "tcspc": ByKind("tcspc", TcspcConfig, HydraHarpConfig, PlaybackConfig),
 }

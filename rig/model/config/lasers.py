@@ -27,6 +27,26 @@ class LaserConfig(DeviceSection):
         return "full power"
 
 
+class ExternalLaserConfig(LaserConfig):
+    """A laser without a data interface: a person switches it, or a shutter does."""
+
+    kind: Literal["external"] = "external"
+    model: str = "laser"
+    """What it is, for people."""
+    power: str = "as set by hand"
+    """Its power, for people."""
+
+    @property
+    def fraction_of_full(self) -> float:
+        """The power as a fraction of the laser's full power, which nobody knows here."""
+        return 1.0
+
+    @property
+    def power_in_words(self) -> str:
+        """The power, for people."""
+        return f"power {self.power}"
+
+
 class KatanaConfig(LaserConfig):
     """A Onefive/NKT Katana 05, green, whose power has a scale of its own."""
 

@@ -4,12 +4,20 @@ from typing import Annotated, Any
 
 from pydantic import model_validator
 
-from rig.model.config.detectors import ChannelConfig, DetectorConfig, Id120Config
+from rig.model.config.delayers import DelayerConfig, ExternalDelayerConfig
+from rig.model.config.detectors import (
+    ChannelConfig,
+    DetectorConfig,
+    ExternalDetectorConfig,
+    Id120Config,
+    MpdConfig,
+)
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.config.kinds import ROLES
-from rig.model.config.lasers import KatanaConfig, LaserConfig
+from rig.model.config.lasers import ExternalLaserConfig, KatanaConfig, LaserConfig
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import Section
+from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
 from rig.model.config.simulation import SimulationConfig
 from rig.model.config.timing import HydraHarpConfig, TcspcConfig, TimingConfig
 from rig.model.config.use import CalibrationConfig, CamerasConfig, ScanConfig
@@ -23,11 +31,15 @@ class RigConfig(Section):
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
     detector: Annotated[DetectorConfig, ROLES["detector"]] = Id120Config()
+    delayer: Annotated[DelayerConfig, ROLES["delayer"]] | None = None
+    """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector does, or cables."""
     tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
     point_clock: Annotated[PointClockConfig, ROLES["point_clock"]] | None = None
     """Present: the mirror can be scanned without a stop, with a marker at each point."""
+    shutter: Annotated[ShutterConfig, ROLES["shutter"]] | None = None
+    """Present: light leaves only while it is open."""
     timing: TimingConfig = TimingConfig()
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
@@ -89,18 +101,67 @@ class RigConfig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _shutter_has_a_line_of_its_own(self) -> "RigConfig":
+        clock, shutter = self.point_clock, self.shutter
+        if isinstance(clock, DaqClockConfig) and isinstance(shutter, DaqShutterConfig):
+            taken = (*clock.markers, clock.step)
+            if (clock.device, clock.address) == (shutter.device, shutter.address) and shutter.line in taken:
+                raise ValueError(
+                    f"shutter.line is {shutter.line}, which is a line of point_clock: give it another one"
+                )
+        return self
+
+    @property
+    def light_place(self) -> str:
+        """Where the light is switched, for people and for those who look for its guard."""
+        if isinstance(self.laser, ExternalLaserConfig):
+            return self.shutter.place if self.shutter else f"{self.laser.model} of {self.name}, by hand"
+        return str(self.laser.address)
+
+    @property
+    def known_dark_by(self) -> str:
+        """What speaks for darkness when the light was put out, in words."""
+        if not isinstance(self.laser, ExternalLaserConfig):
+            return "read back twice"
+        return "by its shutter" if self.shutter else "as far as a person has said"
+
+    @property
+    def unverified(self) -> tuple[str, ...]:
+        """What of this rig a person sets and no program can check, as sentences."""
+        told = []
+        if isinstance(self.laser, ExternalLaserConfig):
+            told.append(
+                "the laser's own emission and power are not known: light is taken to be on while the shutter "
+                "is open"
+                if self.shutter
+                else "the laser is switched by hand, and no program can put it out: of its emission only the "
+                "sync pulses tell, where they come with the light"
+            )
+        by_hand = "set by hand and cannot be read back: what the file says is what a person says"
+        if isinstance(self.detector, ExternalDetectorConfig):
+            told.append(f"bias, gate and hold-off of the detector are {by_hand}")
+        if isinstance(self.delayer, ExternalDelayerConfig):
+            told.append(f"the delay of the gate is {by_hand}")
+        return tuple(told)
+
     @property
     def boards(self) -> dict[str, str | None]:
-        """The DAQ boards that galvo and point clock are on: their names, and where they are served."""
-        on_boards = (AnalogueGalvoConfig, DaqClockConfig)
-        users = [one for one in (self.galvo, self.point_clock) if isinstance(one, on_boards)]
+        """The DAQ boards that devices are on: their names, and where they are served."""
+        on_boards = (AnalogueGalvoConfig, DaqClockConfig, DaqShutterConfig)
+        users = [one for one in (self.galvo, self.point_clock, self.shutter) if isinstance(one, on_boards)]
         return {one.device: one.address for one in users}
 
     @property
     def serial_addresses(self) -> dict[str, str | None]:
         """Where the devices on a serial line are, by their section."""
         galvo = {"galvo": self.galvo.address} if isinstance(self.galvo, OptotuneConfig) else {}
-        return {**galvo, "laser": self.laser.address}
+        detector = {"detector": self.detector.address} if isinstance(self.detector, MpdConfig) else {}
+        others = {"laser": self.laser, "delayer": self.delayer, "shutter": self.shutter}
+        on_lines = {
+            name: one.address for name, one in others.items() if one is not None and one.needs_address
+        }
+        return {**galvo, **detector, **on_lines}
 
     @property
     def simulated(self) -> bool:
@@ -143,12 +204,14 @@ _NOT_MEASURED_WITH = (
     "detector.max_count_rate",
     "detector.serial",
     "detector.address",
+    "delayer.address",
     "tcspc.library",
     "tcspc.serial",
     "tcspc.address",
     "tcspc.readout_time_s",
     "tcspc.file",
     "point_clock",
+    "shutter",
     "scan.",
     "calibration.",
     "cameras.",

@@ -71,6 +71,17 @@ class FaultsConfig(Section):
     """Noise of both lines, root mean square, which a level near zero counts."""
 
 
+class ByHandConfig(Section):
+    """What a person has set at the simulated detector, where the program cannot: `detector.kind` ``mpd``."""
+
+    bias: bool = True
+    """Whether its bias is on."""
+    hold_off_s: Seconds | None = Field(None, ge=0)
+    """Its hold-off; None: detector.hold_off."""
+    error: int = Field(0, ge=0)
+    """The error that it reports; 0 is none."""
+
+
 class MotionConfig(Section):
     """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
 
@@ -100,6 +111,7 @@ class SimulationConfig(Section):
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
+    by_hand: ByHandConfig = ByHandConfig()
 
     @model_validator(mode="after")
     def _moves_without_interreflections(self) -> "SimulationConfig":

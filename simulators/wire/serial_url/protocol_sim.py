@@ -5,7 +5,7 @@ also under an open port.
 """
 
 import errno
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import serial
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException
@@ -31,6 +31,19 @@ class Firmware(Protocol):
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the wire, whole commands or pieces of them."""
+        ...
+
+
+@runtime_checkable
+class LinedFirmware(Firmware, Protocol):
+    """A device that also has to do with the port's control lines."""
+
+    def drive(self, line: str, level: bool) -> None:
+        """Take the level of an output of the port, ``rts`` or ``dtr``."""
+        ...
+
+    def sense(self, line: str) -> bool:
+        """Return the level of an input of the port, ``cts`` or ``dsr``."""
         ...
 
 
@@ -85,10 +98,27 @@ class Serial(SerialBase):
         self._firmware, self._clock = _attached[path]
         self._firmware.output.clear()
         self.is_open = True
+        self._update_rts_state()
+        self._update_dtr_state()
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port; the system drops its outputs then."""
+        if self.is_open and isinstance(self._firmware, LinedFirmware):
+            for line in ("rts", "dtr"):
+                self._firmware.drive(line, False)
         self.is_open = False
+
+    @property
+    def cts(self) -> bool:
+        """Level of the input CTS."""
+        firmware = self._plugged()
+        return isinstance(firmware, LinedFirmware) and firmware.sense("cts")
+
+    @property
+    def dsr(self) -> bool:
+        """Level of the input DSR."""
+        firmware = self._plugged()
+        return isinstance(firmware, LinedFirmware) and firmware.sense("dsr")
 
     @property
     def in_waiting(self) -> int:
@@ -133,6 +163,17 @@ class Serial(SerialBase):
         if firmware is not self._firmware:
             raise SerialException(errno.EIO, f"{self.port}: the device was unplugged")
         return self._firmware
+
+    def _update_rts_state(self) -> None:
+        self._drive("rts", self._rts_state)
+
+    def _update_dtr_state(self) -> None:
+        self._drive("dtr", self._dtr_state)
+
+    def _drive(self, line: str, level: bool) -> None:
+        firmware = self._plugged()
+        if isinstance(firmware, LinedFirmware):
+            firmware.drive(line, bool(level))
 
     def _reconfigure_port(self) -> None:
         """Accept any line setting: a simulated wire has no speed."""

@@ -13,6 +13,7 @@ class ChangeLog:
         12.481 galvo mirror -0.012345 0.001000      optical angles x and y that are commanded [rad]
         12.502 laser power 5.00                     in the laser's own scale, 0 to 10
         12.553 laser emission 1                     0 or 1
+        12.601 shutter open 1                       0 or 1; 1 where there is none
         12.655 detector bias 1                      0 or 1
 
     The positions of a trajectory, which the mirror takes by itself, are not told.
@@ -47,5 +48,6 @@ class ChangeLog:
             "galvo mirror": f"{x_rad:.6f} {y_rad:.6f}",
             "laser power": f"{10 * light.power:.2f}",
             "laser emission": str(int(light.emitting)),
+            "shutter open": str(int(not light.shuttered)),
             "detector bias": str(int(light.biased)),
         }

@@ -17,11 +17,12 @@ from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
+from simulators.wire.lines import LineFirmware
 from simulators.wire.served.board import BoardAnswers
 from simulators.wire.served.detector import DetectorLine
 from simulators.wire.served.terminal import Terminal
 from simulators.wire.served.timing import LONGEST, TimingAnswers, TimingFaults
-from simulators.wire.spad import SpadInstrument
+from simulators.wire.spad import DetectorInstrument, SpadInstrument
 from simulators.wire.tmc import TmcInterface
 
 #: Bytes that are taken from a socket at a time.
@@ -34,16 +35,17 @@ class Addresses:
 
     Attributes
     ----------
-    galvo, laser, detector
-        Pseudo-terminals.
+    galvo, laser, detector, delayer
+        Pseudo-terminals; None where there is no such device, or it has no data interface.
     timing
         Path of the socket for timing instruments, and for the DAQ board.
     """
 
     galvo: str
-    laser: str
-    detector: str
+    laser: str | None
+    detector: str | None
     timing: str
+    delayer: str | None = None
 
 
 class BenchServer:
@@ -61,8 +63,8 @@ class BenchServer:
         How timing instruments on it count.
     wiring
         What hangs on its DAQ board.
-    laser
-        Makes the laser.
+    laser, detector, delayer
+        Make these devices; None where there is no such one, or it has no data interface.
 
     Attributes
     ----------
@@ -76,14 +78,18 @@ class BenchServer:
         faults: TimingFaults,
         wiring: DaqWiring | None = None,
         *,
-        laser: Callable[[Bench], LaserHead] = KatanaHead,
+        laser: Callable[[Bench], LaserHead] | None = KatanaHead,
+        detector: Callable[[Bench], DetectorInstrument] | None = SpadInstrument,
+        delayer: Callable[[Bench], LineFirmware] | None = None,
     ) -> None:
         self._bench = bench
         self._faults = faults
         self._board = SimulatedBoard(bench, wiring)
         self._selector = selectors.DefaultSelector()
         self._connections: set[_Connection] = set()
-        self._head = laser(bench)
+        self._head = laser(bench) if laser else None
+        self._detector = detector(bench) if detector else None
+        self._delayer = delayer(bench) if delayer else None
         self._interlock_closed = True
         self._running = True
 
@@ -92,17 +98,14 @@ class BenchServer:
         self._woken.setblocking(False)
         self._watch(self._woken, self._look_round)
         self._drawer = ThreadPoolExecutor(max_workers=1)
-        galvo, laser, detector = (
-            Terminal(firmware)
-            for firmware in (
-                GalvoBoard(self._bench),
-                self._head,
-                DetectorLine(TmcInterface(SpadInstrument(self._bench))),
-            )
-        )
-        self._terminals = (galvo, laser, detector)
-        for terminal in self._terminals:
-            self._watch(terminal, terminal.serve)
+        self._terminals: list[Terminal] = []
+        galvo = self._terminal(GalvoBoard(self._bench))
+        laser = self._terminal(self._head) if self._head else None
+        head = self._detector
+        if isinstance(head, SpadInstrument):
+            head = DetectorLine(TmcInterface(head))
+        detector = self._terminal(head) if head else None
+        delayer = self._terminal(self._delayer) if self._delayer else None
         # a folder of its own, which nobody else on the computer may enter
         self._folder = tempfile.TemporaryDirectory(prefix="rig-sim-")
         self._listener = socket.socket(socket.AF_UNIX)
@@ -111,7 +114,7 @@ class BenchServer:
         self._listener.listen()
         self._listener.setblocking(False)
         self._watch(self._listener, self._accept)
-        self.addresses = Addresses(galvo.address, laser.address, detector.address, path)
+        self.addresses = Addresses(galvo, laser, detector, path, delayer)
         return self
 
     def __exit__(
@@ -149,13 +152,21 @@ class BenchServer:
         self._interlock_closed = not self._interlock_closed
         self._wake.send(b"\0")
 
+    def _terminal(self, firmware: LineFirmware) -> str:
+        """Serve a device at a pseudo-terminal of its own, and return its address."""
+        terminal = Terminal(firmware)
+        self._terminals.append(terminal)
+        self._watch(terminal, terminal.serve)
+        return terminal.address
+
     def _watch(self, what: "socket.socket | Terminal", serve: Callable[[], None]) -> None:
         self._selector.register(what, selectors.EVENT_READ, serve)
 
     def _look_round(self) -> None:
         """Go on where an answer has been made."""
         self._woken.recv(PIECE)
-        self._head.close_interlock(self._interlock_closed)
+        if self._head:
+            self._head.close_interlock(self._interlock_closed)
         for connection in list(self._connections):
             self._serve(connection)
 
