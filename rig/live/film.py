@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, isfinite
 from pathlib import Path
 from time import time
 
@@ -56,7 +56,7 @@ class Whole:
     photons
         Of its pairs in order.
     when_s
-        Seconds since 1970 at which the scan had its last photon.
+        Seconds since 1970 at which the scan had its last photon; NaN where that is not known.
     """
 
     number: int
@@ -162,7 +162,10 @@ class Filming:
         if self._first < 0:
             self._first = -(-block.first // self._subject.frame_steps)
         for whole in self._gathering.add(block):
-            if self._newest is not None and whole.number != self._newest.number + 1:
+            after = whole.number - (self._newest.number if self._newest is not None else -1)
+            if after < 1:  # it was left out, and read from the file when others had been shown
+                continue
+            if after > 1:
                 self._imager.forget()
             self._imager.take(whole.photons)
             self._newest = whole
@@ -182,8 +185,10 @@ class Filming:
         of = f" of {self._subject.frames}"
         self.title = f"frame {frame.number + 1}{of}"
         self._write(frame.number, np.sqrt(front))
-        self._late_s.append(time() - frame.when_s)
-        self.title += f", {show_duration(self._late_s[-1])} after its last photon"
+        late_s = time() - frame.when_s
+        if isfinite(late_s):
+            self._late_s.append(late_s)
+            self.title += f", {show_duration(late_s)} after its last photon"
         surface = find(found, quiet_level(found.intensity))
         return Picture(self._subject.capture.positions, self.pulse, found.grid, np.sqrt(front), surface)
 
@@ -209,8 +214,8 @@ class Filming:
         picture = self.picture() if newest is not None and not self._looked_at(newest) else None
         whole = steps // self._subject.frame_steps
         self._write_video([one for one in self._fronts if one[0] < whole])
-        if self._late_s:
-            come, shown = max(whole - self._first, len(self._late_s)), len(self._late_s)
+        if shown := len(self._late_s):
+            come = max(whole - self._first, shown)
             skipped = f"; for {come - shown} there was no time" if come > shown else ""
             late = f"{show_duration(float(np.median(self._late_s)))} after its last photon in the median, "
             say(f"fact {shown} of {come} frames were shown{skipped}: each {late}"

@@ -17,7 +17,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from recon.accumulate import GrowingPicture, Picture
+from recon.accumulate import Coming, GrowingPicture, Picture
 from recon.errors import ReconError
 from recon.glance import Glance
 from recon.window import Window
@@ -56,10 +56,10 @@ class Growing:
     least_s = PICTURE_S
 
     def __init__(self, subject: Subject) -> None:
-        ends = [subject.channels * end for end in subject.rounds]
-        how = subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s
+        ends = tuple(subject.channels * end for end in subject.rounds)
+        scan = Coming(subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s)
         self._channels, self._steps = subject.channels, subject.steps
-        self._coarse, self._full = Glance(*how), GrowingPicture(*how)
+        self._coarse, self._full = Glance(scan), GrowingPicture(scan)
         self.title = ""
 
     @property

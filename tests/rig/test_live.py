@@ -13,7 +13,7 @@ import pytest
 from matplotlib.image import imread
 from test_until import description
 
-from recon.accumulate import GrowingPicture
+from recon.accumulate import Coming, GrowingPicture
 from recon.window import Window
 from rig.acquire.acquisition import Watch, acquire
 from rig.acquire.events import Ended, LightChanged, Noticed, Outcome, StepDone
@@ -71,9 +71,8 @@ def usual_picture(path):
     """The picture of all positions of a file, from its histograms."""
     with ScanFile(path) as scan:
         capture, rounds = scan.capture(), scan.plan.passes[0].positions.rounds
-        growing = GrowingPicture(
-            capture, rounds, Window(start_s=scan.fade_from_s), scan.instrument_response_s
-        )
+        window = Window(start_s=scan.fade_from_s)
+        growing = GrowingPicture(Coming(capture, rounds, window, scan.instrument_response_s))
         for positions, counts in capture.histograms.blocks():
             growing.add(positions.start, np.asarray(counts))
         return growing.picture()
