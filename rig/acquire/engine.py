@@ -263,8 +263,9 @@ class ScanEngine:
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
-        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
-        warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
+        config = self._state.config
+        sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        warnings += sync.doubts(rates, config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
