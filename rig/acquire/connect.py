@@ -212,6 +212,7 @@ def _attended(
     """Put the person in front of a laser without a data interface."""
     if not isinstance(config.laser, ExternalLaserConfig):
         return guarded
+    person = (guarded, config, wires.operator, sync_hz, wires.clock)
     if config.shutter is None:
-        return SwitchedByHand(guarded, config, wires.operator, sync_hz, wires.clock)
-    return stack.enter_context(BehindItsShutter(guarded, config, wires.operator, sync_hz, wires.clock))
+        return stack.enter_context(SwitchedByHand(*person))
+    return stack.enter_context(BehindItsShutter(*person))

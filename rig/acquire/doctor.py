@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import HarpConfig, Id120Config, RigConfig
+from rig.model.config import ExternalDetectorConfig, HarpConfig, Id120Config, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -29,6 +29,7 @@ class Finding:
 def examine(config: RigConfig, folder: Path) -> list[Finding]:
     """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
     findings = [*_software(), _disk(folder)]
+    findings += [Finding("set by hand", "warning", sentence) for sentence in config.unverified]
     if not config.simulated:
         findings += [*_ports(config), *_boards(config), _detector(config), _timing_library(config)]
     return findings
@@ -98,6 +99,8 @@ def _served(what: str, address: str) -> Finding:
 
 
 def _detector(config: RigConfig) -> Finding:
+    if isinstance(config.detector, ExternalDetectorConfig):
+        return Finding("detector", "ok", "no data interface: a person is asked")
     if not isinstance(config.detector, Id120Config):
         return Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")
     if config.detector.address:

@@ -16,6 +16,8 @@ from usb.core import USBError, USBTimeoutError
 
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
+from drivers.delayers.dg645 import Dg645, Dg645Settings
+from drivers.delayers.t560 import T560, T560Settings
 from drivers.errors import DeviceError
 from drivers.harp.device import Harp
 from drivers.harp.families import HYDRAHARP_400
@@ -30,9 +32,11 @@ from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
+from simulators.wire.dg645 import Dg645Box
 from simulators.wire.nkt import NktMainboard
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.serial_url.protocol_sim import Firmware
+from simulators.wire.t560 import T560Box
 from support.harp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
@@ -175,6 +179,32 @@ def read_superk(seed: int) -> None:
         assert not bench.light.emitting
     finally:
         protocol_sim.detach(address)
+
+
+def delayer(name: str, box: Any, driver: Any, settings: Any) -> Attack:
+    """Return the attack on a gate delayer: set, switched on, asked, and left."""
+
+    def read(seed: int) -> None:
+        bench = Bench()
+        wire = Spoiling(box(bench), Random(seed))
+        address = protocol_sim.attach(f"attacked/{name}", wire, bench.clock)
+        told: DeviceError | None = None
+        try:
+            with driver(address, settings=settings) as opened:
+                opened.set_delay(10e-9)
+                opened.enable()
+                assert bench.light.triggered
+                opened.settings()
+        except DeviceError as problem:
+            told = problem
+        finally:
+            protocol_sim.detach(address)
+        # a gate that may go on is told
+        assert not bench.light.triggered or "RUNNING" in f"{told} {getattr(told, '__notes__', '')}"
+        if told is not None:
+            raise told
+
+    return Attack(name, lambda random: random.randrange(10**9), read, (DeviceError,))
 
 
 class NoisyUsb(ScriptedUsb):
@@ -329,6 +359,8 @@ ATTACKS = (
         (DeviceError,),
     ),
     Attack("superk", lambda random: random.randrange(10**9), read_superk, (DeviceError,)),
+    delayer("dg645", Dg645Box, Dg645, Dg645Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
+    delayer("t560", T560Box, T560, T560Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),

@@ -27,6 +27,8 @@ class Wires:
         Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
         The time that all devices share.
+    gate_delayed
+        Whether a delayer triggers the detector's gate.
     operator
         Who sets by hand what has no data interface; None where nobody is there.
     """
@@ -41,4 +43,5 @@ class Wires:
     detector: str = ""
     delayer: str = ""
     shutter: str = ""
+    gate_delayed: bool = False
     operator: Operator | None = None

@@ -125,7 +125,7 @@ class RigConfig(Section):
         """What speaks for darkness when the light was put out, in words."""
         if not isinstance(self.laser, ExternalLaserConfig):
             return "read back twice"
-        return "by its shutter" if self.shutter else "switched off by hand"
+        return "by its shutter" if self.shutter else "as far as a person has said"
 
     @property
     def unverified(self) -> tuple[str, ...]:
