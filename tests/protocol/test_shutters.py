@@ -1,6 +1,8 @@
 """Shutters on a line of a board or of a serial port: closed at the beginning, at the end, and in doubt."""
 
 import inspect
+import os
+import sys
 
 import numpy as np
 import pytest
@@ -169,6 +171,19 @@ def test_one_that_stays_closed_is_told_as_that():
         with pytest.raises(RefusedError, match="it stays closed"):
             shutter.let_through()
     placed.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX alone has pseudo-terminals")
+def test_a_port_without_such_a_line_is_told_as_open():
+    """A pseudo-terminal is opened by the system's driver, and has neither RTS nor DTR."""
+    here, there = os.openpty()
+    try:
+        shutter = SerialShutter(os.ttyname(there), clock=Bench().clock)
+        with pytest.raises(LinkError, match=r"that it has this line|Treat the shutter as OPEN"):
+            shutter.__enter__()
+    finally:
+        os.close(here)
+        os.close(there)
 
 
 def test_without_read_back_it_is_where_it_was_told_to_be():

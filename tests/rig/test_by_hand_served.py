@@ -104,7 +104,7 @@ def test_a_person_at_a_terminal_scans_behind_a_shutter(external, tmp_path):
         say_yes(program, 3)  # light it, laser, detector
         program.until("LASER ON")
         program.until("laser dark, by its shutter")
-        program.until("stays biased")
+        program.until("stays BIASED")
         assert program.process.wait(20) == 0
         assert "only its shutter keeps" in program.seen
     assert external.values("shutter open") == ["1", "0"]
@@ -125,6 +125,20 @@ def test_a_program_that_is_killed_leaves_the_shutter_closed(external, tmp_path):
         assert time.monotonic() - killed_s < 3.0  # the guard looks every 0.05 s
         program.until("keeps its BIAS")
         assert "The laser is dark, by its shutter" in program.seen
+
+
+def test_a_guard_that_is_killed_leaves_the_shutter_closed_too(external, tmp_path):
+    """The program opens the shutter's line itself, which closes it."""
+    with at_terminal(
+        tmp_path, "scan", "--config", external.config, "--out", tmp_path / "s.h5", *SMALL, "--exposure", "60s"
+    ) as program:
+        say_yes(program, 3)  # light it, laser, detector
+        assert waited_for(lambda: external.values("shutter open") == ["1"], 30.0)
+        place = load(external.config).light_place
+        (guard,) = (one for one in watchmen() if one.laser == place)
+        os.kill(guard.pid, signal.SIGKILL)
+        assert waited_for(lambda: external.values("shutter open") == ["1", "0"])
+        assert program.process.wait(20) == 4
 
 
 def test_a_shutter_is_closed_by_rig_laser_off_during_a_scan(external, tmp_path):
