@@ -196,6 +196,10 @@ class AnalogueGalvo:
         if wait_s > 0:
             self._clock.sleep(wait_s)
 
+    def loading_s(self, positions: int) -> float:
+        """Return how long `trajectory` takes: no time, since they go to the board with its start."""
+        return 0.0
+
     def trajectory(
         self,
         angles_rad: NDArray[np.float64],

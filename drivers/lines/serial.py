@@ -8,6 +8,7 @@ import serial
 from serial.serialutil import Timeout
 
 from drivers.errors import DeviceNotFoundError, LinkError
+from drivers.lines.listening import tapped_port
 
 #: No answer of the devices here is longer; more bytes without a terminator are garbage.
 MAX_LINE_BYTES = 4096
@@ -56,7 +57,7 @@ class SerialLine:
             The port exists but cannot be used: permissions, or another program has it.
         """
         try:
-            self._port = serial.serial_for_url(
+            port = serial.serial_for_url(
                 self._address,
                 baudrate=self._baudrate,
                 timeout=self._timeout_s,
@@ -65,6 +66,7 @@ class SerialLine:
             )
         except (OSError, ValueError) as problem:
             raise self._cannot_open(problem) from problem
+        self._port = tapped_port(port)
         self._in_step = True
 
     def close(self) -> None:

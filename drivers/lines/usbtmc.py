@@ -17,6 +17,7 @@ import usb.util
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, LinkError, ProtocolError
+from drivers.lines.listening import tapped_usb
 
 APPLICATION_CLASS = 0xFE
 TMC_SUBCLASS = 0x03
@@ -161,7 +162,7 @@ class UsbTmc:
     def __init__(self, device: usb.core.Device, *, name: str, clock: Clock, timeout_s: float) -> None:
         self.name = name
         self.usb488 = False
-        self._device = device
+        self._device = tapped_usb(device)
         self._clock = clock
         self._timeout_ms = ceil(timeout_s * 1e3)
         self._tag = 0

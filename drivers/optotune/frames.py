@@ -15,6 +15,9 @@ from typing import NamedTuple
 
 FLAG, ESCAPE, TURNED = 0x7E, 0x7D, 0x20
 
+#: Bytes of a frame beside its payload.
+AROUND = 7
+
 #: Set in the command of an answer that tells an error.
 ERROR = 0x80
 

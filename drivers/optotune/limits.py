@@ -1,16 +1,22 @@
 """Where the mirror may point, known without it."""
 
 from dataclasses import dataclass
-from math import hypot, isfinite, pi, radians, tan
+from math import ceil, hypot, isfinite, pi, radians, tan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import LimitError
-from drivers.optotune.registers import MOST_SAMPLES, SAMPLING_HZ
+from drivers.optotune.frames import AROUND
+from drivers.optotune.registers import BAUD, MOST_SAMPLES, SAMPLES_A_FRAME, SAMPLING_HZ
 
 #: One unit of X or Y is this tangent of the optical angle: the unit circle is 50 degrees.
 TAN_PER_UNIT = tan(radians(50.0))
+
+#: Bits on the line for each byte: 8, a start and a stop bit.
+BITS_A_BYTE = 10
+#: A command that sets or asks for samples says in so many bytes which; a sample has 4.
+PLACE_BYTES, SAMPLE_BYTES = 5, 4
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,17 @@ class OptotuneLimits:
     def longest_trajectory(self) -> int:
         """How many positions a trajectory has at most; the last is held twice in memory, in each axis."""
         return self.memory_samples // 2 - 1
+
+    def loading_s(self, positions: int) -> float:
+        """Estimate how long it takes to load a trajectory and to read it back, at the line's speed.
+
+        Frames there and back, without what is escaped. Over USB, where the line has no speed of its own, it
+        takes less, or as much where an exchange takes a millisecond more.
+        """
+        samples = 2 * (positions + 1)
+        frames = ceil(samples / SAMPLES_A_FRAME)
+        sent_and_read = frames * (4 * AROUND + 2 * PLACE_BYTES) + 2 * SAMPLE_BYTES * samples
+        return sent_and_read * BITS_A_BYTE / BAUD
 
     def check(self, angle_x_rad: float, angle_y_rad: float) -> None:
         """Raise `LimitError` unless the beam may be steered to these optical angles."""

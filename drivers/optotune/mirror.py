@@ -26,9 +26,6 @@ from drivers.optotune.limits import OptotuneLimits
 from drivers.optotune.pro_mode import ProMode
 from drivers.optotune.status import FAULTS, LATCHED, OVERLOADS, MirrorStatus
 
-#: Line speed (manual); on USB (CDC-ACM) the number has no effect.
-BAUD = 256_000
-
 #: Takes a board from the binary "Pro" mode back to Simple mode: SET_COMM_MODE 0, checksum left out.
 LEAVE_PRO_MODE = bytes.fromhex("7E 00 06 02 00 00 00 00 7E")
 
@@ -76,7 +73,11 @@ class OptotuneMirror:
         poll_interval_s: float = 1e-3,
     ) -> None:
         self._line = SerialLine(
-            address, device="steering mirror", baudrate=BAUD, terminator=b"\r\n", timeout_s=timeout_s
+            address,
+            device="steering mirror",
+            baudrate=registers.BAUD,
+            terminator=b"\r\n",
+            timeout_s=timeout_s,
         )
         self._clock = clock
         self.limits = replace(limits or OptotuneLimits(), device=self._line.name)
@@ -137,6 +138,10 @@ class OptotuneMirror:
     def longest_trajectory(self) -> int:
         """How many positions `trajectory` takes at most."""
         return self.limits.longest_trajectory
+
+    def loading_s(self, positions: int) -> float:
+        """Estimate how long `trajectory` takes with so many positions."""
+        return self.limits.loading_s(positions)
 
     def trajectory(
         self,
@@ -390,8 +395,8 @@ class OptotuneMirror:
             remedy = "It sends back what it is sent: switch the echo of this line or adapter off."
         elif "\\x" in answered:
             remedy = (
-                f"What came is no text: the line's speed is not {BAUD} baud, or another device is there. "
-                "Check both."
+                f"What came is no text: the line's speed is not {registers.BAUD} baud, or another device is "
+                "there. Check both."
             )
         return DeviceNotFoundError(
             self._line.name, f"answer {asked} like an Optotune MR-E board", answered, remedy

@@ -34,6 +34,9 @@ SAMPLES_A_FRAME = 10
 #: Samples a second: an edge of the trigger must last longer, and so must the time between two.
 SAMPLING_HZ = 10_000
 
+#: Line speed (manual); on USB (CDC-ACM) the number has no effect.
+BAUD = 256_000
+
 #: Of `pattern(axis, UNIT)`, and of `EXTERNAL_TRIGGER`.
 XY, RISING_EDGE = 2, 2
 

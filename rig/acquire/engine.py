@@ -7,15 +7,19 @@ from datetime import datetime
 from functools import partial
 from typing import cast
 
+import numpy as np
+
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
 from rig.acquire import sync
-from rig.acquire.assembly import LineFailed, LineRead, Timing, warm_up
-from rig.acquire.continuous import SweepDevices, follow
+from rig.acquire.abilities import require_point_clock
+from rig.acquire.assembly import LineRead, Timing, warm_up
+from rig.acquire.continuous import SweepDevices, sweep_over
 from rig.acquire.events import (
     Consumer,
     Ended,
     Event,
+    Grown,
     LightChanged,
     LineDone,
     Noticed,
@@ -23,12 +27,12 @@ from rig.acquire.events import (
     Phase,
     PhaseChanged,
     Ready,
-    Recorded,
     StepCut,
     StepDone,
 )
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
+from rig.files.scan import MOST_PAIRS
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,
@@ -46,7 +50,7 @@ from rig.model.devices import (
 )
 from rig.model.plan import Pass, ScanPlan, Step
 from rig.model.state import RigState
-from rig.model.sweep import Sweep, Trajectories
+from rig.model.sweep import Trajectories
 
 #: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
@@ -58,9 +62,6 @@ WORTH_CUTTING_S = 0.3
 
 #: While the mirror does not stop, everything is read back so often at the ends of lines.
 VOUCH_S = 0.5
-
-#: A line whose markers or photons cannot be trusted is measured so many times before the scan ends.
-TRIES = 3
 
 #: What is said of a detector whose bias only a person can take away, when it has been closed as ever.
 STAYS_BIASED = "the detector stays BIASED, as a person has set it: its bias can only be switched off by hand"
@@ -137,7 +138,6 @@ class ScanEngine:
         self._angles_rad = state.pointing.angles_rad(plan.spots_m)
         self._done = self._vouched = first
         self._vouched_s = 0.0
-        self._beside = 0
         self._operator = operator
         detector = state.config.detector
         self._gate_s = (detector.gate_delay_s, detector.gate_width_s)
@@ -176,7 +176,7 @@ class ScanEngine:
         during: BaseException | None = None
         try:
             self._run_passes()
-            if self._done == len(self._plan):
+            if self._done == len(self._plan) and not (self._plan.endless and self._should_stop()):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
                 outcome, reason = Outcome.INTERRUPTED, self._stopped_by
@@ -195,18 +195,33 @@ class ScanEngine:
 
     def _run_passes(self) -> None:
         for number, one in enumerate(self._plan.passes):
-            steps = self._plan.range_of_pass(number)
-            if self._done >= steps.stop:
+            if self._done >= self._plan.range_of_pass(number).stop and not self._grow():
                 continue  # measured earlier
             if self._should_stop():
                 return
             self._set_up(one)
             if not self._lit:
                 self._light_up(number)
-            self._expose(steps)
-            if self._done < steps.stop:
+            self._expose(self._plan.range_of_pass(number))
+            while self._done == len(self._plan) and not self._should_stop() and self._grow():
+                self._expose(self._plan.range_of_pass(number))
+            if self._done < self._plan.range_of_pass(number).stop:
                 return
         self._set_hold_off_back()
+
+    def _grow(self) -> bool:
+        """Plan more frames, if they go on until they are stopped; return whether there are more."""
+        if not self._plan.endless:
+            return False
+        longer = self._plan.longer(MOST_PAIRS // len(self._state.channels))
+        if longer is None:
+            at = len(self._plan) - 1
+            self._tell(Noticed("a scan file holds no more frames than these: the scan ends here", at, at))
+            return False
+        of_a_frame = self._angles_rad[: len(self._plan) // self._plan.frames]
+        self._tell(Grown(longer))
+        self._plan, self._angles_rad = longer, np.tile(of_a_frame, (longer.frames, 1))
+        return True
 
     def _set_up(self, one: Pass) -> None:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
@@ -267,8 +282,9 @@ class ScanEngine:
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = devices.read_back()
-        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
-        warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
+        config = self._state.config
+        sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        warnings += sync.doubts(rates, config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
@@ -306,9 +322,7 @@ class ScanEngine:
 
     def _sweep(self, steps: range) -> None:
         """Measure steps with a mirror that never stops along a line."""
-        clock = self._devices.point_clock
-        if clock is None:
-            raise RefusedError("a mirror that never stops needs a point clock: this rig has none")
+        clock = require_point_clock(self._devices.point_clock)
         galvo = cast(SweepingGalvo, self._devices.galvo)
         tagger = cast(TimeTagger, self._devices.tcspc)
         config = self._state.config
@@ -319,40 +333,22 @@ class ScanEngine:
             tagger.rates().sync_hz,
             self._state.mirror_lag_s,
         )
-        devices = SweepDevices(galvo, clock, tagger, self._devices.clock)
-        began, self._beside = self._done, 0
-        failed: list[int] = []  # the steps with which lines began that failed, one after the other
-        while self._done < steps.stop and not self._should_stop():
-            self._devices.laser.beat(ASKING_LEASE_S)
-            sweep = next(paths.sweeps(range(self._done, steps.stop), galvo.longest_trajectory))
-            try:
-                reason = self._follow(sweep, devices, timing)
-            except _StopAskedError:
-                break
-            failed = [one for one in (*failed, self._done) if one == self._done] if reason else []
-            if len(failed) == TRIES:
-                self._vouch()  # for the lines before it
-                raise DoubtError(f"a line failed {TRIES} times. {reason}")
-        self._tell_beside(began)
-
-    def _follow(self, sweep: Sweep, devices: SweepDevices, timing: Timing) -> str:
-        """Measure the lines of a sweep, until it ends or a stop is asked for; return why a line failed."""
-        settle_s = self._state.config.galvo.settle_timeout_s
-        with closing(follow(sweep, devices, timing, settle_s, self._go_on)) as found:
+        devices = SweepDevices(galvo, clock, tagger, self._devices.clock, config.galvo.settle_timeout_s)
+        first, beside = self._done, 0
+        lines = sweep_over(range(first, steps.stop), paths, devices, timing, self._go_on)
+        with closing(lines) as found, suppress(_StopAskedError):
             for one in found:
                 self._devices.laser.beat(LIBRARY_LEASE_S)
-                match one:
-                    case Recorded():
-                        self._tell(one)
-                        if self._should_stop():
-                            return ""
-                    case LineRead():
-                        self._read_line(one)
-                    case LineFailed(line=line, reason=reason):
-                        told = f"{reason} The line is measured again"
-                        self._tell(Noticed(told, line.steps.start, line.steps.stop - 1))
-                        return reason
-        return ""
+                if isinstance(one, LineRead):
+                    self._read_line(one)
+                    beside += one.beside
+                else:
+                    self._tell(one)
+                    if isinstance(one, Noticed):  # between sweeps: what was measured is made safe
+                        self._vouch()
+                    if self._should_stop():
+                        break
+        self._tell_beside(first, beside)
 
     def _go_on(self) -> None:
         """Keep the light on while the mirror is told its way, unless a stop is asked for."""
@@ -362,7 +358,6 @@ class ScanEngine:
 
     def _read_line(self, found: LineRead) -> None:
         self._devices.laser.beat(FILE_LEASE_S)
-        self._beside += found.beside
         for step, exposure in zip(self._plan.steps(self._done), found.exposures, strict=False):
             self._consume(StepDone(step, exposure))
             self._done += 1
@@ -371,9 +366,9 @@ class ScanEngine:
             self._vouch()
             self._tell(LineDone(self._done))
 
-    def _tell_beside(self, first: int) -> None:
+    def _tell_beside(self, first: int, beside: int) -> None:
         if self._done > first:
-            told = f"{self._beside:,} photons came while the mirror turned between lines: they are not stored"
+            told = f"{beside:,} photons came while the mirror turned between lines: they are not stored"
             self._tell(Noticed(told, first, self._done - 1, kind="turns"))
 
     def _since_vouched_s(self) -> float:

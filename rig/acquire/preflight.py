@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
-from rig.devices.kinds import TIMING, check_settings, time_axis, timing_limits
+from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
-from rig.model.sweep import Trajectories, planned_duration_s
+from rig.model.sweep import Trajectories
 
 #: Bytes that one photon takes in a compressed scan file, measured on simulated scans (gzip level 1).
 BYTES_PER_PHOTON = 0.85
@@ -36,7 +37,10 @@ class Estimate:
     mirror_rad
         Largest optical angles that it needs, right and up.
     duration_s
-        How long it takes on hardware, with settling and readout, or with turns.
+        How long it takes on hardware, with settling and readout, or with turns and the loading of the mirror.
+    sweeps, loaded, loading_s
+        Of a mirror that never stops: number of sweeps, positions that are loaded into it for all of them, and
+        how long that takes; 0 of one that stops.
     """
 
     bins: int
@@ -45,6 +49,9 @@ class Estimate:
     bytes_on_disk: int
     mirror_rad: tuple[float, float]
     duration_s: float
+    sweeps: int = 0
+    loaded: int = 0
+    loading_s: float = 0.0
 
 
 def estimate(plan: ScanPlan, state: RigState) -> Estimate:
@@ -60,14 +67,23 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
     photons = plan.exposure_total_s * ASSUMED_RATE_HZ * len(state.channels)
     on_disk = int(min(in_memory, photons * BYTES_PER_PHOTON + len(plan) * 500))
     angles_rad = state.pointing.angles_rad(plan.spots_m)
-    if plan.continuous:
-        paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
-        farthest_rad = paths.farthest_rad()
-    else:
+    if not plan.continuous:
         x_rad, y_rad = np.abs(angles_rad).max(axis=0).tolist()
-        farthest_rad = x_rad, y_rad
-    duration_s = planned_duration_s(plan, state)
-    return Estimate(bins, bin_width_s, in_memory, on_disk, farthest_rad, duration_s)
+        return Estimate(bins, bin_width_s, in_memory, on_disk, (x_rad, y_rad), plan.duration_s(state.config))
+    told = loading(state.config.galvo)
+    way = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s).way(told.longest)
+    loading_s = sum(map(told.duration_s, way.positions))
+    return Estimate(
+        bins,
+        bin_width_s,
+        in_memory,
+        on_disk,
+        way.farthest_rad,
+        way.duration_s + loading_s,
+        sweeps=len(way.positions),
+        loaded=sum(way.positions),
+        loading_s=loading_s,
+    )
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
@@ -83,7 +99,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     Raises
     ------
     RefusedError
-        If a spot is outside the mirror's limits, times do not fit each other, or the disk would overflow.
+        If a spot is outside the mirror's limits, times do not fit each other, the disk would overflow, or
+        the rig has not what a mirror that never stops needs.
     drivers.errors.LimitError
         If laser or timing instrument cannot be set so.
     """
@@ -96,7 +113,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     found = estimate(plan, state)
     _check_angles(plan, state, found)
     if plan.continuous:
-        _check_continuous(state)
+        tagging, _ = tagging_of(state.config), require_point_clock(state.config.point_clock)
+        tagging.check(state.config)
     check_settings(state.config)
     limits = timing_limits(state.config)
     limits.check_histogram(found.bins, found.bin_width_s)
@@ -111,19 +129,6 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
             "free. Free some space, or choose another place with --out"
         )
     return found
-
-
-def _check_continuous(state: RigState) -> None:
-    if TIMING.of(state.config.tcspc).open_tagger is None:
-        raise RefusedError(
-            f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
-            "stops needs: use --mode step"
-        )
-    if state.config.point_clock is None:
-        raise RefusedError(
-            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
-            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
-        )
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:

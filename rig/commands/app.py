@@ -9,6 +9,7 @@ from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
 from rig.commands.compare import compare
+from rig.commands.devices import devices
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
@@ -69,5 +70,6 @@ app.command("import")(import_)
 app.command("export")(export)
 app.command("doctor")(doctor)
 sim.command("serve")(serve)
+app.add_typer(devices, name="devices")
 app.add_typer(laser, name="laser")
 app.add_typer(sim, name="sim")

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
@@ -10,12 +11,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
-from rig.acquire.events import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, Grown, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
@@ -38,6 +39,23 @@ def warn(message: str) -> None:
 def shout(message: str) -> None:
     """Tell the person what must not be missed."""
     err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
+
+
+#: The bars that are drawn now.
+_drawn: "list[Progress]" = []
+
+
+@contextmanager
+def aside() -> "Iterator[None]":
+    """Take drawn bars away while a person is asked something."""
+    bars = list(_drawn)
+    for bar in bars:
+        bar.stop()
+    try:
+        yield
+    finally:
+        for bar in bars:
+            bar.start()
 
 
 def _plain(text: str) -> Text:
@@ -137,13 +155,7 @@ class ScanProgress:
         """Show what happened."""
         match event:
             case PhaseChanged(phase=phase):
-                self._phase = phase.value
-                if err.is_terminal:
-                    self._bar.start()
-                    self._draw(0 if phase.value == "aiming" else None)
-                else:
-                    say(phase.value)
-                self._since_s = time.monotonic()
+                self._show_phase(phase.value)
             case Ready(rates=rates, warnings=warnings):
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
@@ -152,15 +164,37 @@ class ScanProgress:
                 self._light = tell_light(event)
             case Noticed(sentence=sentence, first=first, last=last, kind="warning"):
                 warn(f"{sentence} (positions {first} to {last})")
-            case Noticed(sentence=sentence, kind="bias"):
+            case Noticed(sentence=sentence, kind="bias" | "loading"):
                 say(sentence)
             case StepDone(step=step, exposure=exposure):
                 self._measured += 1
                 self._photons += exposure.photons
                 self._live_time_s += exposure.live_time_s
                 self._advance(step.index + 1)
+            case Grown(plan=plan):
+                self._positions = len(plan)
+                self._bar.update(self._task, total=self._positions)
             case Ended():
-                self._bar.stop()
+                self._stop_bar()
+
+    def _show_phase(self, phase: str) -> None:
+        self._phase = phase
+        if err.is_terminal:
+            self._start_bar()
+            self._draw(0 if phase == "aiming" else None)
+        else:
+            say(phase)
+        self._since_s = time.monotonic()
+
+    def _start_bar(self) -> None:
+        self._bar.start()
+        if self._bar not in _drawn:
+            _drawn.append(self._bar)
+
+    def _stop_bar(self) -> None:
+        self._bar.stop()
+        if self._bar in _drawn:
+            _drawn.remove(self._bar)
 
     def _advance(self, done: int) -> None:
         now_s = time.monotonic()

@@ -19,7 +19,8 @@ def doctor(
 ) -> None:
     """Tell what is installed and connected, what is missing, and what to do.
 
-    Looks only: nothing moves, nothing emits, no byte is sent to a port. Exit code 3 if something is missing.
+    Looks only: nothing moves, nothing emits, no byte is sent to a port; rig devices probe asks the devices.
+    Exit code 3 if something is missing.
     """
     from rig.acquire.doctor import examine
     from rig.commands import console

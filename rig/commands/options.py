@@ -41,10 +41,22 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+#: What is said in place of a number of frames.
+UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
-    int | None,
+    str | None,
     typer.Option(
-        metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
+        metavar=f"N|{UNTIL_STOPPED}",
+        help="How often the whole grid is scanned, for a video; or frame after frame until Ctrl-C, or a RULE "
+        "of --until. [dim]\\[1][/dim]",
+    ),
+]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="RULE",
+        help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
+        "'time 60s'; rig resume goes on.",
     ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]

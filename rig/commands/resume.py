@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Live
+from rig.commands.options import AsJson, Live, Until
 
 
 def resume(
@@ -17,6 +17,7 @@ def resume(
             "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
         ),
     ] = None,
+    until: Until = None,
     live: Live = False,
     yes: Yes = False,
     as_json: AsJson = False,
@@ -25,19 +26,23 @@ def resume(
 
     The devices must be those that the scan began with, and set the same. Which devices are opened, and their
     limits, is said by the rig's configuration and never by the file. Photons that the file holds are never
-    touched.
+    touched. With --until the scan is judged as by 'rig scan', by what the file holds and what comes; its time
+    counts from the first new exposure.
     """
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
+    from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, run
+    from rig.commands.running import Onlookers, ending, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
-    others = Onlookers(live=live)
+    if plan.endless:
+        console.say(f"{scan} has no last frame: frames go on until they are stopped.")
+    others = Onlookers(ending(until, plan, scan) if until else None, live)
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))

@@ -38,10 +38,25 @@ class Onlookers:
         What may end it before its last position; that is no failure.
     live
         Whether it is shown while it runs.
+    fresh_to_m, video
+        How frames are shown then (`rig.live.messages.Film`).
     """
 
     until: "Until | None" = None
     live: bool = False
+    fresh_to_m: float | None = None
+    video: Path | None = None
+
+
+def ending(rule: str, plan: ScanPlan, scan: Path | None = None) -> "Until":
+    """Return what ends a scan by a rule; of a scan that is taken up again, with what it holds."""
+    from rig.image.until import Rule, Until
+
+    until = Until(Rule.from_text(rule, plan))
+    if scan is not None:
+        with ScanFile(scan) as held:
+            until.take_up(held)
+    return until
 
 
 def run(
@@ -77,7 +92,7 @@ def run(
     try:
         with ExitStack() as stack:
             stop = stack.enter_context(StopRequest(console.say))
-            feed = _feed(target) if others.live else None
+            feed = _feed(target, others) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
             lookers = [one for one in (until, feed) if one is not None]
@@ -96,6 +111,9 @@ def run(
     if until and result.ended.outcome is Outcome.INTERRUPTED and result.ended.reason == until.reason():
         console.say(f"Ended as asked: {until.reason()}. {_safe(target, config)}")
         return
+    if plan.endless and result.ended.outcome is Outcome.INTERRUPTED:
+        console.say(f"Ended as asked: {result.ended.reason}. {_safe(target, config)}")
+        return
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
@@ -113,10 +131,18 @@ def _watch(
     return Watch([progress, *lookers], lambda: stop() or (until.reason() if until else False), begun)
 
 
-def _feed(target: Path) -> "LiveFeed":
+def _feed(target: Path, others: Onlookers) -> "LiveFeed":
     from rig.live.feed import LiveFeed
+    from rig.live.messages import Film
 
-    feed = LiveFeed(target, console.warn, window=console.err.is_terminal)
+    video = others.video.absolute() if others.video else None
+    feed = LiveFeed(
+        target,
+        console.warn,
+        inform=console.say,
+        window=console.err.is_terminal,
+        film=Film(others.fresh_to_m, video),
+    )
     console.say(f"Live pictures: {feed.folder / 'now.png'}")
     return feed
 
@@ -164,13 +190,13 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         )
         return
     rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
-    frames = plan.passes[0].frames
-    whole = result.ended.steps_done * frames // len(plan)
+    measured, frames = result.ended.steps_done, plan.frames
+    whole, planned = measured * frames // len(plan), "" if plan.endless else f" of {len(plan):,}"
     console.print_facts(
         str(target),
         {
-            "positions": f"{result.ended.steps_done:,} of {len(plan):,}",
-            **({"frames": f"{whole} of {frames}"} if frames > 1 else {}),
+            "positions": f"{measured:,}{planned}",
+            **({"frames": f"{whole:,}" if plan.endless else f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

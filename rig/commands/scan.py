@@ -8,11 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing
+from rig.commands.options import (
+    UNTIL_STOPPED,
+    AsJson,
+    Config,
+    Frames,
+    Grid,
+    Live,
+    Mode,
+    Order,
+    Ptu,
+    Seed,
+    Spacing,
+    Until,
+)
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
-    from rig.image.until import Until
     from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
@@ -42,14 +54,7 @@ def scan(
             "coarse to fine, the whole wall again and again. random: anywhere."
         ),
     ] = Order.RASTER,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="RULE",
-            help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
-            "'time 60s'; rig resume goes on.",
-        ),
-    ] = None,
+    until: Until = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -73,6 +78,20 @@ def scan(
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
     live: Live = False,
+    fresh_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEPTH",
+            help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
+            "[dim]\\[never][/dim]",
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.gif", help="With --live and --frames: a video of them; .mp4 needs ffmpeg."
+        ),
+    ] = None,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -84,13 +103,15 @@ def scan(
 
       rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
 
-      rig scan --exposure 1ms --mode continuous    the whole wall in 25 s
+      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
 
       rig scan --preset office-10ms          a dataset of the paper
 
       rig scan --config lab.toml --dry-run   what would be done
 
       rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
+
+      rig scan --config configs/video.toml --mode continuous --frames 10 --live    and seen meanwhile
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
@@ -99,7 +120,7 @@ def scan(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, run
+    from rig.commands.running import Onlookers, ending, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model.plan import ScanPlan
@@ -119,15 +140,20 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
         motion=mode.value,
-        frames=frames,
+        **_frames(frames, mode),
     )
-    ending = _ending(until, plan) if until else None
+    _check_film(plan, live, fresh_to, video)
+    end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     if ptu and not plan.continuous:
         raise UsageError(
             "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
+    if ptu and plan.endless:
+        raise UsageError(
+            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
         )
     found = check(plan, state, target.parent)
     if config is None:
@@ -139,7 +165,8 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    others, records = Onlookers(ending, live), beside(target) if ptu else None
+    fresh_to_m = parse(fresh_to, "length") if fresh_to else None
+    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
@@ -156,10 +183,45 @@ def scan(
     )
 
 
-def _ending(rule: str, plan: "ScanPlan") -> "Until":
-    from rig.image.until import Rule, Until
+def _frames(text: str | None, mode: Mode) -> dict[str, object]:
+    """Read the option --frames, as the plan has it."""
+    from rig.errors import UsageError
+    from rig.model.plan import FIRST_FRAMES
 
-    return Until(Rule.from_text(rule, plan))
+    if text is None:
+        return {}
+    if text.strip() != UNTIL_STOPPED:
+        if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
+            raise UsageError(
+                f"'{text}' is no number of frames; write one from 1 on, e.g. --frames 10, or "
+                f"--frames {UNTIL_STOPPED}"
+            )
+        return {"frames": int(text)}
+    if mode is not Mode.CONTINUOUS:
+        raise UsageError(
+            f"--frames {UNTIL_STOPPED} needs --mode continuous; add it, or give a number of frames"
+        )
+    return {"frames": FIRST_FRAMES, "until_stopped": True}
+
+
+def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path | None) -> None:
+    """Refuse what is asked of live images of frames, where there are none."""
+    from rig.errors import UsageError
+    from rig.model.quantities import parse
+
+    asked = {"--fresh-to": fresh_to, "--video": video}
+    names = [name for name, value in asked.items() if value is not None]
+    if names and not (live and plan.frames > 1):
+        raise UsageError(
+            f"{' and '.join(names)} would have no effect without --live and --frames; add them, or make the "
+            "video afterwards: rig recon --each-frame"
+        )
+    if fresh_to and not parse(fresh_to, "length") > 0:
+        raise UsageError(f"--fresh-to {fresh_to}: frames are averaged from a depth above 0 on; use 1m")
+    if video is not None:
+        from rig.show.video import check_video
+
+        check_video(video)
 
 
 def _show_presets(as_json: bool) -> None:
@@ -237,6 +299,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
                 "rounds": grid.rounds,
                 "exposure_total_s": plan.exposure_total_s,
                 "duration_s": found.duration_s,
+                "sweeps": found.sweeps,
+                "loading_s": found.loading_s,
                 "bytes_in_memory": found.bytes_in_memory,
                 "bytes_on_disk": found.bytes_on_disk,
                 "mirror_angle_deg": angles,
@@ -248,7 +312,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
         return
     width_m, height_m = grid.area_m
     frame_s = found.duration_s / one.frames
-    frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    number = UNTIL_STOPPED.replace("-", " ") if plan.endless else str(one.frames)
+    frames = {"frames": f"{number}, of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
     lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(
@@ -261,8 +326,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             "order": _order_in_words(grid),
             "area": f"{show_length(width_m)} x {show_length(height_m)}",
             "exposure": f"{show(one.exposure_s, 's')} each, {show_duration(plan.exposure_total_s)} of light",
-            "time": f"~{show_duration(found.duration_s)} on hardware, with "
-            + ("turns between lines" if plan.continuous else "settling and readout"),
+            "time": f"~{show_duration(found.duration_s)} on hardware, with " + _beside_exposure(plan, found),
+            **({"loading": _loading_in_words(found)} if found.loading_s else {}),
             "photons"
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
@@ -274,6 +339,20 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),
         },
     )
+
+
+def _loading_in_words(found: "Estimate") -> str:
+    from rig.model.sweep import loading_in_words
+
+    sweeps = f"{found.sweeps} sweeps" if found.sweeps > 1 else "one sweep"
+    return f"{sweeps}: {loading_in_words(found.loaded, found.loading_s)}"
+
+
+def _beside_exposure(plan: "ScanPlan", found: "Estimate") -> str:
+    """Say what takes time beside exposures."""
+    if not plan.continuous:
+        return "settling and readout"
+    return "turns between lines" + (" and loading" if found.loading_s else "")
 
 
 def _order_in_words(grid: "GridPositions") -> str:

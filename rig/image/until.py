@@ -1,25 +1,33 @@
-"""A scan that ends by itself: when its picture has stopped changing, is clear enough, or time is up."""
+"""A scan that ends by itself: when its picture has stopped changing, is clear enough, or time is up.
+
+A scan that is taken up again is judged as if it had not been interrupted: what it holds is read from its file
+before anything moves. Its time counts from the first exposure that is new.
+"""
 
 import threading
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 from queue import Queue
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.accumulate import GrowingPicture, Picture, likeness
+from recon.accumulate import Coming, GrowingPicture, Picture, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.window import Window
 from rig.acquire.events import Ended, Event, LineDone, StepDone
 from rig.errors import UsageError
 from rig.files.description import ScanDescription
+from rig.files.scan import ScanFile
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import parse, show
 
 #: Histograms that wait for the picture at most. A slower computer gives up the picture; the scan never waits.
 WAITING_BYTES = 2**29
+#: Steps that are read from a scan file at once.
+STEPS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -107,6 +115,7 @@ class Until:
         self._line: list[NDArray] = []
         self._lines: Queue[tuple[int, NDArray] | None] = Queue()
         self._thread: threading.Thread | None = None
+        self._judge: _Judge | None = None
 
     def reason(self) -> str:
         """Return why the scan is to end, or nothing while it is not."""
@@ -115,6 +124,19 @@ class Until:
             if passed_s >= self._rule.value:
                 self._reason = f"time {passed_s:.1f} s of the {show(self._rule.value, 's')} asked for"
         return self._reason
+
+    def take_up(self, scan: ScanFile) -> None:
+        """Judge what an interrupted scan holds already, by its newest round; the rule may be met by that."""
+        if self._rule.kind == "time":
+            return
+        judge = self._judge = _Judge(self._rule, scan)
+        measured = scan.steps if scan.done.all() else int(scan.done.argmin())
+        looked_at = [end for end in judge.ends if end <= measured][-2:]
+        edges = sorted({*range(0, measured, STEPS_AT_ONCE), *looked_at, measured})
+        for first, stop in pairwise(edges):
+            judge.add(first, scan.counts(range(first, stop)))
+            if stop in looked_at:
+                self._reason = judge.look(stop)
 
     def begun(self, description: ScanDescription) -> None:
         """Take what is known before the first photon."""
@@ -150,31 +172,50 @@ class Until:
         self._lines.put(None)
 
     def _look(self, description: ScanDescription) -> None:
-        """Make pictures until the rule is met or the scan is over."""
+        """Make pictures until the scan is over."""
         try:
-            self._judge(description)
+            judge = self._judge or _Judge(self._rule, description)
+            while (line := self._lines.get()) is not None:
+                first, counts = line
+                judge.add(first, counts)
+                if first + len(counts) in judge.ends:
+                    self._reason = self._reason or judge.look(first + len(counts))
         except Exception as error:  # of no harm to the scan
             self._give_up(f"no picture could be made ({error})")
 
-    def _judge(self, description: ScanDescription) -> None:
-        assert description.plan is not None
-        channels, ends = len(description.channels), rounds_of(description.plan)
-        growing = GrowingPicture(
-            expected(description),
-            [channels * end for end in ends],
-            Window(start_s=description.fade_from_s),
-            description.instrument_response_s,
-        )
-        before: Picture | None = None
-        while (line := self._lines.get()) is not None:
-            first, counts = line
-            growing.add(first * channels, counts.reshape(-1, counts.shape[-1]))
-            if first + len(counts) in ends:
-                picture = growing.picture()
-                self._reason = self._reason or self._met(picture, before, first + len(counts))
-                before = picture
 
-    def _met(self, picture: Picture, before: Picture | None, positions: int) -> str:
+class _Judge:
+    """Holds the pictures of rounds against a rule.
+
+    Parameters
+    ----------
+    rule
+        What is waited for.
+    scan
+        What is known of the scan.
+
+    Attributes
+    ----------
+    ends
+        Number of positions by the end of each round.
+    """
+
+    def __init__(self, rule: Rule, scan: ScanDescription | ScanFile) -> None:
+        assert scan.plan is not None
+        self._rule, self._channels, self.ends = rule, len(scan.channels), rounds_of(scan.plan)
+        ends = tuple(self._channels * end for end in self.ends)
+        window = Window(start_s=scan.fade_from_s)
+        self._growing = GrowingPicture(Coming(expected(scan), ends, window, scan.instrument_response_s))
+        self._before: Picture | None = None
+
+    def add(self, first: int, counts: NDArray) -> None:
+        """Take (steps, channels, bins) counts from a step on."""
+        self._growing.add(first * self._channels, counts.reshape(-1, counts.shape[-1]))
+
+    def look(self, positions: int) -> str:
+        """Make the picture of the round that ends now; return why the rule is met, if it is."""
+        picture, before = self._growing.picture(), self._before
+        self._before = picture
         if self._rule.kind == "contrast":
             value = picture.surface.contrast_seen()
         else:
@@ -187,7 +228,7 @@ class Until:
         )
 
 
-def expected(description: ScanDescription) -> Capture:
+def expected(description: ScanDescription | ScanFile) -> Capture:
     """Return the capture that a scan will have when it is complete; its histograms are not there yet."""
     laser_m, detector_m = description.laser_m, np.asarray(description.detector_m)
     spots_m = detector_m if detector_m.ndim == 3 else detector_m[None]

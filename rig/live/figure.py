@@ -129,14 +129,14 @@ class LiveFigure:
         now_s = seen.newest_s if np.isfinite(seen.newest_s) else datetime.now().timestamp()
         self._when.set_text(datetime.fromtimestamp(now_s).strftime("%d %b %Y, %H:%M:%S"))
         self._how_far.set_text(_how_far(seen, self._subject))
-        self._bar_done.set_width(seen.measured / self._subject.steps)
+        self._bar_done.set_width(0 if self._subject.endless else seen.measured / self._subject.steps)
         self._tell_light(seen)
         self._warnings.set_text("\n".join(_short(one) for one in _warnings(seen)))
         self._draw_counts(seen.photons)
         self._draw_histogram(seen)
         self._draw_rates(seen)
         if seen.picture is not None and seen.picture is not self._picture:
-            self._draw_picture(seen.picture, seen.final)
+            self._draw_picture(seen.picture, seen.title)
 
     def _tell_light(self, seen: Seen) -> None:
         if seen.light is None:
@@ -193,7 +193,7 @@ class LiveFigure:
             axes.set_title(words, size=11)
             say_across(axes, "not yet")
 
-    def _draw_picture(self, picture: Picture, final: bool) -> None:
+    def _draw_picture(self, picture: Picture, title: str) -> None:
         self._picture = picture
         grid, surface = picture.grid, picture.surface
         largest = float(picture.front.max())
@@ -212,10 +212,8 @@ class LiveFigure:
             axes.set_yticklabels([])
             if surface.empty:
                 say_across(axes, "no signal above noise")
-        pairs = "positions" if self._subject.channels == 1 else "pairs"
-        what = "last image" if final else "live image"
         wave = show_length(picture.pulse.wavelength_m)
-        self._front.set_title(f"{what} of {picture.positions:,} {pairs}", size=11)
+        self._front.set_title(title, size=11)
         self._front.text(0.02, 0.03, f"wavelength {wave}", transform=self._front.transAxes, color="white")
         self._depth.set_title("depth of the surface (grey: none)", size=11)
 
@@ -273,6 +271,8 @@ def _in_squares(
 def _how_far(seen: Seen, subject: Subject) -> str:
     """Say how far the scan is, and when it will end."""
     told = [f"{seen.measured:,} of {subject.steps:,} positions ({seen.measured / subject.steps:.0%})"]
+    if subject.endless:
+        told = [f"{seen.measured:,} positions, {seen.measured // subject.frame_steps:,} frames until stopped"]
     if seen.lost:
         told.append("the program that scans is gone")
     elif seen.ended is not None:
@@ -283,7 +283,7 @@ def _how_far(seen: Seen, subject: Subject) -> str:
     elif seen.phase:
         told.append(seen.phase)
     if seen.ended is not None or seen.lost:
-        told.append(f"{int(np.nansum(seen.photons)):,} photons")
+        told.append(f"{seen.total:,} photons")
     elif len(seen.photons_per_s):
         told.append(f"now {show(float(seen.photons_per_s[-1]), 'photons/s')}")
     elif seen.rates is not None:

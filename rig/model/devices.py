@@ -62,6 +62,10 @@ class SweepingGalvo(Galvo, Protocol):
         """How many positions `trajectory` takes at most."""
         ...
 
+    def loading_s(self, positions: int) -> float:
+        """Estimate how long `trajectory` takes with so many positions."""
+        ...
+
     def trajectory(
         self, angles_rad: NDArray[np.float64], tick_s: float, meanwhile: Callable[[], None]
     ) -> None:

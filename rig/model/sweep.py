@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rig.errors import RefusedError
 from rig.model.plan import Grid, ScanPlan
+from rig.model.quantities import show_duration
 from rig.model.state import RigState
 
 POINT, LINE, FRAME = 1, 2, 4
@@ -78,6 +79,25 @@ class Sweep:
     def duration_s(self) -> float:
         """How long it takes."""
         return len(self.marks) * self.tick_s
+
+
+@dataclass(frozen=True)
+class Way:
+    """What a mirror goes through in a scan.
+
+    Attributes
+    ----------
+    positions
+        Of each sweep, turns included.
+    duration_s
+        How long all sweeps take.
+    farthest_rad
+        Largest optical angles along both axes, turns included.
+    """
+
+    positions: tuple[int, ...]
+    duration_s: float
+    farthest_rad: tuple[float, float]
 
 
 class Trajectories:
@@ -147,18 +167,21 @@ class Trajectories:
         if held:
             yield self._sweep(held, tick_s)
 
-    def duration_s(self, pass_index: int) -> float:
-        """Return how long the sweep over a pass takes."""
-        return sum(one.duration_s for one in self.sweeps(self._plan.range_of_pass(pass_index)))
+    def way(self, longest: int | None = None) -> Way:
+        """Lay all sweeps out, each of so many positions at most, and say how much they are.
 
-    def farthest_rad(self) -> tuple[float, float]:
-        """Return the largest optical angles along both axes, turns included."""
-        farthest = np.abs(self._angles_rad).max(axis=0)
-        for number, one in enumerate(self._plan.passes):
-            if one.motion == "continuous":
-                for sweep in self.sweeps(self._plan.range_of_pass(number)):
-                    farthest = np.maximum(farthest, np.abs(sweep.angles_rad).max(axis=0))
-        return float(farthest[0]), float(farthest[1])
+        Raises
+        ------
+        RefusedError
+            If a single line has more.
+        """
+        positions, duration_s, farthest_rad = [], 0.0, np.zeros(2)
+        for number in range(len(self._plan.passes)):
+            for one in self.sweeps(self._plan.range_of_pass(number), longest):
+                positions.append(len(one.marks))
+                duration_s += one.duration_s
+                farthest_rad = np.maximum(farthest_rad, np.abs(one.angles_rad).max(axis=0))
+        return Way(tuple(positions), duration_s, (float(farthest_rad[0]), float(farthest_rad[1])))
 
     def _lines(self, steps: range) -> Iterator[range]:
         """Yield the steps of each line."""
@@ -277,9 +300,15 @@ def _turning(line: _Laid, after: _Laid) -> NDArray[np.float64]:
 
 
 def planned_duration_s(plan: ScanPlan, state: RigState) -> float:
-    """Estimate how long a scan takes on hardware, in either mode."""
+    """Estimate how long a scan takes on hardware, in either mode, without the loading of a mirror."""
     if not plan.continuous:
         return plan.duration_s(state.config)
     angles_rad = state.pointing.angles_rad(plan.spots_m)
-    paths = Trajectories(plan, angles_rad, state.config.galvo.turn_time_s)
-    return sum(paths.duration_s(number) for number in range(len(plan.passes)))
+    return Trajectories(plan, angles_rad, state.config.galvo.turn_time_s).way().duration_s
+
+
+def loading_in_words(positions: int, duration_s: float) -> str:
+    """Say how long a mirror is told its way."""
+    return (
+        f"{positions:,} positions are loaded into the mirror, which takes about {show_duration(duration_s)}"
+    )

@@ -240,6 +240,24 @@ def test_the_longest_trajectory_of_a_board_is_known_without_it():
     assert OptotuneLimits(memory_samples=100).longest_trajectory == 49
 
 
+def test_how_long_loading_takes_is_estimated_by_what_goes_over_the_wire(rig):
+    """But for what is escaped, a byte in 128, and some dozen exchanges beside the positions."""
+    carried = 0
+    receive = rig.board.receive
+
+    def receiving(data):
+        nonlocal carried
+        before = len(rig.board.output)
+        receive(data)
+        carried += len(data) + len(rig.board.output) - before
+
+    with rig.galvo() as mirror:
+        rig.board.receive = receiving
+        mirror.trajectory(way(2000), TICK_S)
+        assert mirror.loading_s(2000) == pytest.approx(carried * 10 / 256_000, rel=0.03)
+    assert mirror.loading_s(8191) == pytest.approx(7.6, abs=0.1)
+
+
 def test_a_board_that_leaves_pro_mode_without_a_word_will_do(rig):
     """Whether it answers is unconfirmed."""
     receive = rig.board.receive

@@ -1,4 +1,4 @@
-"""The drivers against what the manuals say, byte by byte, with no simulator in sight."""
+"""The drivers against transcripts of what public documents say, with no simulator in sight."""
 
 from contextlib import contextmanager
 from math import atan, radians, tan

@@ -1,4 +1,4 @@
-"""The simulated firmware against what the manuals say, byte by byte, with no driver in sight."""
+"""The simulated firmware against transcripts of what public documents say, with no driver in sight."""
 
 import pytest
 

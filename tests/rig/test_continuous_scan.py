@@ -1,5 +1,7 @@
 """Continuous scans through the real drivers and the simulated wires: whole, disturbed, taken up again."""
 
+import json
+import re
 from contextlib import ExitStack
 
 import numpy as np
@@ -201,6 +203,24 @@ def test_without_a_point_clock_nothing_begins(tmp_path, rig):
     assert done.code == 4, done
     assert "[point_clock]" in done.err
     assert not (tmp_path / "a.h5").exists()
+
+
+def test_the_loading_of_the_mirror_is_told_before_and_meanwhile_in_the_same_words(tmp_path, rig):
+    """60 x 20 positions, three between each two lines, four to set off and four to stop."""
+    small = ("--grid", "60x20", "--spacing", "2cm", "--exposure", "1ms", "--mode", "continuous")
+    dry = rig("scan", *small, "--dry-run")
+    words = re.search(r"one sweep: (1,265 positions are loaded into the mirror, .*1\.17 s)", dry.out)
+    assert words, dry.out
+    plan = json.loads(rig("scan", *small, "--dry-run", "--json").out)
+    assert plan["sweeps"] == 1
+    assert plan["loading_s"] == pytest.approx(1265 * 0.922e-3, rel=0.01)
+    done = rig("scan", *small, "--out", "a.h5")
+    assert done.code == 0, done.err
+    assert words[1] in done.err
+    with ScanFile(tmp_path / "a.h5") as scan:
+        (note,) = [note for note in scan.events if note.kind == "loading"]
+    assert note.sentence == words[1]
+    assert (note.first, note.last) == (0, scan.steps - 1)
 
 
 def test_from_the_command_line_to_the_image(tmp_path, rig):

@@ -85,15 +85,19 @@ def test_sweeps_fit_the_mirrors_memory_and_follow_one_another():
     assert len(cut) > 2
     assert all(len(one.marks) <= 150 for one in cut)
     assert [step for one in cut for line in one.lines for step in line.steps] == list(range(len(plan)))
+    way = whole.way(150)
+    assert way.positions == tuple(len(one.marks) for one in cut)
+    assert way.duration_s == pytest.approx(sum(one.duration_s for one in cut))
     with pytest.raises(RefusedError, match=r"holds 20 positions.*one line of 30"):
         next(whole.sweeps(range(len(plan)), longest=20))
 
 
 def test_what_it_takes_is_told_before():
     plan = plan_of()
-    assert paths(plan).duration_s(0) == pytest.approx(23.384 + 130 * 8e-3 + 4 * 4e-3, abs=0.2)
+    way = paths(plan).way()
+    assert way.duration_s == pytest.approx(23.384 + 130 * 8e-3 + 4 * 4e-3, abs=0.2)
     nearest = np.abs(POINTING.angles_rad(plan.spots_m)).max(axis=0)
-    farthest = np.array(paths(plan).farthest_rad())
+    farthest = np.array(way.farthest_rad)
     assert (farthest >= nearest).all()
     assert farthest[0] - nearest[0] == pytest.approx(8 / 4 * 0.01 / 2.5, rel=0.25)  # a quarter of a turn on
 

@@ -10,6 +10,7 @@ import pytest
 
 from recon import defaults
 from recon.capture import ArrayHistograms, Capture
+from rig.acquire.acquisition import Watch, acquire
 from rig.acquire.events import Ended, LineDone, Outcome, StepDone
 from rig.errors import UsageError
 from rig.files import ScanFile
@@ -17,6 +18,7 @@ from rig.files.description import ScanDescription
 from rig.image.until import Rule, Until, expected
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
+from rig.model.state import RigState
 
 SMALL = ("--grid", "24x16", "--spacing", "7cm", "--exposure", "10ms", "--order", "progressive")
 
@@ -43,10 +45,10 @@ def description(scan):
     )
 
 
-def play(scan, until):
-    """Tell a consumer of a scan; return its reason as soon as it has one."""
+def play(scan, until, first=0):
+    """Tell a consumer of a scan from a step on; return its reason as soon as it has one."""
     until.begun(description(scan))
-    for step in scan.plan.steps():
+    for step in scan.plan.steps(first):
         counts = scan.counts(range(step.index, step.index + 1))[0]
         until(StepDone(step, SimpleNamespace(counts=counts, live_time_s=0.01)))
         if step.ends_line:
@@ -68,6 +70,58 @@ def test_pictures_end_a_scan_at_a_round(scanned, rule):
     assert words[0] == kind
     assert float(words[1]) >= float(least)
     assert int(words[-2].replace(",", "")) in scanned.plan.passes[0].positions.rounds
+
+
+def interrupted_at(step, path):
+    """The same scan, ended before a step."""
+    state = RigState.resolve(built_in())
+    plan = ScanPlan.grid(
+        state.config, columns=24, rows=16, spacing_m=0.07, exposure_s=0.01, order="progressive"
+    )
+    done = 0
+
+    def count(event):
+        nonlocal done
+        done += isinstance(event, StepDone)
+
+    acquire(plan, state, path, Watch([count], lambda: done >= step))
+
+
+@pytest.mark.parametrize("rule", ["likeness 0.95", "contrast 6500"])  # after the third or fourth round
+def test_a_scan_that_is_taken_up_again_is_judged_as_one_that_went_on(scanned, tmp_path, rule):
+    """The round that is complete in the file is the one before the first new one."""
+    whole = Until(Rule.from_text(rule, scanned.plan))
+    play(scanned, whole)
+    rounds = scanned.plan.passes[0].positions.rounds
+    reached = int(whole.reason().split()[-2].replace(",", ""))
+    first = rounds[rounds.index(reached) - 1] + 2
+    interrupted_at(first, tmp_path / "part.h5")
+    again = Until(Rule.from_text(rule, scanned.plan))
+    with ScanFile(tmp_path / "part.h5") as part:
+        again.take_up(part)
+        assert np.flatnonzero(part.done).tolist() == list(range(first))
+    assert not again.reason()
+    assert play(scanned, again, first) == whole.reason()
+
+
+def test_resume_ends_by_the_rules_of_scan(rig, tmp_path):
+    interrupted_at(200, tmp_path / "part.h5")
+    done = rig("resume", "part.h5", "--until", "contrast 1e9x")
+    assert (done.code, "is no rule" in done.err) == (2, True)
+    told = json.loads(rig("resume", "part.h5", "--until", "time 1ms", "--json").out)
+    assert told["status"] == "interrupted"
+    assert 200 < told["positions"] < 384
+    assert told["reason"].startswith("time ")
+    # what the file holds may be enough: then nothing is measured, and the laser stays dark
+    met = rig("resume", "part.h5", "--until", "contrast 0.001", "--json")
+    assert met.code == 0, met.err
+    now = json.loads(met.out)
+    assert (now["positions"], now["laser"]["emitting"]) == (told["positions"], False)
+    with ScanFile(tmp_path / "part.h5") as part:
+        assert part.reason == now["reason"]
+        assert part.reason.startswith("contrast ")
+    assert "Ended as asked: contrast" in met.err
+    assert rig("resume", "part.h5").code == 0
 
 
 def test_what_is_expected_of_a_scan_is_what_its_file_then_says(scanned):

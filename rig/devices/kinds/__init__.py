@@ -6,12 +6,12 @@ and a line in its role's table.
 
 from rig.devices.kinds.delayers import DELAYERS, check_trigger
 from rig.devices.kinds.detectors import DETECTORS
-from rig.devices.kinds.galvos import GALVOS
+from rig.devices.kinds.galvos import GALVOS, loading
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.lasers import LASERS
 from rig.devices.kinds.point_clocks import POINT_CLOCKS
 from rig.devices.kinds.shutters import SHUTTERS
-from rig.devices.kinds.timing import TIMING, TimingKind, time_axis, timing_limits
+from rig.devices.kinds.timing import TIMING, Tagging, TimingKind, time_axis, timing_limits
 from rig.devices.kinds.wires import Wires
 from rig.model.config import RigConfig
 
@@ -25,9 +25,11 @@ __all__ = [
     "TIMING",
     "Kind",
     "Kinds",
+    "Tagging",
     "TimingKind",
     "Wires",
     "check_settings",
+    "loading",
     "time_axis",
     "timing_limits",
 ]

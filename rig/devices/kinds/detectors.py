@@ -46,7 +46,7 @@ def open_mpd(config: MpdConfig, wires: Wires) -> AbstractContextManager[GatedSpa
     return MpdSpad(
         wires.detector,
         clock=wires.clock,
-        settings=mpd_settings(config, wires.sync_hz),
+        settings=mpd_settings(config, wires.gate_hz),
         person=partial(_ask_hold_off, wires.operator) if wires.operator else None,
     )
 
@@ -59,7 +59,7 @@ def _ask_hold_off(operator: Operator, hold_off_s: float) -> None:
 
 def open_external_detector(config: ExternalDetectorConfig, wires: Wires) -> AbstractContextManager[GatedSpad]:
     """Return a detector that a person sets, to be entered."""
-    return DetectorByHand(config, wires.operator)
+    return DetectorByHand(config, wires.operator, delayed=wires.gate_delayed)
 
 
 DETECTORS: Kinds[Kind[GatedSpad]] = Kinds(

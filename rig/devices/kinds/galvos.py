@@ -1,12 +1,14 @@
 """The kinds of beam-steering mirrors."""
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 
 from drivers.daq.analogue_galvo import AnalogueGalvo, AnalogueLimits, Settling
 from drivers.optotune import OptotuneLimits, OptotuneMirror
 from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.wires import Wires
-from rig.model.config import AnalogueGalvoConfig, OptotuneConfig
+from rig.model.config import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
 from rig.model.devices import Galvo
 
 
@@ -32,3 +34,27 @@ GALVOS: Kinds[Kind[Galvo]] = Kinds(
     Kind(OptotuneConfig, open_optotune),
     Kind(AnalogueGalvoConfig, open_analogue_galvo),
 )
+
+
+@dataclass(frozen=True)
+class Loading:
+    """How a mirror is told its way before it goes it, known without it.
+
+    Attributes
+    ----------
+    longest
+        How many positions it can be told at once; None where that does not matter, or is not known.
+    duration_s
+        Estimates how long telling so many takes.
+    """
+
+    longest: int | None = None
+    duration_s: Callable[[int], float] = lambda positions: 0.0
+
+
+def loading(section: GalvoConfig) -> Loading:
+    """Return how a mirror is told its way."""
+    if not isinstance(section, OptotuneConfig):
+        return Loading()
+    limits = OptotuneLimits()
+    return Loading(limits.longest_trajectory, limits.loading_s)

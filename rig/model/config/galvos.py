@@ -51,6 +51,11 @@ class OptotuneConfig(GalvoConfig):
     """Serial port or pyserial URL."""
     serial: str | None = None
     """The board's serial number, or another part of what it says of itself, when there are several boards."""
+    turn_time_s: Seconds = Field(0.004, gt=0)
+    """Continuous scans: time in which the mirror turns round at the end of a line. At 1 cm a millisecond on a
+    wall at 2.5 m, 4 rad/s, 4 ms take 3000 rad/s^2 of optical angle at most (`rig.model.sweep.HARDEST_TURN`).
+    The full range of 50 degrees to either side at 20 Hz, which is the mirror's bandwidth for it, takes 13800.
+    Much faster lines need longer turns."""
 
 
 class AnalogueGalvoConfig(GalvoConfig):
