@@ -13,14 +13,13 @@ from typing import Any, Self
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import (
-    DeviceError,
     DeviceNotFoundError,
     LimitError,
     LinkError,
     ProtocolError,
     RefusedError,
 )
-from drivers.leaving import leave
+from drivers.leaving import insist, leave
 from drivers.lines.usb_finder import find_instrument
 from drivers.lines.usbtmc import UsbTmc
 
@@ -30,9 +29,6 @@ BEWARE = "Treat the detector as BIASED: switch it off by hand."
 
 #: Units of ``DEADTIME:TIME`` a second: UNCONFIRMED.
 DEAD_TIME_PER_S = 1e9
-
-#: So often the bias is taken away before the detector is said to be biased.
-DISABLE_TRIES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,23 +163,7 @@ class Id120Spad:
         """
         if self._link is None:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(DISABLE_TRIES):  # neither a garbled transfer nor an interrupt must leave the bias on
-            try:
-                self._tell("REG:RUN FALSE")
-                if not self._flag("REG:RUN?"):
-                    break
-                doubt = RefusedError(self.name, "be without bias", "it says that it still runs", BEWARE)
-            except DeviceError as problem:
-                doubt = type(problem)(self.name, "be without bias", problem.answered, BEWARE)
-            except BaseException as problem:
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(self._take_bias, name=self.name, asked="be without bias", beware=BEWARE)
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
         """Refuse: it has no gate.
@@ -260,6 +240,12 @@ class Id120Spad:
                 "Another instrument was found: name the detector's serial number in the configuration.",
             )
         self.identity = identity
+
+    def _take_bias(self) -> None:
+        """Tell it to run no more, and raise unless it does not."""
+        self._tell("REG:RUN FALSE")
+        if self._flag("REG:RUN?"):
+            raise RefusedError(self.name, "be without bias", "it says that it still runs", BEWARE)
 
     def _tell(self, command: str) -> None:
         self._connected().write(command.encode("ascii") + b"\n")

@@ -1,6 +1,11 @@
-"""Leaving a device safe: every step is tried, and no failure hides another."""
+"""Leaving a device safe: every step is tried, again if need be, and no failure hides another."""
 
 from collections.abc import Callable, Iterable
+
+from drivers.errors import DeviceError
+
+#: So often a device is made safe before it is said not to be.
+TRIES = 3
 
 
 def leave(steps: Iterable[Callable[[], None]], during: BaseException | None) -> None:
@@ -36,3 +41,50 @@ def leave(steps: Iterable[Callable[[], None]], during: BaseException | None) -> 
         told.add_note(f"while leaving: {other}")
     if told is not during:
         raise told
+
+
+def insist(
+    attempt: Callable[[], object],
+    *,
+    name: str,
+    asked: str,
+    beware: str,
+    tries: int = TRIES,
+    otherwise: Iterable[Callable[[], None]] = (),
+) -> None:
+    """Make a device safe: neither a garbled answer nor an interrupt must leave it as it is.
+
+    Parameters
+    ----------
+    attempt
+        Makes it safe and verifies that; it is called again after any exception.
+    name, asked
+        The device, and what it was to do, for messages.
+    beware
+        What a person has to do if it may not be safe.
+    tries
+        How often it is tried.
+    otherwise
+        The next best, if all attempts failed.
+
+    Raises
+    ------
+    DeviceError
+        The last one of the attempts, with the words of ``asked`` and ``beware``, if all failed.
+    BaseException
+        An interrupt that came meanwhile, when the device is safe; or the last one, if all attempts failed.
+    """
+    interrupted: BaseException | None = None
+    for number in range(1, tries + 1):
+        try:
+            attempt()
+            break
+        except DeviceError as problem:
+            doubt: BaseException = type(problem)(name, asked, problem.answered, beware)
+        except BaseException as problem:
+            doubt = interrupted = problem
+        if number == tries:
+            leave(otherwise, doubt)
+            raise doubt
+    if interrupted is not None:
+        raise interrupted

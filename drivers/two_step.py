@@ -9,7 +9,7 @@ from typing import Self
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, FoundEmittingError, LinkError, RefusedError
-from drivers.leaving import leave
+from drivers.leaving import insist, leave
 
 BEWARE = "Treat the laser as EMITTING: turn its key off by hand."
 
@@ -166,24 +166,14 @@ class TwoStepLaser(ABC):
         self._armed = self._lit = False
         if not self._connected:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(STOP_TRIES):  # neither a garbled line nor an interrupt must leave the light on
-            try:
-                self._switch(False)
-                if not self._says_emitting():
-                    break
-                doubt = RefusedError(self.name, "be dark", "it says that it still emits", BEWARE)
-            except DeviceError as problem:
-                doubt = type(problem)(self.name, "be dark", problem.answered, BEWARE)
-            except BaseException as problem:
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            leave([self._lower_power], doubt)
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(
+            self._make_dark,
+            name=self.name,
+            asked="be dark",
+            beware=BEWARE,
+            tries=STOP_TRIES,
+            otherwise=[self._lower_power],
+        )
 
     def emitting(self) -> bool:
         """Return what the laser itself says about its emission.
@@ -200,6 +190,12 @@ class TwoStepLaser(ABC):
         if self._lit and not emitting:
             self._armed = self._lit = False
         return emitting
+
+    def _make_dark(self) -> None:
+        """Tell it to be dark, and raise unless it says that it is."""
+        self._switch(False)
+        if self._says_emitting():
+            raise RefusedError(self.name, "be dark", "it says that it still emits", BEWARE)
 
     def _emits_when_found(self) -> bool:
         try:

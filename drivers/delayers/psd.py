@@ -21,7 +21,7 @@ from drivers.errors import (
     ProtocolError,
     RefusedError,
 )
-from drivers.leaving import leave
+from drivers.leaving import insist, leave
 from drivers.lines.serial import SerialLine
 
 BAUD = 115200
@@ -45,8 +45,6 @@ DIVIDERS = (1, 999)
 
 POLL_S = 0.01
 
-#: So often the output is switched off before it is said to be on.
-DISABLE_TRIES = 3
 
 #: What comes for ``ERRn``, after PYME.
 ERRORS = {
@@ -222,21 +220,7 @@ class PsdDelayer:
         """
         if not self._connected:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(DISABLE_TRIES):  # neither a garbled answer nor an interrupt must leave it on
-            try:
-                self._set("EO", 0)
-                break
-            except DeviceError as problem:
-                doubt = type(problem)(self.name, "send no pulses", problem.answered, BEWARE)
-            except BaseException as problem:
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(lambda: self._set("EO", 0), name=self.name, asked="send no pulses", beware=BEWARE)
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return the delay and the pulse's width as read back."""

@@ -11,14 +11,11 @@ from math import isfinite
 from types import TracebackType
 from typing import Self
 
-from drivers.errors import DeviceError, LimitError, LinkError, ProtocolError, RefusedError
-from drivers.leaving import leave
+from drivers.errors import LimitError, LinkError, ProtocolError, RefusedError
+from drivers.leaving import insist, leave
 from drivers.lines.serial import SerialLine
 
 BEWARE = "Treat the detector's gate as RUNNING: pull the cable from the delayer's output."
-
-#: So often the output is switched off before it is said to be on.
-DISABLE_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -189,21 +186,7 @@ class TextDelayer(ABC):
         """
         if not self._connected:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(DISABLE_TRIES):
-            try:
-                self._switch(False)
-                break
-            except DeviceError as problem:
-                doubt = type(problem)(self.name, "switch its output off", problem.answered, BEWARE)
-            except BaseException as problem:
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(lambda: self._switch(False), name=self.name, asked="switch its output off", beware=BEWARE)
 
     def _require_connection(self) -> None:
         if not self._connected:

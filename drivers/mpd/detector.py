@@ -14,7 +14,7 @@ from typing import Self
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError, ProtocolError, RefusedError
-from drivers.leaving import leave
+from drivers.leaving import insist, leave
 from drivers.lines.serial import SerialLine
 from drivers.mpd.settings import WIDTHS_S, MpdSettings, checked_width_ps
 from drivers.mpd.status import HOLD_OFF_STEP_S, NAMES, NEEDED, Status, parse_piece
@@ -34,8 +34,6 @@ RATE_WITHIN = 0.01
 #: Pieces of an answer, those that are not known too; more are no answer.
 MOST_PIECES = 40
 
-#: So often the gate is closed before it is said to be open.
-DISABLE_TRIES = 3
 
 PROGRAM = "MPD's program"
 BEWARE = f"Treat the detector as SENSITIVE and BIASED: switch its bias off by hand, in {PROGRAM}."
@@ -139,21 +137,12 @@ class MpdSpad:
         self._enabled = False
         if not self._connected:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(DISABLE_TRIES):  # neither a garbled answer nor an interrupt must leave it open
-            try:
-                self._set(gated=True, width_s=WIDTHS_S[0])
-                break
-            except DeviceError as problem:
-                doubt = type(problem)(self.name, "close its gate", problem.answered, BEWARE)
-            except BaseException as problem:
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(
+            lambda: self._set(gated=True, width_s=WIDTHS_S[0]),
+            name=self.name,
+            asked="close its gate",
+            beware=BEWARE,
+        )
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
         """Choose how long the gate stays open; its delay is not the detector's to set.

@@ -6,12 +6,9 @@ from typing import Self
 
 from drivers.clock import Clock
 from drivers.errors import LinkError, RefusedError
-from drivers.leaving import leave
+from drivers.leaving import insist, leave
 
 BEWARE = "Treat the shutter as OPEN, and the laser as EMITTING: switch the laser off by hand."
-
-#: So often it is closed before it is said to be open.
-CLOSE_TRIES = 3
 
 
 class LineShutter(ABC):
@@ -101,23 +98,7 @@ class LineShutter(ABC):
         """
         if not self._connected:
             return
-        doubt: BaseException | None = None
-        interrupted: BaseException | None = None
-        for _ in range(CLOSE_TRIES):
-            try:
-                self._move(False)
-                if not self.is_open():
-                    break
-                doubt = RefusedError(self.name, "close", "it says that it is open", BEWARE)
-            except (LinkError, RefusedError) as problem:
-                doubt = type(problem)(self.name, "close", problem.answered, BEWARE)
-            except BaseException as problem:  # an interrupt must not leave it open
-                doubt = interrupted = problem
-        else:
-            assert doubt is not None
-            raise doubt
-        if interrupted is not None:
-            raise interrupted
+        insist(self._make_closed, name=self.name, asked="close", beware=BEWARE)
 
     def is_open(self) -> bool:
         """Return whether it is open: as it is read back, else as it was told last."""
@@ -133,6 +114,12 @@ class LineShutter(ABC):
             "open": self.is_open(),
             "read_back": self._level() is not None,
         }
+
+    def _make_closed(self) -> None:
+        """Tell it to close, and raise unless it is."""
+        self._move(False)
+        if self.is_open():
+            raise RefusedError(self.name, "close", "it says that it is open", BEWARE)
 
     def _move(self, to_open: bool) -> None:
         self._told_open = True  # until the line was set

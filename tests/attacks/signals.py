@@ -154,15 +154,15 @@ class Bench:
         time.sleep(random.uniform(0, 2.0) if lit else random.uniform(0, 1.1 * self.whole_s))
         run = Run(name)
         hit_unix_s = time.time()
-        was_on = self._last("laser emission"), self._last("detector sensitive")
+        was_on = self._last("laser emission"), self._last("detector bias")
         with suppress(ProcessLookupError):
             HITS[name](random, program)
         self._judge_end(run, program)
         run.end_s = time.time() - hit_unix_s
-        self._wait(lambda: self._last("laser emission") == self._last("detector sensitive") == "0")
+        self._wait(lambda: self._last("laser emission") == self._last("detector bias") == "0")
         run.lit = ("laser emission", "1") in self._since(before)
         for what, attribute, on in zip(
-            ("laser emission", "detector sensitive"), ("dark_s", "closed_s"), was_on, strict=True
+            ("laser emission", "detector bias"), ("dark_s", "closed_s"), was_on, strict=True
         ):
             if self._last(what) != "0":
                 run.wrong.append(f"{what} left on")
@@ -271,7 +271,7 @@ def table(runs: list[Run]) -> str:
         dark = [run.dark_s for run in mine if run.dark_s is not None]
         closed = [run.closed_s for run in mine if run.closed_s is not None]
         wrong = [what for run in mine for what in run.wrong]
-        left = [wrong.count(f"{what} left on") for what in ("laser emission", "detector sensitive")]
+        left = [wrong.count(f"{what} left on") for what in ("laser emission", "detector bias")]
         codes = sorted({str(run.code) for run in mine})
         resumed = ", ".join(
             f"{sum(run.resumed == how for run in mine)} {how}" for how in sorted({r.resumed for r in mine})

@@ -105,7 +105,7 @@ def test_f02_a_closed_terminal_puts_the_light_out(bench, tmp_path):
         running.send_signal(signal.SIGHUP)
         assert running.wait(PATIENCE_S) == 6
     assert dark(bench)
-    assert bench.values("detector sensitive")[-1] == "0"
+    assert bench.values("detector bias")[-1] == "0"
 
 
 @posix
@@ -114,7 +114,7 @@ def test_f03_a_killed_program_leaves_no_light(bench, tmp_path):
         running.kill()
         running.wait(PATIENCE_S)
     wait_for(lambda: dark(bench))
-    wait_for(lambda: bench.values("detector sensitive")[-1] == "0")
+    wait_for(lambda: bench.values("detector bias")[-1] == "0")
 
 
 @posix
@@ -122,7 +122,7 @@ def test_f04_a_call_that_never_returns_ends_in_the_dark(bench, tmp_path):
     with scanning(bench, tmp_path, *LONG, program=(HANGING,)) as running:
         wait_for(lambda: dark(bench))
         assert running.wait(2 * PATIENCE_S) == 3
-    assert bench.values("detector sensitive")[-1] == "0"
+    assert bench.values("detector bias")[-1] == "0"
 
 
 @posix

@@ -72,11 +72,11 @@ def test_a_scan_is_told_in_the_log(rig, bench, tmp_path):
     assert [at for at, _, _ in changes] == sorted(at for at, _, _ in changes)
     switched = [(what, value) for _, what, value in changes if what != "galvo mirror"]
     assert switched == [
-        ("detector sensitive", "1"),
+        ("detector bias", "1"),
         ("laser power", "10.00"),
         ("laser emission", "1"),
         ("laser emission", "0"),
-        ("detector sensitive", "0"),
+        ("detector bias", "0"),
         ("laser power", "0.00"),
     ]
     lit = [what for _, what, _ in changes]

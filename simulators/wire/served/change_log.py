@@ -14,8 +14,7 @@ class ChangeLog:
         12.502 laser power 5.00                     in the laser's own scale, 0 to 10
         12.553 laser emission 1                     0 or 1
         12.601 shutter open 1                       0 or 1; 1 where there is none
-        12.655 detector bias 1                      0 or 1
-        12.655 detector sensitive 1                 0 or 1; 1 where it detects: biased, and free or gated
+        12.655 detector bias 1                      0 or 1; 1 where it is above breakdown: free, or gated
 
     The positions of a trajectory, which the mirror takes by itself, are not told.
 
@@ -50,6 +49,5 @@ class ChangeLog:
             "laser power": f"{10 * light.power:.2f}",
             "laser emission": str(int(light.emitting)),
             "shutter open": str(int(not light.shuttered)),
-            "detector bias": str(int(light.biased)),
-            "detector sensitive": str(int(light.sensitive)),
+            "detector bias": str(int(light.sensitive)),
         }
