@@ -57,7 +57,7 @@ class RigConfig(Section):
         if info.context == FROM_RECORD:
             return _with_a_gate_that_exists(table)
         _refuse_gated_id120(table.get("detector"))
-        return table
+        return _with_built_in_delayer(table)
 
     @model_validator(mode="after")
     def _incidence_is_of_one_mirror(self) -> "RigConfig":
@@ -269,6 +269,13 @@ def _with_a_gate_that_exists(table: dict[str, Any]) -> dict[str, Any]:
     detector = {key: value for key, value in detector.items() if key != "serial"}
     delayer = {"kind": "psd", "address": detector.get("address")}
     return {**table, "detector": {**detector, "kind": "mpd"}, "delayer": delayer}
+
+
+def _with_built_in_delayer(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a simulated rig that does not say what detector it has with all of the built-in rig's."""
+    detector = table.get("detector", {})
+    says = isinstance(detector, dict) and "kind" in detector
+    return table if says or "delayer" in table or "simulation" not in table else {**table, "delayer": {}}
 
 
 def _refuse_gated_id120(detector: Any) -> None:
