@@ -71,6 +71,12 @@ Ptu = Annotated[
         help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
     ),
 ]
+Operator = Annotated[str | None, typer.Option(metavar="NAME", help="Who measures; kept in the file.")]
+Sample = Annotated[
+    str | None, typer.Option(metavar="TEXT", help="What is measured: the hidden object, the wall.")
+]
+Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
+Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
 
 

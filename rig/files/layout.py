@@ -84,6 +84,11 @@ SCAN: Layout = {
         "in that one; estimated: values that it lacked and that were estimated from its data, with quantity, "
         "value, low, high [s or m], how, and all of it in words",
     ),
+    "/notes": Entry("group", "what people said of the scan; nothing of it changes what is measured"),
+    "/notes@operator": Entry("text", "who measured"),
+    "/notes@sample": Entry("text", "what was measured: the hidden object, the wall"),
+    "/notes@purpose": Entry("text", "what the scan is for"),
+    "/notes@note": Entry("text", "what else was worth keeping"),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),
     "/devices/*@identity": Entry(
@@ -230,8 +235,6 @@ SCAN: Layout = {
         "json", "list of what went less than well, as plain sentences; where it happened is in /events"
     ),
 }
-
-_NEW_IN_2 = ("/channels", "/passes", "/calibration_data", "/unfinished")
 
 #: What is otherwise in a scan file of version 1: one channel, which has no axis, and positions for steps.
 SCAN_1: Layout = {

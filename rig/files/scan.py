@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isnan, prod
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -14,22 +12,18 @@ from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
 from rig.errors import DataFileError
-from rig.files import content, forms, mend
+from rig.files import forms, mend
 from rig.files.blocks import read, spans
-from rig.files.check import check_format, check_layout, plain, reading
-from rig.files.content import Note
+from rig.files.check import plain, reading
 from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal
-from rig.files.layout import SCANS
-from rig.files.recorded import RecordedFile
-from rig.model.calibrations.chosen import Calibrations
-from rig.model.calibrations.chosen import recorded as recorded_calibrations
+from rig.files.outline import ScanOutline, why_mended
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
-from rig.model.plan import Pass, ScanPlan
+from rig.model.plan import Pass
 from rig.model.quantities import show, show_duration, show_length
-from rig.model.state import Channel, RigState
+from rig.model.state import Channel
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
@@ -102,7 +96,7 @@ class ScanPass:
         return self.scan.laser_m[self.steps.start : self.steps.stop]
 
 
-class ScanFile(RecordedFile):
+class ScanFile(ScanOutline):
     """A scan file, checked against its layout when it is opened; use as a context manager.
 
     Attributes
@@ -133,25 +127,16 @@ class ScanFile(RecordedFile):
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
 
-    def _open(self) -> h5py.File:
-        self.mended, self.growing = "", False
-        journal = mend.open_journal(self.path, alone=False)
-        if journal is None:
-            return super()._open()
-        try:
-            self.digested, self.growing = journal.path, journal.growing
-            self.mended = _why_mended(self.path, journal)
-            return mend.for_reading(journal, self.path)
-        finally:
-            journal.close()
+    def _open_mended(self, journal: Journal) -> h5py.File:
+        self.mended = why_mended(self.path, journal)
+        return mend.for_reading(journal, self.path)
 
     def _read(self) -> None:
-        self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
-        sizes = check_layout(self.path, self._file, SCANS[self.version])
+        super()._read()
         self._read_geometry()
         self._read_time()
         self._read_channels()
-        self._read_photons(sizes)
+        self._read_photons(self._sizes)
 
     def _read_geometry(self) -> None:
         geometry = self._file["geometry"]
@@ -243,7 +228,7 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._check_stored(counts, int(np.count_nonzero(self._marked)) * prod(counts.shape[1:]))
+            self._check_stored(counts, int(np.count_nonzero(self.marked)) * prod(counts.shape[1:]))
         else:
             photons = transients["photons"]
             self._spans = self._read_offsets(photons)
@@ -305,35 +290,10 @@ class ScanFile(RecordedFile):
         parts = spans(photons, 0, PHOTONS_AT_ONCE * photons.dtype.itemsize)
         return 1 + max((int(read(photons, part).max()) for part in parts), default=0)
 
-    @property
-    def status(self) -> str:
-        """``running``, ``complete``, ``interrupted`` or ``failed``."""
-        return "running" if self.growing else str(self._attribute("stop", "status", "interrupted"))
-
-    @property
-    def reason(self) -> str:
-        """Why the run ended, in words."""
-        unsaid = "" if "stop" in self._file or self.growing else "it has no closing record"
-        return str(self._attribute("stop", "reason", unsaid))
-
-    @property
-    def photons(self) -> int:
-        """Sum of all counts as the closing record has it; 0 without one."""
-        return int(self._attribute("stop", "photons", 0))
-
     @cached_property
     def done(self) -> NDArray[np.bool_]:
         """(S,) which steps were measured, and are as they were written."""
-        return self._marked & ~self.altered
-
-    @cached_property
-    def _marked(self) -> NDArray[np.bool_]:
-        """(S,) which steps are marked as measured."""
-        with reading(self.path):
-            transients = self._file["transients"]
-            return (
-                read(transients["done"]).astype(bool) if "done" in transients else np.ones(self.steps, bool)
-            )
+        return self.marked & ~self.altered
 
     @cached_property
     def altered(self) -> NDArray[np.bool_]:
@@ -345,18 +305,6 @@ class ScanFile(RecordedFile):
             return form.altered(self._file, form.stored_sums(self._file))
 
     @property
-    def events(self) -> list[Note]:
-        """What happened during the scan, in the order in which it began."""
-        with reading(self.path):
-            return content.read_events(self._file)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What went less than well, each sentence once."""
-        noted = [note.sentence for note in self.events if note.kind == "warning"]
-        return list(dict.fromkeys([*map(str, self._json("stop", "warnings", "[]", list)), *noted]))
-
-    @property
     def doubts(self) -> list[str]:
         """What a person must know who reads the file now: whether it was mended, or altered."""
         found = [self.mended] if self.mended else []
@@ -366,57 +314,6 @@ class ScanFile(RecordedFile):
                 f"written, and are left out. rig resume {self.path} measures them again"
             )
         return found
-
-    @cached_property
-    def plan(self) -> ScanPlan | None:
-        """The scan plan; None where the file does not say.
-
-        Raises
-        ------
-        DataFileError
-            If it is damaged.
-        """
-        text = str(self._attribute("start", "plan", "{}"))
-        return None if text == "{}" else ScanPlan.from_json(text, self.path)
-
-    @cached_property
-    def state(self) -> RigState | None:
-        """The rig as it was; None where the file does not say.
-
-        Raises
-        ------
-        DataFileError
-            If it is damaged, or of a newer program.
-        """
-        return RigState(self.config, self.calibrations) if self.config else None
-
-    @property
-    def imported(self) -> dict[str, Any]:
-        """File, sha256, layout and assumptions of an import; empty for a scan."""
-        found: dict[str, Any] = self._json("start", "imported", "{}", dict)
-        return found
-
-    @property
-    def estimated(self) -> list[str]:
-        """Values that the imported file lacked and that were estimated from its data, in words."""
-        with reading(self.path):
-            return [str(value["words"]) for value in self.imported.get("estimated", ())]
-
-    @cached_property
-    def calibrations(self) -> Calibrations:
-        """The calibrations that the scan used.
-
-        Raises
-        ------
-        DataFileError
-            If one is damaged.
-        """
-        with reading(self.path):
-            group = self._file.get("calibration", {})
-            documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
-            beside = self._file.get("calibration_data", {})
-            arrays = {name: read(dataset) for name, dataset in beside.items()}
-        return recorded_calibrations(documents, arrays, self.path)
 
     def passes(self) -> list[ScanPass]:
         """Return the passes of the plan; a file without a plan is one.
@@ -482,25 +379,6 @@ class ScanFile(RecordedFile):
         """Full width at half maximum of the instrument response."""
         return self._time("instrument_response_s")
 
-    @property
-    def tagged(self) -> bool:
-        """Whether the file holds the bin index of each photon rather than histograms."""
-        return "photons" in self._file["transients"]
-
-    @property
-    def expectation(self) -> bool:
-        """Whether the counts are a rendered or processed signal rather than photons."""
-        counts = self._file["transients"].get("counts")
-        return counts is not None and plain(counts.attrs.get("kind")) == "expectation"
-
-    @property
-    def live_time_s(self) -> NDArray[np.float32]:
-        """(S,) measurement time of each step; NaN where unknown."""
-        if "live_time_s" not in self._file["transients"]:
-            return np.full(self.steps, np.nan, np.float32)
-        with reading(self.path):
-            return read(self._file["transients/live_time_s"]).astype(np.float32)
-
     def capture(self) -> Capture:
         """Return what was measured in rectified time, as pairs of laser and detector spot.
 
@@ -529,12 +407,6 @@ class ScanFile(RecordedFile):
             laser_m=np.repeat(laser_m, count, axis=0),
             detector_m=detector_m,
         )
-
-    @property
-    def frames(self) -> int:
-        """How often all positions were to be visited, all passes together."""
-        passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
-        return sum(one.frames for one in passes) or 1
 
     @property
     def whole_frames(self) -> NDArray[np.int64]:
@@ -607,18 +479,6 @@ class ScanFile(RecordedFile):
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
         return None if value is None else float(value)
-
-
-def _why_mended(path: Path, journal: Journal) -> str:
-    """Say why a scan file is read from its journal."""
-    if journal.growing:
-        return f"{path} is being written by a scan: the lines that it has finished until now are read"
-    told = (
-        f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
-        f"and was not touched. rig resume {path} goes on with it"
-    )
-    torn = journal.torn_bytes
-    return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")
 
 
 def in_words(numbers: NDArray[np.int64]) -> str:
