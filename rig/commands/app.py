@@ -13,7 +13,9 @@ from rig.commands.devices import devices
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
+from rig.commands.info import info
 from rig.commands.laser import laser
+from rig.commands.listing import list_
 from rig.commands.measure import measure
 from rig.commands.plot import plot
 from rig.commands.recon import recon
@@ -65,6 +67,8 @@ app.add_typer(calibrate, name="calibrate")
 app.command("measure")(measure)
 app.command("compare")(compare)
 app.command("stats")(stats)
+app.command("info")(info)
+app.command("list")(list_)
 app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)

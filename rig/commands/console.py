@@ -63,12 +63,14 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
     console.print(table)
 
 
-def print_table(header: "Sequence[str]", rows: "Sequence[Sequence[str]]") -> None:
-    """Print rows of text under a header on stdout; all columns but the first hold numbers."""
+def print_table(
+    header: "Sequence[str]", rows: "Sequence[Sequence[str]]", words: "Sequence[str]" = ()
+) -> None:
+    """Print rows of text under a header on stdout; columns hold numbers, but for the first and ``words``."""
     rows = [[printable(cell) for cell in row] for row in rows]
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for number, name in enumerate(header):
-        table.add_column(name, justify="right" if number else "left", no_wrap=True)
+        table.add_column(name, justify="right" if number and name not in words else "left", no_wrap=True)
     for row in rows:
         table.add_row(*map(Text, row))
     widest = sum(max(map(len, column)) + 2 for column in zip(header, *rows, strict=True))

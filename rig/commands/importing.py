@@ -100,6 +100,7 @@ def import_(
     """
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
+    from rig.errors import in_shell
     from rig.importers import import_scan
     from rig.model.quantities import parse
 
@@ -140,7 +141,7 @@ def import_(
             "assumed": "\n".join(f"- {line}" for line in report.assumed) or "nothing",
         },
     )
-    console.say(f"Next: rig recon {target}")
+    console.say(f"Next: {in_shell('rig', 'recon', target)}")
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -14,7 +14,7 @@ from rig.acquire.acquisition import ScanResult, Watch
 from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
-from rig.errors import DataFileError, InterruptedScanError, UsageError
+from rig.errors import DataFileError, InterruptedScanError, UsageError, in_shell
 from rig.files.description import ScanDescription
 from rig.files.journal import journal_of
 from rig.files.scan import ScanFile
@@ -139,7 +139,7 @@ def _is_there(target: Path) -> bool:
 
 def _safe(target: Path, config: Path | None) -> str:
     """Say how much of a scan that ended early can be read back from its file, and how to go on."""
-    again = f"rig resume {target}" + (f" --config {config}" if config else "")
+    again = in_shell("rig", "resume", target, *(("--config", config) if config else ()))
     try:
         with ScanFile(target) as scan:
             measured, steps = int(np.count_nonzero(scan.done)), scan.steps
@@ -188,4 +188,4 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         },
     )
     if result.ended.outcome is Outcome.COMPLETE:
-        console.say(f"Next: rig recon {target}")
+        console.say(f"Next: {in_shell('rig', 'recon', target)}")

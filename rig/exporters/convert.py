@@ -49,7 +49,7 @@ def export(
         If ``source`` cannot be read, or ``target`` not be written.
     """
     source, target = Path(source), Path(target)
-    if target.exists():
+    if target.exists() and not replace:
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     if is_volume(source):
         if rectify:

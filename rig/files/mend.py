@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, RefusedError
+from rig.errors import DataFileError, RefusedError, in_shell
 from rig.files import content, forms
 from rig.files.content import Note
 from rig.files.journal import Chunk, Journal, Kind, Record, journal_of, sync_folder
@@ -210,5 +210,5 @@ def for_reading(journal: Journal, path: Path) -> h5py.File:
     except (OSError, RuntimeError) as error:
         raise DataFileError(
             f"cannot mend {path} from its journal in {tempfile.gettempdir()}: {error}. Free some space "
-            f"there, or set TMPDIR to another folder, or go on with rig resume {path}"
+            f"there, or set TMPDIR to another folder, or go on with {in_shell('rig', 'resume', path)}"
         ) from error

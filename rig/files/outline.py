@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import in_shell
 from rig.files import content, mend
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, plain, reading
@@ -195,7 +196,7 @@ def why_mended(path: Path, journal: Journal) -> str:
         return f"{path} is being written by a scan: the lines that it has finished until now are read"
     told = (
         f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
-        f"and was not touched. rig resume {path} goes on with it"
+        f"and was not touched. {in_shell('rig', 'resume', path)} goes on with it"
     )
     torn = journal.torn_bytes
     return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
-from rig.errors import DataFileError
+from rig.errors import DataFileError, in_shell
 from rig.files import forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import plain, reading
@@ -311,7 +311,7 @@ class ScanFile(ScanOutline):
         if self.altered.any():
             found.append(
                 f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} are not as they were "
-                f"written, and are left out. rig resume {self.path} measures them again"
+                f"written, and are left out. {in_shell('rig', 'resume', self.path)} measures them again"
             )
         return found
 
@@ -340,6 +340,15 @@ class ScanFile(ScanOutline):
             if said is None:
                 return self.devices
             return {name: json.loads(value) for name, value in said.attrs.items() if name != "description"}
+
+    def count(self) -> float:
+        """Return the sum of all counts; where no closing record has it, those of measured steps are added."""
+        if self.closed:
+            return self.photons
+        if self.tagged:
+            return int((self._spans[1] - self._spans[0]).sum())
+        with reading(self.path):
+            return float(sum(counts.sum(dtype=float) for _, counts in self._histograms(self.done).blocks()))
 
     def counts(self, steps: range) -> NDArray:
         """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""
@@ -473,8 +482,12 @@ class ScanFile(ScanOutline):
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""
-        lines = _summary(self).items()
+        lines = self.summary().items()
         return "\n".join([str(self.path), *(f"  {label:<12} {text}" for label, text in lines)])
+
+    def summary(self) -> dict[str, str]:
+        """Return what a person wants to know at a glance, label by label."""
+        return _summary(self)
 
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
@@ -491,7 +504,7 @@ def _known(values: NDArray[np.float64]) -> list[float | None]:
     return [None if isnan(value) else value for value in values.tolist()]
 
 
-def _summary(scan: "ScanFile") -> dict[str, str]:
+def _summary(scan: ScanFile) -> dict[str, str]:
     """Return what a person wants to know at a glance, label by label."""
     low, high = scan.laser_m.min(axis=0), scan.laser_m.max(axis=0)
     measured = int(np.count_nonzero(scan.done))
@@ -499,6 +512,8 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
     kind = "time-tagged photons" if scan.tagged else "histograms"
     lines = {
         "status": scan.status + (f" ({scan.reason})" if scan.reason else ""),
+        **({"rig": scan.config.name} if scan.config else {}),
+        **({"plan": scan.plan.in_words()} if scan.plan else {}),
         "positions": f"{scan.steps:,}"
         + (f", {scan.frames} frames" if scan.frames > 1 else "")
         + ("" if measured == scan.steps else f", {measured:,} measured"),
@@ -516,6 +531,20 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         lines["exposure"] = (
             f"{show(live_s / max(1, measured), 's')} a position, {show_duration(live_s)} in all"
         )
+    if not scan.expectation:
+        lines["photons"] = f"{scan.count():,.0f}"
+    if source := _source(scan):
+        lines["source"] = source
+    if scan.created:
+        lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
+    lines |= scan.notes
+    if told := [*scan.doubts, *scan.warnings]:
+        lines["warnings"] = "; ".join(told)
+    return lines
+
+
+def _source(scan: ScanFile) -> str:
+    """Say where the photons come from."""
     origin = ["simulated"] if scan.simulated else []
     if scan.imported:
         origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
@@ -523,10 +552,4 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         origin.append(scan.command)
     if scan.estimated:
         origin.append(f"estimated from its data: {'; '.join(scan.estimated)}")
-    if origin:
-        lines["source"] = ", ".join(origin)
-    if scan.created:
-        lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
-    if told := [*scan.doubts, *scan.warnings]:
-        lines["warnings"] = "; ".join(told)
-    return lines
+    return ", ".join(origin)

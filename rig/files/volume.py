@@ -88,6 +88,65 @@ def write_volume(path: str | Path, volume: Volume) -> None:
         _write(file, volume)
 
 
+@dataclass(frozen=True)
+class VolumeOutline:
+    """What a volume file says beside its image.
+
+    Attributes
+    ----------
+    created, software
+        When it was made, UTC, ISO 8601, and by which program; empty where it does not say.
+    voxels
+        Voxels along x, y and z.
+    x_m, y_m, z_m
+        First and last voxel centre along each axis.
+    t_s
+        (nt,) times of frames; None where it is no video.
+    parameters, scan, scan_digest
+        As of `Volume`.
+    """
+
+    created: str
+    software: str
+    voxels: tuple[int, int, int]
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    z_m: tuple[float, float]
+    t_s: NDArray[np.float64] | None
+    parameters: Mapping[str, Any]
+    scan: str
+    scan_digest: str
+
+
+def outline_volume(path: Path) -> VolumeOutline:
+    """Read what a volume file says beside its image; raises as `read_volume`."""
+    with _opened(path) as file:
+        group = file["volume"]
+        axes = [read(group[name]).astype(float) for name in ("x_m", "y_m", "z_m")]
+        ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
+        return VolumeOutline(
+            created=str(plain(file.attrs.get("created", ""))),
+            software=str(plain(file.attrs.get("software", ""))),
+            voxels=(len(axes[0]), len(axes[1]), len(axes[2])),
+            x_m=ends[0],
+            y_m=ends[1],
+            z_m=ends[2],
+            t_s=read(group["t_s"]).astype(float) if "t_s" in group else None,
+            parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
+            scan=str(plain(file.attrs.get("scan", ""))),
+            scan_digest=str(plain(file.attrs.get("scan_digest", ""))),
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a volume file, and hold it against its layout."""
+    with open_hdf5(path) as file, reading(path):
+        check_format(path, file, "rig-volume", (VOLUME_VERSION,))
+        check_layout(path, file, VOLUME)
+        yield file
+
+
 @contextmanager
 def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]:
     """Write a video of all voxels plane by plane; it need never be in memory as a whole.
@@ -140,9 +199,7 @@ def read_volume(path: str | Path) -> Volume:
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
     path = Path(path)
-    with open_hdf5(path) as file, reading(path):
-        check_format(path, file, "rig-volume", (VOLUME_VERSION,))
-        check_layout(path, file, VOLUME)
+    with _opened(path) as file:
         group = file["volume"]
         volume = Volume(
             intensity=read(group["intensity"]).astype(np.float32, copy=False),
