@@ -157,6 +157,8 @@ class ScanProgress:
             case Noticed(sentence=sentence, kind="bias" | "loading"):
                 say(sentence)
             case StepDone(step=step, exposure=exposure):
+                if not self._measured:  # of a scan that is resumed, what is there is no progress of now
+                    self._tenth = step.index * 10 // self._positions
                 self._measured += 1
                 self._photons += exposure.photons
                 self._live_time_s += exposure.live_time_s

@@ -132,10 +132,16 @@ def recon(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="VOLUME.h5", help="The volume. [dim]\\[SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]"),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="VOLUME.h5",
+            help="The volume. [dim]\\[SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
+        ),
     ] = None,
     image: Annotated[
-        Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]")
+        Path | None,
+        typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]"),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,

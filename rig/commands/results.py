@@ -1,8 +1,8 @@
 """Names of the files that a verb makes: nothing is overwritten that nobody asked to be.
 
-A name that a person gives is not overwritten without ``--force``. A name that the program chooses is one that is
-free: what a verb makes in one run has one number, ``scan-2.png`` beside ``scan-2-volume.h5``. Scans are
-measured, and nothing that is made of them replaces one, whatever was asked. See
+A name that a person gives is not overwritten without ``--force``. A name that the program chooses is one
+that is free: what a verb makes in one run has one number, ``scan-2.png`` beside ``scan-2-volume.h5``. Scans
+are measured, and nothing that is made of them replaces one, whatever was asked. See
 ``docs/decisions/0022-nothing-is-overwritten.md``.
 """
 
@@ -86,9 +86,7 @@ def _is_scan(path: Path) -> bool:
     from rig.files.journal import journal_of
     from rig.files.volume import is_volume
 
-    return os.path.exists(journal_of(path)) or (
-        path.is_file() and h5py.is_hdf5(path) and not is_volume(path)
-    )
+    return os.path.exists(journal_of(path)) or (path.is_file() and h5py.is_hdf5(path) and not is_volume(path))
 
 
 @contextmanager

@@ -21,6 +21,7 @@ def export(
     target: str | Path,
     rectify: bool = False,
     tell: Callable[[str], None] = lambda sentence: None,
+    replace: bool = False,
 ) -> str:
     """Write a scan or volume file in another layout, whole or not at all.
 
@@ -34,6 +35,8 @@ def export(
         Whether a scan's time is to begin when the pulse is on the wall, for all positions.
     tell
         Told what a person must know of a scan that is not, or no longer, as its program left it.
+    replace
+        Whether a file that has this name is replaced.
 
     Returns
     -------

@@ -315,21 +315,23 @@ def _foreign(path: Path) -> About:
 def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:
     """Tell of records that this program kept beside a scan."""
     scan = path.with_suffix(".h5")
-    records, steps = head.number("TTResult_NumberOfRecords", 0), head.number(STEPS, -1)
-    told = {
-        "records": int(records),
-        "positions": int(steps) if steps >= 0 else None,
-        "sync_rate_hz": head.number("TTResult_SyncRate", 0),
-        "bin_width_s": head.number("MeasDesc_Resolution", 0),
-        "comment": printable(str(head.values.get("File_Comment", ""))),
-        "scan": str(scan) if scan.is_file() else None,
-    }
+    records, steps = int(head.number("TTResult_NumberOfRecords", 0)), head.number(STEPS, -1)
+    sync_hz, width_s = head.number("TTResult_SyncRate", 0), head.number("MeasDesc_Resolution", 0)
+    comment = printable(str(head.values.get("File_Comment", "")))
     facts = {
         "what": "the timing instrument's records of a scan, in PicoQuant's layout, kept by this program",
         "of scan": f"{scan}, beside it" if scan.is_file() else "not beside it",
-        "records": f"{told['records']:,}" if told["records"] else "the file was not closed: its end counts",
-        "bins": f"of {show(told['bin_width_s'], 's', 4)}",
-        "sync": show(told["sync_rate_hz"], "Hz"),
-        "comment": told["comment"],
+        "records": f"{records:,}" if records else "the file was not closed: it is read up to its end",
+        "bins": f"of {show(width_s, 's', 4)}",
+        "sync": show(sync_hz, "Hz"),
+        "comment": comment,
+    }
+    told = {
+        "records": records,
+        "positions": int(steps) if steps >= 0 else None,
+        "sync_rate_hz": sync_hz,
+        "bin_width_s": width_s,
+        "comment": comment,
+        "scan": str(scan) if scan.is_file() else None,
     }
     return facts, told

@@ -26,7 +26,7 @@ def counts_of_spots(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.f
     photons = tally(capture, -np.inf).photons
     rounded = np.round(capture.laser_m / _SAME_M) * _SAME_M
     spots_m, spot = np.unique(rounded, axis=0, return_inverse=True)
-    return spots_m, np.bincount(spot.ravel(), photons, len(spots_m))
+    return spots_m, np.bincount(spot.ravel(), photons, len(spots_m)).astype(np.float64)
 
 
 def draw_counts(axes: Axes, spots_m: NDArray[np.float64], photons: NDArray[np.float64]) -> ScalarMappable:
