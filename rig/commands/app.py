@@ -19,6 +19,7 @@ from rig.commands.listing import list_
 from rig.commands.measure import measure
 from rig.commands.plot import plot
 from rig.commands.recon import recon
+from rig.commands.report import report
 from rig.commands.resume import resume
 from rig.commands.scan import scan
 from rig.commands.serve import serve
@@ -69,6 +70,7 @@ app.command("compare")(compare)
 app.command("stats")(stats)
 app.command("info")(info)
 app.command("list")(list_)
+app.command("report")(report)
 app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
+    from rig.model.devices import Exposure
+    from rig.model.plan import Step
 
 
 #: Everything but results.
@@ -157,14 +159,17 @@ class ScanProgress:
             case Noticed(sentence=sentence, kind="bias" | "loading"):
                 say(sentence)
             case StepDone(step=step, exposure=exposure):
-                if not self._measured:  # of a scan that is resumed, what is there is no progress of now
-                    self._tenth = step.index * 10 // self._positions
-                self._measured += 1
-                self._photons += exposure.photons
-                self._live_time_s += exposure.live_time_s
-                self._advance(step.index + 1)
+                self._count(step, exposure)
             case Ended():
                 self._bar.stop()
+
+    def _count(self, step: "Step", exposure: "Exposure") -> None:
+        if not self._measured:  # of a scan that is resumed: what is there already is no progress of now
+            self._tenth = step.index * 10 // self._positions
+        self._measured += 1
+        self._photons += exposure.photons
+        self._live_time_s += exposure.live_time_s
+        self._advance(step.index + 1)
 
     def _advance(self, done: int) -> None:
         now_s = time.monotonic()

@@ -270,6 +270,7 @@ VOLUME: Layout = {
     "/@format": Entry("text", "`rig-volume`", required=True),
     **_ROOT,
     "/@parameters": Entry("json", "parameters of the reconstruction"),
+    "/@command": Entry("text", "the command that made it"),
     "/@scan": Entry("text", "name of the scan file it came from"),
     "/@scan_digest": Entry("text", "SHA-256 of the scan file it came from"),
     "/volume": Entry("group", "the image", required=True),

@@ -343,12 +343,27 @@ class ScanFile(ScanOutline):
 
     def count(self) -> float:
         """Return the sum of all counts; where no closing record has it, those of measured steps are added."""
-        if self.closed:
-            return self.photons
+        return self.photons if self.closed else float(np.nansum(self.photons_of_steps()))
+
+    def photons_of_steps(self) -> NDArray[np.float64]:
+        """Return (S,) the sum of the counts of each step, NaN where it was not measured; all bins are read.
+
+        Raises
+        ------
+        DataFileError
+            If the file is damaged.
+        """
+        found, steps = np.full(self.steps, np.nan), np.flatnonzero(self.done)
         if self.tagged:
-            return int((self._spans[1] - self._spans[0]).sum())
+            pairs = self._spans[1] - self._spans[0]
+            found[steps] = pairs.reshape(self.steps, -1).sum(axis=1)[steps]
+            return found
         with reading(self.path):
-            return float(sum(counts.sum(dtype=float) for _, counts in self._histograms(self.done).blocks()))
+            sums = np.zeros(len(steps) * len(self.channels))
+            for rows, counts in self._histograms(self.done).blocks():
+                sums[rows] = counts.sum(axis=1, dtype=float)
+        found[steps] = sums.reshape(len(steps), -1).sum(axis=1)
+        return found
 
     def counts(self, steps: range) -> NDArray:
         """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""

@@ -16,7 +16,7 @@ from rig.errors import DataFileError, RigError, UsageError
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.layout import VOLUME, VOLUME_VERSION
-from rig.files.start import describe, write_root
+from rig.files.start import describe, storable, write_root
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Volume:
         Parameters of the reconstruction: what JSON can hold.
     scan, scan_digest
         Name and SHA-256 of the scan file it came from.
+    command
+        The command that made it; empty where nobody said.
     """
 
     intensity: NDArray[np.float32]
@@ -52,6 +54,7 @@ class Volume:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     scan: str = ""
     scan_digest: str = ""
+    command: str = ""
 
     def problem(self) -> str:
         """Return what does not fit together, empty if all does."""
@@ -102,7 +105,7 @@ class VolumeOutline:
         First and last voxel centre along each axis.
     t_s
         (nt,) times of frames; None where it is no video.
-    parameters, scan, scan_digest
+    parameters, scan, scan_digest, command
         As of `Volume`.
     """
 
@@ -116,6 +119,7 @@ class VolumeOutline:
     parameters: Mapping[str, Any]
     scan: str
     scan_digest: str
+    command: str
 
 
 def outline_volume(path: Path) -> VolumeOutline:
@@ -135,6 +139,7 @@ def outline_volume(path: Path) -> VolumeOutline:
             parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
             scan=str(plain(file.attrs.get("scan", ""))),
             scan_digest=str(plain(file.attrs.get("scan_digest", ""))),
+            command=str(plain(file.attrs.get("command", ""))),
         )
 
 
@@ -212,6 +217,7 @@ def read_volume(path: str | Path) -> Volume:
             parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
             scan=plain(file.attrs.get("scan", "")),
             scan_digest=plain(file.attrs.get("scan_digest", "")),
+            command=str(plain(file.attrs.get("command", ""))),
         )
     if problem := volume.problem() or _uneven(volume):
         raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
@@ -246,6 +252,7 @@ def _write(file: h5py.File, volume: Volume) -> None:
     write_root(file, "rig-volume", VOLUME_VERSION)
     file.attrs["parameters"] = json.dumps(dict(volume.parameters))
     file.attrs["scan"] = volume.scan
+    file.attrs["command"] = storable(volume.command)
     file.attrs["scan_digest"] = volume.scan_digest
     group = file.create_group("volume")
     group["intensity"] = np.asarray(volume.intensity, "<f4")

@@ -1,8 +1,11 @@
 """What a file is, told in short: for people as labelled lines, for programs as one document."""
 
 import json
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,13 @@ from rig.model.config import load
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show, show_length
 
+#: How numbers are written whose names end in their unit.
+_UNITS: Mapping[str, Callable[[float], str]] = {
+    "m": show_length,
+    "rad": lambda angle_rad: f"{math.degrees(angle_rad):.4g} deg",
+    "c": lambda degrees: f"{degrees:.4g} °C",
+    **{symbol.lower(): partial(show, unit=symbol, digits=5) for symbol in ("s", "Hz", "V", "W")},
+}
 #: So many names of a file of another program are told.
 _NAMED = 12
 
@@ -200,7 +210,9 @@ def _volume(path: Path) -> About:
     if found.t_s is not None:
         first, last = show(float(found.t_s[0]), "s"), show(float(found.t_s[-1]), "s")
         facts["frames"] = f"{len(found.t_s)}, {first} to {last}"
-    facts |= parameters_in_words(parameters)
+    facts |= with_units({name: value for name, value in parameters.items() if value is not None})
+    if found.command:
+        facts["made by"] = found.command
     facts["created"] = f"{found.created} by {found.software or 'an unnamed program'}"
     document = {
         "kind": "volume",
@@ -215,24 +227,33 @@ def _volume(path: Path) -> About:
         "z_m": found.z_m,
         "frames": None if found.t_s is None else len(found.t_s),
         "parameters": parameters,
+        "command": found.command or None,
         "sha256": digest,
     }
     return About(facts | {"sha256": digest}, document)
 
 
-def parameters_in_words(parameters: dict[str, Any]) -> dict[str, str]:
-    """Return the parameters of a reconstruction, by label, with units."""
+def with_units(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return values by label, in words; a name such as ``bin_width_s`` gives its unit to the value."""
     told = {}
-    for name, value in parameters.items():
-        if value is None:
-            continue
-        label = name
-        for ending, write in (("_m", show_length), ("_s", lambda time_s: show(time_s, "s"))):
-            if name.endswith(ending) and isinstance(value, int | float):
-                label, value = name.removesuffix(ending), write(value)
-        text = "; ".join(map(str, value)) if isinstance(value, list) else str(value)
-        told[label.replace("_", " ")] = {"True": "yes", "False": "no"}.get(text, text)
+    for name, value in values.items():
+        stem, _, symbol = name.rpartition("_")
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if number and stem and symbol in _UNITS:
+            label, text = stem, _UNITS[symbol](value)
+        elif isinstance(value, list):
+            label, text = name, "; ".join(map(str, value))
+        else:
+            label, text = name, _plainly(value)
+        told[label.replace("_", " ")] = text
     return told
+
+
+def _plainly(value: Any) -> str:
+    """Write a value: numbers without the digits that floating point adds."""
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _where_scan_is(path: Path, name: str, digest: str) -> str:

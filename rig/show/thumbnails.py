@@ -90,9 +90,13 @@ def _draw(pair: list[Axes], entry: Entry, volume: Path | None) -> None:
 def _draw_wall(axes: Axes, path: Path) -> None:
     try:
         with ScanFile(path) as scan:
-            draw_counts(axes, *counts_of_spots(scan.capture()))
-    except DataFileError:  # nothing measured yet, or passes that are no one picture
-        axes.text(0.5, 0.5, "no picture", transform=axes.transAxes, ha="center", va="center", size=9)
+            photons = scan.photons_of_steps()
+            if np.isfinite(photons).any():
+                draw_counts(axes, *counts_of_spots(scan.laser_m, photons))
+            else:
+                say_across(axes, "nothing yet")
+    except DataFileError:  # what an outline does not see
+        say_across(axes, "damaged")
 
 
 def _draw_image(axes: Axes, path: Path) -> None:

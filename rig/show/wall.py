@@ -8,8 +8,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from recon.capture import Capture
-from rig.show.statistics import tally
 from rig.show.volume import NO_SURFACE, draw_front
 
 COUNT_COLOURS = "viridis"
@@ -21,12 +19,22 @@ _SAME_M = 1e-6
 _LATTICE = 0.25
 
 
-def counts_of_spots(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (n, 3) different laser spots, and (n,) all photons counted there, of all channels."""
-    photons = tally(capture, -np.inf).photons
-    rounded = np.round(capture.laser_m / _SAME_M) * _SAME_M
+def counts_of_spots(
+    laser_m: NDArray[np.float64], photons: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (n, 3) different spots of steps that were measured, and (n,) all photons counted there.
+
+    Parameters
+    ----------
+    laser_m
+        (S, 3) spots of all steps.
+    photons
+        (S,) of each step, NaN where it was not measured.
+    """
+    done = np.isfinite(photons)
+    rounded = np.round(laser_m[done] / _SAME_M) * _SAME_M
     spots_m, spot = np.unique(rounded, axis=0, return_inverse=True)
-    return spots_m, np.bincount(spot.ravel(), photons, len(spots_m)).astype(np.float64)
+    return spots_m, np.bincount(spot.ravel(), photons[done], len(spots_m)).astype(np.float64)
 
 
 def draw_counts(axes: Axes, spots_m: NDArray[np.float64], photons: NDArray[np.float64]) -> ScalarMappable:
@@ -37,7 +45,7 @@ def draw_counts(axes: Axes, spots_m: NDArray[np.float64], photons: NDArray[np.fl
     axes
         Where to draw.
     spots_m, photons
-        As `counts_of_spots` returns them.
+        As `counts_of_spots` returns them, one at least.
     """
     low, high = np.percentile(photons, COUNTS_PERCENT)
     scale = Normalize(low, max(high, low + 1))

@@ -24,8 +24,8 @@ PLAN = ScanPlan.grid(CONFIG)
 DARK = DarkRates(
     created="2026-01-02T03:04:05Z", valid_days=30, rig_name=CONFIG.name, devices={}, measured_from={},
     dark_hz=10, dark_error_hz=1, ambient_hz=100, ambient_error_hz=3, afterpulse_probability=0.01,
-    afterpulse_probability_error=0.001, afterpulse_decay_s=None, afterpulse_decay_error_s=None, chi2_per_bin=1,
-    hold_off_s=[], after_hold_off=[], after_hold_off_error=[],
+    afterpulse_probability_error=0.001, afterpulse_decay_s=None, afterpulse_decay_error_s=None,
+    chi2_per_bin=1, hold_off_s=[], after_hold_off=[], after_hold_off_error=[],
 )  # fmt: skip
 
 
