@@ -356,13 +356,13 @@ class ScanFile(ScanOutline):
         found, steps = np.full(self.steps, np.nan), np.flatnonzero(self.done)
         if self.tagged:
             pairs = self._spans[1] - self._spans[0]
-            found[steps] = pairs.reshape(self.steps, -1).sum(axis=1)[steps]
+            found[steps] = pairs.reshape(self.steps, len(self.channels)).sum(axis=1)[steps]
             return found
         with reading(self.path):
             sums = np.zeros(len(steps) * len(self.channels))
             for rows, counts in self._histograms(self.done).blocks():
                 sums[rows] = counts.sum(axis=1, dtype=float)
-        found[steps] = sums.reshape(len(steps), -1).sum(axis=1)
+        found[steps] = sums.reshape(len(steps), len(self.channels)).sum(axis=1)
         return found
 
     def counts(self, steps: range) -> NDArray:

@@ -35,12 +35,10 @@ dl { display: grid; grid-template-columns: minmax(8rem, max-content) 1fr; gap: .
 dt { color: #55606e; } dd { margin: 0; }
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(19rem, 1fr)); gap: .4rem 2rem; }
 .cards dl { grid-template-columns: minmax(6rem, 45%) 1fr; font-size: .9rem; gap: .1rem .8rem; }
-.wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0;
   border-bottom: 1px solid #e7ecf2; }
 th { color: #55606e; font-weight: 600; white-space: nowrap; }
-td { min-width: 5rem; overflow-wrap: normal; } td:last-child { min-width: 12rem; }
 figure { margin: .8rem 0; } figure img { width: 100%; height: auto; display: block; }
 figcaption { color: #55606e; font-size: .9rem; margin-top: .3rem; }
 pre { background: #f4f6f9; border-radius: .3rem; padding: .8rem; font-size: .85rem; white-space: pre-wrap; }
@@ -50,13 +48,15 @@ ul.warnings { background: #fcebc4; border-radius: .3rem; padding: .7rem .9rem .7
   body { padding: 1rem .8rem; } h1 { font-size: 1.35rem; }
   dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .4rem; }
   .cards dl { grid-template-columns: minmax(6rem, 45%) 1fr; } .cards dd { margin: 0; }
+  thead { display: none; } tr { display: block; padding: .4rem 0; border-bottom: 1px solid #e7ecf2; }
+  td { display: grid; grid-template-columns: minmax(6rem, 30%) 1fr; padding: .1rem 0; border: 0; }
+  td::before { content: attr(data-is); color: #55606e; }
 }
 @media print {
   @page { margin: 15mm; }
   body { max-width: none; padding: 0; font-size: 10pt; }
   h2 { break-after: avoid; } figure, tr, .cards > section { break-inside: avoid; }
   pre, .badge, ul.warnings { border: 1px solid #d5dbe3; }
-  .wide { overflow: visible; }
 }
 """
 
@@ -96,10 +96,14 @@ def facts(told: Mapping[str, str]) -> Html:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
-    """Return a table, which scrolls by itself where the page is narrow."""
+    """Return a table; where the page is narrow its rows are blocks, and each cell says what it is."""
     head = element("tr", join(element("th", name) for name in header))
-    body = join(element("tr", join(element("td", cell) for cell in row)) for row in rows)
-    return element("div", element("table", head, body), class_="wide")
+
+    def row(cells: Sequence[str]) -> Html:
+        told = [element("td", cell, data_is=name) for name, cell in zip(header, cells, strict=True)]
+        return element("tr", join(told))
+
+    return element("table", element("thead", head), element("tbody", join(map(row, rows))))
 
 
 def picture(figure: Figure, what: str, caption: str = "") -> Html:
