@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rig.model.plan import Step
 
 
+#: Positions whose time says how long the others will take; the first has what happens once in it.
+_ENOUGH = 5
 #: Everything but results.
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -192,6 +194,8 @@ class ScanProgress:
         return show(self._photons / self._live_time_s, "photons/s") if self._live_time_s else ""
 
     def _left(self, done: int) -> str:
+        if self._measured < _ENOUGH:
+            return ""
         each_s = (time.monotonic() - self._since_s) / self._measured
         return f"~{show_duration(round(each_s * (self._positions - done)))} left"
 

@@ -1,11 +1,13 @@
 """No result replaces another one unless that was asked for; a scan is never replaced."""
 
 import json
+import os
 import shlex
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -106,13 +108,21 @@ def test_a_picture_without_a_known_ending_is_refused_before_anything_is_computed
     assert sorted(tmp_path.iterdir()) == [scan]
 
 
+def opened(process):
+    """Return the files that a process has open."""
+    found = []
+    for link in Path(f"/proc/{process}/fd").iterdir():
+        with suppress(OSError):  # closed meanwhile
+            found.append(os.readlink(link))
+    return found
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="what a process has open is seen in /proc")
 def test_ctrl_c_says_what_is_left(scan, tmp_path):
     command = [sys.executable, "-m", "rig", "recon", "a.h5", "--voxel", "4mm", "--depth", "0.5m:3m:2mm"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    maps = Path(f"/proc/{process.pid}/maps")
-    while process.poll() is None and "ducc0" not in maps.read_text():
-        time.sleep(0.05)  # until the libraries of imaging are there
-    time.sleep(1.5)
+    while process.poll() is None and str(scan) not in opened(process.pid):
+        time.sleep(0.02)  # until it reads the scan
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130, told
