@@ -184,14 +184,14 @@ def _settings(scan: ScanFile) -> Iterator[Html]:
     elif scan.config:
         yield section("Calibrations", element("p", "None: the rig is taken as it is configured."))
     if scan.events:
-        rows = [
+        happened = [
             (_date(one.utc), f"{one.first:,}" + (f" to {one.last:,}" if one.last > one.first else ""),
              one.kind, one.sentence)
             for one in scan.events[:_EVENTS]
         ]  # fmt: skip
-        more = len(scan.events) - len(rows)
+        more = len(scan.events) - len(happened)
         rest = [element("p", f"And {more:,} more; the log beside the scan has all.")] if more else []
-        yield section("What happened", table(("when", "positions", "kind", "what"), rows), *rest)
+        yield section("What happened", table(("when", "positions", "kind", "what"), happened), *rest)
 
 
 def _again(scan: ScanFile, found: About | None) -> Iterator[Html]:
