@@ -13,7 +13,7 @@ def report(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     volume: Annotated[
         Path | None,
-        typer.Argument(metavar="[VOLUME.h5]", help="Its image. [dim]\\[SCAN-volume.h5, if there][/dim]"),
+        typer.Argument(metavar="VOLUME.h5", help="Its image. [dim]\\[SCAN-volume.h5, if there][/dim]"),
     ] = None,
     out: Annotated[
         Path | None,

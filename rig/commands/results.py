@@ -17,7 +17,7 @@ import typer
 
 from rig.errors import DataFileError, UsageError
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files of these names; a scan is never one.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that have these names; never a scan.")]
 
 
 def names(
@@ -61,8 +61,8 @@ def names(
     return {**chosen, **named}
 
 
-def require_free(paths: Iterable[Path], *, force: bool) -> None:
-    """Refuse names that are taken; with ``force`` those of scans alone.
+def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
+    """Refuse names that are taken; with ``force`` those of scans alone. None: the verb has no such option.
 
     Raises
     ------
@@ -73,9 +73,8 @@ def require_free(paths: Iterable[Path], *, force: bool) -> None:
         if not os.path.lexists(path):
             continue
         if not force:
-            raise UsageError(
-                f"{path} exists and is not overwritten; give another name, or replace it with --force"
-            )
+            otherwise = "move it away" if force is None else "replace it with --force"
+            raise UsageError(f"{path} exists and is not overwritten; give another name, or {otherwise}")
         if _is_scan(path):
             raise UsageError(f"{path} is a scan, which --force does not replace; give another name")
 

@@ -1,6 +1,5 @@
 """``rig scan``: measure the relay wall."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,6 +24,7 @@ from rig.commands.options import (
     Spacing,
     Until,
 )
+from rig.commands.results import require_free
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -153,8 +153,7 @@ def scan(
     _check_film(plan, live, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
-    if os.path.lexists(target):
-        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    require_free([target, *([video] if video else [])])
     if ptu and not plan.continuous:
         raise UsageError(
             "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
