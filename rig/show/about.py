@@ -12,8 +12,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError, printable
+from rig.errors import DataFileError, in_shell, printable
 from rig.files.check import open_hdf5, plain
+from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
 from rig.files.picoquant import STEPS, Head
 from rig.files.recorded import digest_of_file
@@ -67,11 +68,13 @@ def about(path: Path) -> About:
     ConfigError
         If it is a configuration with mistakes.
     """
+    if path.is_dir():
+        raise DataFileError(f"{path} is a folder: {in_shell('rig', 'list', path)} lists its scans")
     if path.name.endswith(".h5.journal"):
         path = path.with_name(path.name.removesuffix(".journal"))
     if path.suffix.lower() == ".toml":
         return _configuration(path)
-    if path.with_name(path.name + ".journal").exists():
+    if journal_of(path).exists():
         return _scan(path)
     if not path.is_file():
         raise DataFileError(f"{path} does not exist, or is no file; check the name")

@@ -46,8 +46,7 @@ code { font-family: ui-monospace, monospace; font-size: .9em; }
 ul.warnings { background: #fcebc4; border-radius: .3rem; padding: .7rem .9rem .7rem 2rem; margin: .7rem 0; }
 @media (max-width: 40rem) {
   body { padding: 1rem .8rem; } h1 { font-size: 1.35rem; }
-  dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .4rem; }
-  .cards dl { grid-template-columns: minmax(6rem, 45%) 1fr; } .cards dd { margin: 0; }
+  dl { grid-template-columns: minmax(6rem, 30%) 1fr; gap: .2rem .8rem; }
   thead { display: none; } tr { display: block; padding: .4rem 0; border-bottom: 1px solid #e7ecf2; }
   td { display: grid; grid-template-columns: minmax(6rem, 30%) 1fr; padding: .1rem 0; border: 0; }
   td::before { content: attr(data-is); color: #55606e; }

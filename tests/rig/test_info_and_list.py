@@ -146,6 +146,8 @@ def test_a_file_of_others_is_named_for_what_the_importers_recognise(rig):
     Path("c.txt").write_text("hello")
     assert rig("info", "c.txt").code == 5
     assert rig("info", "none.h5").code == 5
+    done = rig("info", ".")
+    assert (done.code, "rig list . lists its scans" in done.err) == (5, True)
 
 
 def test_a_folder_is_listed_newest_last_and_damaged_files_are_named(rig, tmp_path):
@@ -196,3 +198,12 @@ def test_a_sheet_shows_counts_and_images(rig):
     drawn = imread("sheet.png")
     assert drawn.shape[1] == 1500
     assert len(np.unique(drawn.reshape(-1, drawn.shape[2]), axis=0)) > 20  # colours: there are pictures in it
+
+
+def test_a_failure_is_one_document_too(rig):
+    for arguments, code in ((("info", "none.h5"), 5), (("info", "--bogus"), 2), (("list", "nowhere"), 2)):
+        done = rig(*arguments, "--json")
+        assert done.code == code
+        found = json.loads(done.out)
+        assert (found["schema_version"], found["exit_code"]) == (1, code)
+        assert found["error"]
