@@ -465,7 +465,9 @@ def _falloff(volume: Volume) -> float:
 
 
 def picture(volume: Volume) -> Figure:
-    """Draw a volume as `rig recon` does."""
+    """Draw a volume as `rig recon` does; of a video of all depths, the brightest depth of each pixel."""
+    if volume.t_s is not None and volume.intensity.ndim == 4:
+        volume = dataclasses.replace(volume, intensity=volume.intensity.max(axis=1))
     if volume.t_s is not None:
         return frames_figure(_seen(volume), compensation=_compensation(volume))
     if volume.parameters.get("camera") == "photo":

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from rig.errors import DataFileError, in_shell, printable
-from rig.files.check import open_hdf5, plain
+from rig.files.check import open_hdf5, plain, reading
 from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
 from rig.files.picoquant import STEPS, Head
@@ -167,7 +167,7 @@ def at(scan: ScanOutline) -> datetime:
 
 
 def _scan(path: Path) -> About:
-    with ScanFile(path) as scan:
+    with ScanFile(path) as scan, reading(path):
         document = scan_document(scan)
         facts = scan.summary()
         for one in document["calibrations"]:
@@ -184,7 +184,7 @@ def _scan(path: Path) -> About:
 
 
 def _hdf5(path: Path) -> About:
-    with open_hdf5(path) as file:
+    with open_hdf5(path) as file, reading(path):
         name = plain(file.attrs.get("format"))
         root = {key: str(plain(file.attrs.get(key, ""))) for key in ("created", "software")}
     if name == "rig-scan":

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 
 from rig.errors import ConfigError, DataFileError, UsageError
-from rig.files.check import plain
+from rig.files.check import plain, reading
 from rig.files.inspection import inspect_all
 from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
@@ -96,7 +96,7 @@ def _entry(path: Path) -> Entry | None:
     try:
         if not os.path.exists(journal_of(path)) and not _is_scan(path):
             return None
-        with ScanOutline(path) as scan:
+        with ScanOutline(path) as scan, reading(path):
             return Entry(path, scan_document(scan))
     except (DataFileError, ConfigError) as error:
         return Entry(path, {}, " ".join(str(error).removeprefix(f"{path} ").split()))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import rig
 from rig.atomic import appearing
 from rig.errors import DataFileError, in_shell
+from rig.files.check import reading
 from rig.files.scan import ScanFile
 from rig.model.calibrations.base import Calibration, utc_now
 from rig.model.quantities import show, show_duration, show_length
@@ -68,21 +69,27 @@ def save_report(path: Path, scan: ScanFile, image: Imaged | None = None) -> list
         If a file is damaged, or the page cannot be written.
     """
     found = about(image.path) if image else None
-    doubts = list(scan.doubts)
-    if found and found.document["scan_sha256"] != scan.digest:
-        doubts.append(
-            f"{found.document['file']} was not made of {scan.path} as it is now, but of "
-            f"{found.document['scan'] or 'a scan that it does not name'}: image it again with "
-            f"{in_shell('rig', 'recon', scan.path)}"
-        )
-    parts = [*_head(scan, doubts), *_image(path, image, found), *_measured(scan), *_settings(scan)]
-    text = page(f"{scan.path.name}: report", [*parts, *_again(scan, found)])
+    with reading(scan.path):
+        doubts = [*scan.doubts, *_of_another(scan, found)]
+        parts = [*_head(scan, doubts), *_image(path, image, found), *_measured(scan), *_settings(scan)]
+        text = page(f"{scan.path.name}: report", [*parts, *_again(scan, found)])
     try:
         with appearing(path) as partial:
             partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise DataFileError(f"cannot write {path}: {error}; check free space and permissions") from error
     return doubts
+
+
+def _of_another(scan: ScanFile, found: About | None) -> list[str]:
+    """Say if an image was not made of this scan as it is now."""
+    if found is None or found.document["scan_sha256"] == scan.digest:
+        return []
+    return [
+        f"{found.document['file']} was not made of {scan.path} as it is now, but of "
+        f"{found.document['scan'] or 'a scan that it does not name'}: image it again with "
+        f"{in_shell('rig', 'recon', scan.path)}"
+    ]
 
 
 def _head(scan: ScanFile, doubts: Sequence[str]) -> Iterator[Html]:

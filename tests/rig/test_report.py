@@ -114,6 +114,19 @@ def test_the_configuration_on_the_page_is_one_that_is_read_back(rig):
     assert load(Path("again.toml")).scan == CONFIG.scan
 
 
+def test_a_video_of_all_depths_is_shown(rig):
+    write_scan(Path("a.h5"))
+    axes = np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 4), np.linspace(0.5, 1, 3)
+    intensity = np.random.default_rng(1).random((7, 3, 4, 5), "f4")
+    said = {"parameters": {"camera": "transient", "solver": "rsd"}, "scan": "a.h5"}
+    write_volume("a-volume.h5", Volume(intensity, *axes, t_s=np.linspace(1e-9, 4e-9, 7), **said))
+    done = rig("report", "a.h5")
+    assert done.code == 0, done.err
+    seen = Read(Path("a-report.html").read_text(encoding="utf-8"))
+    assert seen.names.count("img") == 4
+    assert "7, 1 ns to 4 ns" in seen.text
+
+
 def test_an_image_of_another_scan_is_named_as_that(rig):
     write_scan(Path("a.h5"))
     write_image("v.h5", "a.h5")
