@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
-from rig.acquire.events import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, Grown, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
@@ -161,13 +161,7 @@ class ScanProgress:
         """Show what happened."""
         match event:
             case PhaseChanged(phase=phase):
-                self._phase = phase.value
-                if err.is_terminal:
-                    self._start_bar()
-                    self._draw(0 if phase.value == "aiming" else None)
-                else:
-                    say(phase.value)
-                self._since_s = time.monotonic()
+                self._show_phase(phase.value)
             case Ready(rates=rates, warnings=warnings):
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
@@ -180,8 +174,20 @@ class ScanProgress:
                 say(sentence)
             case StepDone(step=step, exposure=exposure):
                 self._count(step, exposure)
+            case Grown(plan=plan):
+                self._positions = len(plan)
+                self._bar.update(self._task, total=self._positions)
             case Ended():
                 self._stop_bar()
+
+    def _show_phase(self, phase: str) -> None:
+        self._phase = phase
+        if err.is_terminal:
+            self._start_bar()
+            self._draw(0 if phase == "aiming" else None)
+        else:
+            say(phase)
+        self._since_s = time.monotonic()
 
     def _start_bar(self) -> None:
         self._bar.start()

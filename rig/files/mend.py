@@ -81,6 +81,7 @@ def rebuild(journal: Journal, target: Path) -> None:
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     target.write_bytes(journal.payload(head))
     with content.written(target) as file:
+        _grow(file, journal, records)
         form, measured = forms.of_file(file)(file), 0
         for record, rows in _measured(journal, records):
             chunk = Chunk.from_bytes(journal.payload(record))
@@ -102,6 +103,7 @@ def outline(journal: Journal) -> h5py.File:
     records = list(journal.records())
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     file = h5py.File(io.BytesIO(journal.payload(head)), "r+")
+    _grow(file, journal, records)
     for record, rows in _measured(journal, records):
         first, every = Chunk.place(journal.payload(record, Chunk.PLACE_BYTES))
         begin = journal.payload(record, Chunk.PLACE_BYTES + 4 * every)
@@ -109,6 +111,12 @@ def outline(journal: Journal) -> h5py.File:
     for record in records:
         _apply(file, record.kind, journal, record)
     return file
+
+
+def _grow(file: h5py.File, journal: Journal, records: list[Record]) -> None:
+    """Give a file the steps of the longest plan that its journal has."""
+    if grown := [record for record in records if record.kind is Kind.GROWN]:
+        content.grow(file, journal.said(grown[-1]))
 
 
 def _measured(journal: Journal, records: list[Record]) -> list[tuple[Record, int]]:

@@ -116,7 +116,7 @@ class MpdModule(LineFirmware):
 
     def _state(self) -> list[str]:
         now, light = self._set, self._bench.light
-        rate_hz = light.sync_hz if light.triggered else 0.0
+        rate_hz = light.sync_hz / light.gate_every if light.triggered else 0.0
         rate_hz = rate_hz if self.gate_hz is None else self.gate_hz
         return [
             f"VPOL{int(light.biased)}", f"FR{now['FR']}", f"ERR{self.error}", "VT100", "SE1",

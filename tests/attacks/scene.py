@@ -93,6 +93,7 @@ def attacked_rig(
         daq=lambda _: board,
         clock=bench.clock,
         sync_hz=config.laser.repetition_hz,
+        gate_hz=config.gate_hz,
     )
     try:
         yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)

@@ -104,6 +104,7 @@ def wires_to(rig, at=None):
         detector=address,
         delayer=address,
         sync_hz=10e6,
+        gate_hz=10e6,
         usb_backend=rig.usb,
         harp=lambda family: HarpLibrary(HarpSimulator(rig.bench, simulated(family)).functions, family),
         daq=lambda device: board,

@@ -184,7 +184,7 @@ def test_what_a_person_has_not_set_ends_the_scan_before_there_is_light(tmp_path,
 def test_a_gate_that_does_not_follow_the_laser_is_noticed_in_the_light(tmp_path):
     with opened() as rig:
         rig.instruments.detector.gate_hz = 0.0
-        with pytest.raises(RigRefusedError, match=r"gate opens 0 Hz, and the laser is set to 10 MHz"):
+        with pytest.raises(RigRefusedError, match=r"gate opens at 0 Hz, and the laser is set to 10 MHz"):
             rig.scan(tmp_path)
         assert not rig.bench.light.emitting
 
@@ -288,13 +288,15 @@ def rig_command(folder, *arguments):
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=280)
 
 
-CONFIG = Path(__file__).parents[2] / "configs" / "mpd_psd.toml"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def test_the_example_scans_and_images(tmp_path):
-    """From the commented example to a picture that shows something in the right depth."""
-    assert load(CONFIG).simulated
-    scan = ["scan", "--config", CONFIG, "--grid", "24x18", "--spacing", "7cm", "--exposure", "10ms"]
+@pytest.mark.parametrize("name", ["mpd_psd", "mpd_dg645"])
+def test_the_example_scans_and_images(tmp_path, name):
+    """From the commented example to a picture."""
+    config = CONFIGS / f"{name}.toml"
+    assert load(config).simulated
+    scan = ["scan", "--config", config, "--grid", "24x18", "--spacing", "7cm", "--exposure", "10ms"]
     done = rig_command(tmp_path, *scan, "--out", "a.h5", "--json")
     assert done.returncode == 0, done.stderr
     assert "stays BIASED" in done.stderr

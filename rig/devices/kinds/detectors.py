@@ -46,7 +46,7 @@ def open_mpd(config: MpdConfig, wires: Wires) -> AbstractContextManager[GatedSpa
     return MpdSpad(
         wires.detector,
         clock=wires.clock,
-        settings=mpd_settings(config, wires.sync_hz),
+        settings=mpd_settings(config, wires.gate_hz),
         person=partial(_ask_hold_off, wires.operator) if wires.operator else None,
     )
 

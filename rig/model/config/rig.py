@@ -166,6 +166,11 @@ class RigConfig(Section):
         return {**galvo, **detector, **on_lines}
 
     @property
+    def gate_hz(self) -> float:
+        """How often the gate of a gated detector opens."""
+        return self.laser.repetition_hz / (self.delayer.divider if self.delayer else 1)
+
+    @property
     def simulated(self) -> bool:
         """Whether all devices are simulated in this process, so that nothing outside of it can be harmed."""
         return self.simulation is not None
