@@ -56,6 +56,9 @@ from rig.model.sweep import Trajectories
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
 
+#: In which a detector has counted how often its gate opens (unconfirmed).
+GATE_SETTLING_S = 2.0
+
 #: An exposure with more than this left is cut when a stop is asked for; a shorter one is finished.
 WORTH_CUTTING_S = 0.3
 
@@ -281,13 +284,24 @@ class ScanEngine:
         self._vigil.require_bearable(rates)
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
-        settings = devices.read_back()
-        config = self._state.config
-        sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
-        warnings += sync.doubts(rates, config.laser.repetition_hz, settings["tcspc"])
+        settings = self._with_its_gate_seen()
+        warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
+
+    def _with_its_gate_seen(self) -> dict[str, Settings]:
+        """Read everything back, once more where the detector has not counted the laser's pulses yet."""
+        config = self._state.config
+        settings = self._devices.read_back()
+        try:
+            sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        except RefusedError:
+            self._wait(GATE_SETTLING_S)
+            self._devices.laser.beat(ASKING_LEASE_S)
+            settings = self._devices.read_back()
+            sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        return settings
 
     def _expose(self, steps: range) -> None:
         self._vouched_s, self._vouched = self._devices.clock.now_s(), self._done

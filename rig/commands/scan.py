@@ -325,8 +325,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
         return
     width_m, height_m = grid.area_m
     frame_s = found.duration_s / one.frames
-    number = UNTIL_STOPPED.replace("-", " ") if plan.endless else str(one.frames)
-    frames = {"frames": f"{number}, of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    each = f"of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"
+    frames = {"frames": f"until stopped, {each}" if plan.endless else f"{one.frames} {each}"}
     lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(

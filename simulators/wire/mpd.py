@@ -20,7 +20,7 @@ _SETTING = re.compile(r"(TO|TS)([0-9]{1,9})|(FR|GM)")
 
 
 class MpdModule(LineFirmware):
-    """The detector as bytes in and bytes out; it begins free running.
+    """The detector as bytes in and bytes out; it begins gated, as it was left.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class MpdModule(LineFirmware):
         self.gate_hz: float | None = None
         self.drop_answers = 0
         self._bench = bench
-        self._wanted = {"FR": 1, "TO": 40_000, "TS": 0}
+        self._wanted = {"FR": 0, "TO": 40_000, "TS": 0}
         self._set = dict(self._wanted)
         delay_s = bench.light.gate_delay_s if gate_delay_s is None else gate_delay_s
         bench.change_light(biased=biased, hold_off_s=hold_off_s, gate_delay_s=delay_s)

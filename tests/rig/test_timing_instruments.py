@@ -294,9 +294,8 @@ def test_another_instrument_on_a_served_bench(rig, tmp_path):
 def test_the_doctor_looks_for_the_library_of_its_kind(monkeypatch, kind, name, variable):
     monkeypatch.setenv(variable, "/nowhere/lib.so")
     monkeypatch.setenv("HHLIB_PATH", "/elsewhere/hhlib.so")
-    config = RigConfig.model_validate(
-        {"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}, "tcspc": {"kind": kind}}
-    )
+    ports = {name: {"address": f"sim://{name}"} for name in ("galvo", "laser", "detector")}
+    config = RigConfig.model_validate({**ports, "tcspc": {"kind": kind}})
     (finding,) = [one for one in examine(config, Path()) if one.what == f"{name} library"]
     assert finding.verdict == "missing"
     assert "/nowhere/lib.so" in finding.found
