@@ -70,6 +70,8 @@ def _run() -> int | None:
     except KeyboardInterrupt:
         return 130
     except SystemExit as ended:
+        if ended.code == 2:  # every other failure ends below
+            _document("the options or arguments are wrong: stderr says which, and --help has all of them", 2)
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:
         code = exit_code(error)
@@ -129,9 +131,14 @@ def _hint(error: Exception) -> str:
 def _report(message: str, code: int) -> None:
     from rig.errors import printable
 
-    if "--json" in sys.argv[1:]:
-        print(json.dumps({"error": message, "exit_code": code}), flush=True)
+    _document(message, code)
     print(f"rig: {printable(message)}", file=sys.stderr)
+
+
+def _document(message: str, code: int) -> None:
+    """Print the failure as the one document that ``--json`` promises."""
+    if "--json" in sys.argv[1:]:
+        print(json.dumps({"schema_version": 1, "error": message, "exit_code": code}), flush=True)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,10 @@ Device failures are `drivers.errors.DeviceError` (exit 3) and `drivers.errors.Li
 Each message names the thing, what was asked, what came back and what to do about it.
 """
 
+import os
+import shlex
+import subprocess
+
 
 class RigError(Exception):
     """Any failure that a person can mend."""
@@ -71,6 +75,12 @@ def printable(text: str) -> str:
     A file may be called anything; its name in a message must not steer the terminal.
     """
     return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
+
+
+def in_shell(*words: object) -> str:
+    """Return a command as it is typed: words with blanks or signs of the shell are quoted."""
+    texts = [str(word) for word in words]
+    return subprocess.list2cmdline(texts) if os.name == "nt" else shlex.join(texts)
 
 
 def _escaped(character: str) -> str:

@@ -24,7 +24,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.log import ScanLog, log_of
 from rig.acquire.raw import RawRecords
-from rig.errors import DataFileError, RefusedError, UsageError
+from rig.errors import DataFileError, RefusedError, UsageError, in_shell
 from rig.files.description import ScanDescription
 from rig.files.records import beside
 from rig.files.scan import ScanFile
@@ -159,7 +159,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         plan=plan,
         state=state,
         simulated=config.rehearsed,
-        command=" ".join(["rig", *sys.argv[1:]]),
+        command=in_shell("rig", *sys.argv[1:]),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
@@ -245,7 +245,7 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
             raise UsageError(
                 f"{target} was not measured on the simulated rig alone ({began.config.name}). Which devices "
                 "are opened is not taken from a file: name the rig's configuration, "
-                f"rig resume {target} --config FILE"
+                f"{in_shell('rig', 'resume', target)} --config FILE"
             )
         return plan, began
     if others := mine.differences(began.config):

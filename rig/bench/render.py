@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.bench.simulated import renderer, true_geometry
-from rig.errors import UsageError
+from rig.errors import UsageError, in_shell
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
 from rig.model.config import RigConfig
@@ -81,7 +81,7 @@ def render(
         channels=state.channels,
         state=state,
         simulated=True,
-        command=" ".join(["rig", *sys.argv[1:]]),
+        command=in_shell("rig", *sys.argv[1:]),
         dtype="<f4",
     )
     photons = 0.0

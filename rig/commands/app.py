@@ -13,10 +13,13 @@ from rig.commands.devices import devices
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
+from rig.commands.info import info
 from rig.commands.laser import laser
+from rig.commands.listing import list_
 from rig.commands.measure import measure
 from rig.commands.plot import plot
 from rig.commands.recon import recon
+from rig.commands.report import report
 from rig.commands.resume import resume
 from rig.commands.scan import scan
 from rig.commands.serve import serve
@@ -65,6 +68,9 @@ app.add_typer(calibrate, name="calibrate")
 app.command("measure")(measure)
 app.command("compare")(compare)
 app.command("stats")(stats)
+app.command("info")(info)
+app.command("list")(list_)
+app.command("report")(report)
 app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)

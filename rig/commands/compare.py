@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson, beside
+from rig.commands.options import AsJson
 from rig.commands.recon import depths
+from rig.commands.results import Force, names, require_free, told_if_stopped
 
 if TYPE_CHECKING:
     from rig.image.compare import Comparison
@@ -51,6 +52,7 @@ def compare(
             help="The sheet, or a folder for sheets and all volumes. [dim]\\[FILE-compare.png][/dim]",
         ),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Image a capture by all methods that apply, at the same resolution, and measure the images alike.
@@ -79,10 +81,10 @@ def compare(
     )
     for file in files:
         check_comparable(file, console.warn)
-    sheets, keep = _places(files, out)
+    sheets, keep = _places(files, out, force)
     found = []
     for file, sheet in zip(files, sheets, strict=True):
-        with console.Working(f"comparing {file.name}") as working:
+        with told_if_stopped(sheets), console.Working(f"comparing {file.name}") as working:
             found.append(compared(file, request, sheet, truth=truth, keep=keep, progress=working))
     if as_json:
         console.print_json({"comparisons": [one.as_dict() for one in found]})
@@ -90,26 +92,30 @@ def compare(
         _show(found)
 
 
-def _places(files: list[Path], out: Path | None) -> tuple[list[Path], Path | None]:
+def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path], Path | None]:
     """Return where each file's sheet goes, and the folder for volumes if they are kept."""
     from rig.errors import UsageError
+    from rig.image.compare import volumes_of
 
     if out is None:
-        return [beside(file, "-compare.png") for file in files], None
+        return [names(file, {"sheet": "-compare.png"}, force=force)["sheet"] for file in files], None
     if out.suffix.lower() in _PICTURES and not out.is_dir():
         if len(files) > 1:
             raise UsageError(f"{out} is one sheet, and each of {len(files)} files has its own; name a folder")
         if not out.parent.is_dir():
             raise UsageError(f"cannot write {out}: the folder {out.parent} does not exist; create it first")
+        require_free([out], force=force)
         return [out], None
-    names = [file.stem for file in files]
-    if twice := {name for name in names if names.count(name) > 1}:
+    stems = [file.stem for file in files]
+    if twice := {stem for stem in stems if stems.count(stem) > 1}:
         raise UsageError(f"two files are called {', '.join(twice)}: their sheets would be one; rename one")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"cannot make the folder {out}: {error}; name another, or a .png") from error
-    return [out / f"{name}-compare.png" for name in names], out
+    sheets = [out / f"{stem}-compare.png" for stem in stems]
+    require_free([*sheets, *(path for file in files for path in volumes_of(file, out).values())], force=force)
+    return sheets, out
 
 
 def _show(found: "list[Comparison]") -> None:

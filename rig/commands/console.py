@@ -20,8 +20,12 @@ if TYPE_CHECKING:
 
     from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
+    from rig.model.devices import Exposure
+    from rig.model.plan import Step
 
 
+#: Positions whose time says how long the others will take; the first has what happens once in it.
+_ENOUGH = 5
 #: Everything but results.
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -81,12 +85,14 @@ def print_facts(title: str, facts: dict[str, str]) -> None:
     console.print(table)
 
 
-def print_table(header: "Sequence[str]", rows: "Sequence[Sequence[str]]") -> None:
-    """Print rows of text under a header on stdout; all columns but the first hold numbers."""
+def print_table(
+    header: "Sequence[str]", rows: "Sequence[Sequence[str]]", words: "Sequence[str]" = ()
+) -> None:
+    """Print rows of text under a header on stdout; columns hold numbers, but for the first and ``words``."""
     rows = [[printable(cell) for cell in row] for row in rows]
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for number, name in enumerate(header):
-        table.add_column(name, justify="right" if number else "left", no_wrap=True)
+        table.add_column(name, justify="right" if number and name not in words else "left", no_wrap=True)
     for row in rows:
         table.add_row(*map(Text, row))
     widest = sum(max(map(len, column)) + 2 for column in zip(header, *rows, strict=True))
@@ -167,10 +173,7 @@ class ScanProgress:
             case Noticed(sentence=sentence, kind="bias" | "loading"):
                 say(sentence)
             case StepDone(step=step, exposure=exposure):
-                self._measured += 1
-                self._photons += exposure.photons
-                self._live_time_s += exposure.live_time_s
-                self._advance(step.index + 1)
+                self._count(step, exposure)
             case Grown(plan=plan):
                 self._positions = len(plan)
                 self._bar.update(self._task, total=self._positions)
@@ -196,6 +199,14 @@ class ScanProgress:
         if self._bar in _drawn:
             _drawn.remove(self._bar)
 
+    def _count(self, step: "Step", exposure: "Exposure") -> None:
+        if not self._measured:  # of a scan that is resumed: what is there already is no progress of now
+            self._tenth = step.index * 10 // self._positions
+        self._measured += 1
+        self._photons += exposure.photons
+        self._live_time_s += exposure.live_time_s
+        self._advance(step.index + 1)
+
     def _advance(self, done: int) -> None:
         now_s = time.monotonic()
         if err.is_terminal:
@@ -217,6 +228,8 @@ class ScanProgress:
         return show(self._photons / self._live_time_s, "photons/s") if self._live_time_s else ""
 
     def _left(self, done: int) -> str:
+        if self._measured < _ENOUGH:
+            return ""
         each_s = (time.monotonic() - self._since_s) / self._measured
         return f"~{show_duration(round(each_s * (self._positions - done)))} left"
 

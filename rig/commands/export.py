@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import AsJson
+from rig.commands.results import Force, require_free, told_if_stopped
 
 
 def export(
@@ -19,6 +20,7 @@ def export(
         bool,
         typer.Option("--rectified", help="Time begins when the pulse is on the wall, for all positions."),
     ] = False,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a scan or a volume for other programs; the layout follows the ending.
@@ -37,7 +39,9 @@ def export(
     from rig.commands import console
     from rig.exporters import export
 
-    layout = export(source, target, rectified, console.warn)
+    require_free([target], force=force)
+    with told_if_stopped([target]):
+        layout = export(source, target, rectified, console.warn, replace=force)
     size_bytes = target.stat().st_size
     if as_json:
         console.print_json({"file": str(target), "layout": layout, "bytes": size_bytes})

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import AsJson
+from rig.commands.results import told_if_stopped
 
 
 def import_(
@@ -100,31 +101,33 @@ def import_(
     """
     from rig.commands import console
     from rig.commands.scan import columns_and_rows
+    from rig.errors import in_shell
     from rig.importers import import_scan
     from rig.model.quantities import parse
 
-    report = import_scan(
-        source,
-        target,
-        bin_width_s=parse(bin_width, "time") if bin_width else None,
-        wall_size_m=parse(wall_size, "length") if wall_size else None,
-        time_origin=time_origin,
-        fade_from_s=parse(fade_from, "time") if fade_from else None,
-        delays=tof,
-        bounces=_numbers(bounces) if bounces else None,
-        depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
-        grid=columns_and_rows(grid) if grid else None,
-        spacing_m=parse(spacing, "length") if spacing else None,
-        order=order,
-        snake=snake or None,
-        detector=_spot(detector) if detector else None,
-        places=places,
-        point_marker=point_marker,
-        line_marker=line_marker,
-        time_zero_s=parse(time_zero, "time") if time_zero else None,
-        input=input_,
-        estimate=[name.strip() for name in estimate.split(",")] if estimate else (),
-    )
+    with told_if_stopped([target]):
+        report = import_scan(
+            source,
+            target,
+            bin_width_s=parse(bin_width, "time") if bin_width else None,
+            wall_size_m=parse(wall_size, "length") if wall_size else None,
+            time_origin=time_origin,
+            fade_from_s=parse(fade_from, "time") if fade_from else None,
+            delays=tof,
+            bounces=_numbers(bounces) if bounces else None,
+            depth_pitch_m=parse(depth_pitch, "length") if depth_pitch else None,
+            grid=columns_and_rows(grid) if grid else None,
+            spacing_m=parse(spacing, "length") if spacing else None,
+            order=order,
+            snake=snake or None,
+            detector=_spot(detector) if detector else None,
+            places=places,
+            point_marker=point_marker,
+            line_marker=line_marker,
+            time_zero_s=parse(time_zero, "time") if time_zero else None,
+            input=input_,
+            estimate=[name.strip() for name in estimate.split(",")] if estimate else (),
+        )
     if as_json:
         console.print_json({"file": str(target), **vars(report)})
         return
@@ -140,7 +143,7 @@ def import_(
             "assumed": "\n".join(f"- {line}" for line in report.assumed) or "nothing",
         },
     )
-    console.say(f"Next: rig recon {target}")
+    console.say(f"Next: {in_shell('rig', 'recon', target)}")
 
 
 def _numbers(text: str) -> tuple[int, ...]:

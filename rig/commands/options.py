@@ -75,19 +75,10 @@ Ptu = Annotated[
         help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
     ),
 ]
+Operator = Annotated[str | None, typer.Option(metavar="NAME", help="Who measures; kept in the file.")]
+Sample = Annotated[
+    str | None, typer.Option(metavar="TEXT", help="What is measured: the hidden object, the wall.")
+]
+Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
+Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
-
-
-def beside(path: Path, ending: str) -> Path:
-    """Return the name of a result that lies beside a file: its own, with another ending.
-
-    Raises
-    ------
-    rig.errors.DataFileError
-        If it is a folder's name and no file's.
-    """
-    from rig.errors import DataFileError
-
-    if not path.name:
-        raise DataFileError(f"{path} does not exist, or is no file; check the name")
-    return path.with_name(f"{path.stem}{ending}")

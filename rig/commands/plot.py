@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson, beside
+from rig.commands.options import AsJson
+from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +19,7 @@ def plot(
     image: Annotated[
         Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[FILE-plot.png][/dim]")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Draw the raw data of scans, or the projections of a volume.
@@ -32,10 +34,11 @@ def plot(
       rig plot office-10ms.h5 office-5ms.h5 office-1ms.h5 --image compared.png
     """
     from rig.commands import console
-    from rig.show.volume import save
+    from rig.show.volume import check_picture, save
 
-    picture = image or beside(files[0], "-plot.png")
-    with console.Working("drawing"):
+    picture = names(files[0], {"picture": "-plot.png"}, {"picture": image}, force=force)["picture"]
+    check_picture(picture)
+    with told_if_stopped([picture]), console.Working("drawing"):
         save(_figure(files), picture)
     if as_json:
         console.print_json({"picture": str(picture), "files": [str(path) for path in files]})

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import AsJson, beside
+from rig.commands.options import AsJson
+from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
     from rig.image.result import Result
@@ -131,11 +132,18 @@ def recon(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="VOLUME.h5", help="The volume. [dim]\\[SCAN-volume.h5][/dim]"),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="VOLUME.h5",
+            help="The volume. [dim]\\[SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
+        ),
     ] = None,
     image: Annotated[
-        Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png][/dim]")
+        Path | None,
+        typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]"),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Image what is hidden, from a scan.
@@ -153,10 +161,13 @@ def recon(
       rig recon scan.h5 --each-frame --video moving.gif
 
       rig recon scan.h5 --solver lct       an earlier method, to compare with
+
+    Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
     from rig.commands import console
     from rig.image.reconstruct import Request, reconstruct
     from rig.model.quantities import parse
+    from rig.show.volume import check_picture
 
     def length(text: str | None) -> float | None:
         return parse(text, "length") if text else None
@@ -182,11 +193,12 @@ def recon(
         each_frame=each_frame,
         fresh_to_m=length(fresh_to),
     )
-    volume = out or beside(scan, "-volume.h5")
-    picture = image or beside(scan, ".png")
-    with console.Working("imaging") as working:
-        result = reconstruct(scan, request, volume, picture, working, video)
-    _show(result, volume, picture, video, as_json)
+    given = {"volume": out, "picture": image, "video": video}
+    files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
+    check_picture(files["picture"])
+    with told_if_stopped(files.values()), console.Working("imaging") as working:
+        result = reconstruct(scan, request, files["volume"], files["picture"], working, video)
+    _show(result, files, as_json)
 
 
 def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
@@ -212,14 +224,13 @@ def depths(text: str) -> tuple[float, float, float]:
     return start_m, stop_m, step_m
 
 
-def _show(result: "Result", volume: Path, picture: Path, video: Path | None, as_json: bool) -> None:
+def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:
     from rig.commands import console
 
     if as_json:
-        files = {"volume": str(volume), "picture": str(picture)} | ({"video": str(video)} if video else {})
-        console.print_json({**files, **result.as_dict()})
+        console.print_json({**{what: str(path) for what, path in files.items()}, **result.as_dict()})
         return
     for sentence in result.warnings:
         console.warn(sentence)
-    facts = {**result.summary(), "volume": str(volume)}
-    console.print_facts(str(picture), facts | ({"video": str(video)} if video else {}))
+    others = {what: str(path) for what, path in files.items() if what != "picture"}
+    console.print_facts(str(files["picture"]), {**result.summary(), **others})

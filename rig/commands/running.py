@@ -14,9 +14,10 @@ from rig.acquire.acquisition import ScanResult, Watch
 from rig.acquire.events import Outcome
 from rig.acquire.interrupt import StopRequest
 from rig.commands import console
-from rig.errors import DataFileError, InterruptedScanError, UsageError
+from rig.errors import DataFileError, InterruptedScanError, UsageError, in_shell
 from rig.files.description import ScanDescription
 from rig.files.journal import journal_of
+from rig.files.outline import ScanOutline
 from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show, show_duration
@@ -154,7 +155,7 @@ def _is_there(target: Path) -> bool:
 
 def _safe(target: Path, config: Path | None) -> str:
     """Say how much of a scan that ended early can be read back from its file, and how to go on."""
-    again = f"rig resume {target}" + (f" --config {config}" if config else "")
+    again = in_shell("rig", "resume", target, *(("--config", config) if config else ()))
     try:
         with ScanFile(target) as scan:
             measured, steps = int(np.count_nonzero(scan.done)), scan.steps
@@ -173,7 +174,17 @@ def _light(result: ScanResult) -> dict[str, object] | None:
     return None if light is None else {"emitting": light.on, "read_back": light.when}
 
 
+def _whole(target: Path, result: ScanResult) -> tuple[int, float]:
+    """Return photons and measurement time of a scan as a whole, what was there before it was resumed too."""
+    try:
+        with ScanOutline(target) as scan:
+            return scan.photons, float(np.nansum(scan.live_time_s))
+    except DataFileError:  # it was read back when it was closed: the scan does not fail for a summary
+        return result.photons, result.live_time_s
+
+
 def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_json: bool) -> None:
+    photons, live_time_s = _whole(target, result)
     if as_json:
         console.print_json(
             {
@@ -181,15 +192,17 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
                 "status": result.ended.outcome.value,
                 "reason": result.ended.reason,
                 "positions": result.ended.steps_done,
-                "photons": result.photons,
-                "live_time_s": result.live_time_s,
+                "photons": photons,
+                "live_time_s": live_time_s,
+                "photons_now": result.photons,
                 "took_s": round(took_s, 2),
                 "laser": _light(result),
                 "unverified": list(result.unverified),
             }
         )
         return
-    rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
+    rate_hz = photons / live_time_s if live_time_s else 0.0
+    now = {"of these": f"{result.photons:,} now, the others before"} if result.photons != photons else {}
     measured, frames = result.ended.steps_done, plan.frames
     whole, planned = measured * frames // len(plan), "" if plan.endless else f" of {len(plan):,}"
     console.print_facts(
@@ -197,10 +210,11 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         {
             "positions": f"{measured:,}{planned}",
             **({"frames": f"{whole:,}" if plan.endless else f"{whole} of {frames}"} if frames > 1 else {}),
-            "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
+            "photons": f"{photons:,} ({show(rate_hz, 'photons/s')})",
+            **now,
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),
         },
     )
     if result.ended.outcome is Outcome.COMPLETE:
-        console.say(f"Next: rig recon {target}")
+        console.say(f"Next: {in_shell('rig', 'recon', target)}")

@@ -1,6 +1,5 @@
 """``rig scan``: measure the relay wall."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,12 +15,17 @@ from rig.commands.options import (
     Grid,
     Live,
     Mode,
+    Note,
+    Operator,
     Order,
     Ptu,
+    Purpose,
+    Sample,
     Seed,
     Spacing,
     Until,
 )
+from rig.commands.results import require_free
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -73,6 +77,10 @@ def scan(
             "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
         ),
     ] = None,
+    operator: Operator = None,
+    sample: Sample = None,
+    purpose: Purpose = None,
+    note: Note = None,
     ptu: Ptu = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
@@ -130,7 +138,8 @@ def scan(
     if preset == "list":
         _show_presets(as_json)
         return
-    state = RigState.resolve(_configuration(config, preset, scene, seed))
+    notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
+    state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(
         state.config,
@@ -145,8 +154,7 @@ def scan(
     _check_film(plan, live, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
-    if os.path.lexists(target):
-        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    require_free([target, *([video] if video else [])])
     if ptu and not plan.continuous:
         raise UsageError(
             "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
@@ -234,18 +242,23 @@ def _show_presets(as_json: bool) -> None:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
 
 
-def _configuration(path: Path | None, preset: str | None, scene: str | None, seed: int | None) -> "RigConfig":
+def _configuration(
+    path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
+) -> "RigConfig":
+    """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""
     from rig.errors import UsageError
     from rig.model.config import built_in_with, load
     from rig.model.presets import merged
     from rig.model.presets import preset as changes_of
 
     overlay = changes_of(preset) if preset else {}
-    given = {name: value for name, value in (("scene", scene), ("seed", seed)) if value is not None}
+    given = {name: value for name, value in simulation.items() if value is not None}
+    said = {name: text for name, text in notes.items() if text is not None}
     if path and (preset or given) and not load(path).simulated:
         option = "preset" if preset else next(iter(given))
         raise UsageError(f"--{option} is for the simulated rig, and {path} names real devices; leave it out")
-    changes = merged(overlay, {"simulation": given}) if given else overlay
+    changes = merged(overlay, {"simulation": given} if given else {})
+    changes = merged(changes, {"notes": said} if said else {})
     return load(path, changes) if path else built_in_with(changes)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import AsJson, Grid, Spacing
+from rig.commands.results import told_if_stopped
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -87,7 +88,7 @@ def render(
     usual_bins, usual_width_s = time_axis(rig_config)
     axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
     began_s = time.monotonic()
-    with console.Working(f"rendering {scene}") as progress:
+    with told_if_stopped([out]), console.Working(f"rendering {scene}") as progress:
         photons = rendered(plan, rig_config, axis, out, progress)
     took_s = time.monotonic() - began_s
     if as_json:

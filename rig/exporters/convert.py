@@ -21,6 +21,7 @@ def export(
     target: str | Path,
     rectify: bool = False,
     tell: Callable[[str], None] = lambda sentence: None,
+    replace: bool = False,
 ) -> str:
     """Write a scan or volume file in another layout, whole or not at all.
 
@@ -34,6 +35,8 @@ def export(
         Whether a scan's time is to begin when the pulse is on the wall, for all positions.
     tell
         Told what a person must know of a scan that is not, or no longer, as its program left it.
+    replace
+        Whether a file that has this name is replaced.
 
     Returns
     -------
@@ -49,7 +52,7 @@ def export(
         If ``source`` cannot be read, or ``target`` not be written.
     """
     source, target = Path(source), Path(target)
-    if target.exists():
+    if target.exists() and not replace:
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     if is_volume(source):
         if rectify:

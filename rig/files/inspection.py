@@ -4,7 +4,7 @@ Nothing here reads measurements. All objects, attributes, filters and the index 
 that a library that crashes or loops on them does so in the trial (`rig.files.trial`), not in the program.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice, product
 from math import prod
@@ -29,6 +29,9 @@ PACKED = 1032
 FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
 _PACKING = {1, 32000}
 
+#: Files that one process walks through: a file of this program takes it some milliseconds.
+AT_ONCE = 50
+
 _inspected: dict[tuple[str, int, int, int], str] = {}
 
 
@@ -40,8 +43,7 @@ def inspect(path: Path) -> None:
     DataFileError
         If something in it leads to another file, claims more than the file can hold, or breaks the library.
     """
-    stat = path.stat()
-    key = (str(path.absolute()), stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    key = _key(path)
     if key not in _inspected:
         try:
             tried(path, problem)
@@ -50,6 +52,37 @@ def inspect(path: Path) -> None:
             _inspected[key] = str(error)
     if _inspected[key]:
         raise DataFileError(_inspected[key])
+
+
+def inspect_all(paths: Sequence[Path]) -> None:
+    """Walk through many files, several in one process, so that `inspect` knows them already.
+
+    Where such a process breaks, its files are left to `inspect`, each by itself.
+    """
+    for first in range(0, len(paths), AT_ONCE):
+        batch = [path for path in paths[first : first + AT_ONCE] if path.is_file()]
+        if not batch:
+            continue
+        with suppress(DataFileError, OSError):
+            keys = [_key(path) for path in batch]
+            _inspected.update(zip(keys, tried(batch[0], problems, *map(str, batch[1:])), strict=True))
+
+
+def _key(path: Path) -> tuple[str, int, int, int]:
+    stat = path.stat()
+    return str(path.absolute()), stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def problems(*paths: str) -> list[str]:
+    """Return for each file what is wrong with it; empty where nothing is."""
+    found = []
+    for path in paths:
+        try:
+            problem(path)
+            found.append("")
+        except DataFileError as error:
+            found.append(str(error))
+    return found
 
 
 def problem(path: str) -> None:

@@ -84,6 +84,11 @@ SCAN: Layout = {
         "in that one; estimated: values that it lacked and that were estimated from its data, with quantity, "
         "value, low, high [s or m], how, and all of it in words",
     ),
+    "/notes": Entry("group", "what people said of the scan; nothing of it changes what is measured"),
+    "/notes@operator": Entry("text", "who measured"),
+    "/notes@sample": Entry("text", "what was measured: the hidden object, the wall"),
+    "/notes@purpose": Entry("text", "what the scan is for"),
+    "/notes@note": Entry("text", "what else was worth keeping"),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),
     "/devices/*@identity": Entry(
@@ -231,8 +236,6 @@ SCAN: Layout = {
     ),
 }
 
-_NEW_IN_2 = ("/channels", "/passes", "/calibration_data", "/unfinished")
-
 #: What is otherwise in a scan file of version 1: one channel, which has no axis, and positions for steps.
 SCAN_1: Layout = {
     **{
@@ -267,6 +270,7 @@ VOLUME: Layout = {
     "/@format": Entry("text", "`rig-volume`", required=True),
     **_ROOT,
     "/@parameters": Entry("json", "parameters of the reconstruction"),
+    "/@command": Entry("text", "the command that made it"),
     "/@scan": Entry("text", "name of the scan file it came from"),
     "/@scan_digest": Entry("text", "SHA-256 of the scan file it came from"),
     "/volume": Entry("group", "the image", required=True),

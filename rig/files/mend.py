@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, RefusedError
+from rig.errors import DataFileError, RefusedError, in_shell
 from rig.files import content, forms
 from rig.files.content import Note
 from rig.files.journal import Chunk, Journal, Kind, Record, journal_of, sync_folder
@@ -81,8 +81,7 @@ def rebuild(journal: Journal, target: Path) -> None:
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     target.write_bytes(journal.payload(head))
     with content.written(target) as file:
-        if grown := [record for record in records if record.kind is Kind.GROWN]:
-            content.grow(file, journal.said(grown[-1]))
+        _grow(file, journal, records)
         form, measured = forms.of_file(file)(file), 0
         for record, rows in _measured(journal, records):
             chunk = Chunk.from_bytes(journal.payload(record))
@@ -94,6 +93,30 @@ def rebuild(journal: Journal, target: Path) -> None:
             _apply(file, record.kind, journal, record)
     with target.open("rb+") as written:
         os.fsync(written.fileno())
+
+
+def outline(journal: Journal) -> h5py.File:
+    """Return a scan file in memory with all that its journal says beside photons: quick, whatever its size.
+
+    Steps are marked as measured, and their photons are not there.
+    """
+    records = list(journal.records())
+    (head,) = [record for record in records if record.kind is Kind.HEAD]
+    file = h5py.File(io.BytesIO(journal.payload(head)), "r+")
+    _grow(file, journal, records)
+    for record, rows in _measured(journal, records):
+        first, every = Chunk.place(journal.payload(record, Chunk.PLACE_BYTES))
+        begin = journal.payload(record, Chunk.PLACE_BYTES + 4 * every)
+        content.mark(file, first, np.frombuffer(begin[Chunk.PLACE_BYTES :], "<f4")[:rows])
+    for record in records:
+        _apply(file, record.kind, journal, record)
+    return file
+
+
+def _grow(file: h5py.File, journal: Journal, records: list[Record]) -> None:
+    """Give a file the steps of the longest plan that its journal has."""
+    if grown := [record for record in records if record.kind is Kind.GROWN]:
+        content.grow(file, journal.said(grown[-1]))
 
 
 def _measured(journal: Journal, records: list[Record]) -> list[tuple[Record, int]]:
@@ -195,5 +218,5 @@ def for_reading(journal: Journal, path: Path) -> h5py.File:
     except (OSError, RuntimeError) as error:
         raise DataFileError(
             f"cannot mend {path} from its journal in {tempfile.gettempdir()}: {error}. Free some space "
-            f"there, or set TMPDIR to another folder, or go on with rig resume {path}"
+            f"there, or set TMPDIR to another folder, or go on with {in_shell('rig', 'resume', path)}"
         ) from error

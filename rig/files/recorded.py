@@ -98,8 +98,7 @@ class RecordedFile(ABC):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the file's bytes, hexadecimal."""
-        with self.digested.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return digest_of_file(self.digested)
 
     def close(self) -> None:
         """Close the file; what is read later can no longer be read."""
@@ -125,3 +124,9 @@ class RecordedFile(ABC):
         with reading(self.path):
             owner: h5py.Group | None = self._file.get(group)
             return default if owner is None else plain(owner.attrs.get(name, default))
+
+
+def digest_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

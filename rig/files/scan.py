@@ -5,31 +5,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isnan, prod
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
-from rig.errors import DataFileError
-from rig.files import content, forms, mend
+from rig.errors import DataFileError, in_shell
+from rig.files import forms, mend
 from rig.files.blocks import read, spans
-from rig.files.check import check_format, check_layout, plain, reading
-from rig.files.content import Note
+from rig.files.check import plain, reading
 from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal
-from rig.files.layout import SCANS
-from rig.files.recorded import RecordedFile
-from rig.model.calibrations.chosen import Calibrations
-from rig.model.calibrations.chosen import recorded as recorded_calibrations
+from rig.files.outline import ScanOutline, why_mended
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
-from rig.model.plan import Pass, ScanPlan
+from rig.model.plan import Pass
 from rig.model.quantities import show, show_duration, show_length
-from rig.model.state import Channel, RigState
+from rig.model.state import Channel
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
@@ -102,7 +96,7 @@ class ScanPass:
         return self.scan.laser_m[self.steps.start : self.steps.stop]
 
 
-class ScanFile(RecordedFile):
+class ScanFile(ScanOutline):
     """A scan file, checked against its layout when it is opened; use as a context manager.
 
     Attributes
@@ -133,25 +127,16 @@ class ScanFile(RecordedFile):
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
 
-    def _open(self) -> h5py.File:
-        self.mended, self.growing = "", False
-        journal = mend.open_journal(self.path, alone=False)
-        if journal is None:
-            return super()._open()
-        try:
-            self.digested, self.growing = journal.path, journal.growing
-            self.mended = _why_mended(self.path, journal)
-            return mend.for_reading(journal, self.path)
-        finally:
-            journal.close()
+    def _open_mended(self, journal: Journal) -> h5py.File:
+        self.mended = why_mended(self.path, journal)
+        return mend.for_reading(journal, self.path)
 
     def _read(self) -> None:
-        self.version = check_format(self.path, self._file, "rig-scan", tuple(SCANS))
-        sizes = check_layout(self.path, self._file, SCANS[self.version])
+        super()._read()
         self._read_geometry()
         self._read_time()
         self._read_channels()
-        self._read_photons(sizes)
+        self._read_photons(self._sizes)
 
     def _read_geometry(self) -> None:
         geometry = self._file["geometry"]
@@ -243,7 +228,7 @@ class ScanFile(RecordedFile):
                     "unsigned integers. Set its attribute kind to 'expectation' if it is a rendered or "
                     "processed signal"
                 )
-            self._check_stored(counts, int(np.count_nonzero(self._marked)) * prod(counts.shape[1:]))
+            self._check_stored(counts, int(np.count_nonzero(self.marked)) * prod(counts.shape[1:]))
         else:
             photons = transients["photons"]
             self._spans = self._read_offsets(photons)
@@ -305,35 +290,10 @@ class ScanFile(RecordedFile):
         parts = spans(photons, 0, PHOTONS_AT_ONCE * photons.dtype.itemsize)
         return 1 + max((int(read(photons, part).max()) for part in parts), default=0)
 
-    @property
-    def status(self) -> str:
-        """``running``, ``complete``, ``interrupted`` or ``failed``."""
-        return "running" if self.growing else str(self._attribute("stop", "status", "interrupted"))
-
-    @property
-    def reason(self) -> str:
-        """Why the run ended, in words."""
-        unsaid = "" if "stop" in self._file or self.growing else "it has no closing record"
-        return str(self._attribute("stop", "reason", unsaid))
-
-    @property
-    def photons(self) -> int:
-        """Sum of all counts as the closing record has it; 0 without one."""
-        return int(self._attribute("stop", "photons", 0))
-
     @cached_property
     def done(self) -> NDArray[np.bool_]:
         """(S,) which steps were measured, and are as they were written."""
-        return self._marked & ~self.altered
-
-    @cached_property
-    def _marked(self) -> NDArray[np.bool_]:
-        """(S,) which steps are marked as measured."""
-        with reading(self.path):
-            transients = self._file["transients"]
-            return (
-                read(transients["done"]).astype(bool) if "done" in transients else np.ones(self.steps, bool)
-            )
+        return self.marked & ~self.altered
 
     @cached_property
     def altered(self) -> NDArray[np.bool_]:
@@ -345,78 +305,15 @@ class ScanFile(RecordedFile):
             return form.altered(self._file, form.stored_sums(self._file))
 
     @property
-    def events(self) -> list[Note]:
-        """What happened during the scan, in the order in which it began."""
-        with reading(self.path):
-            return content.read_events(self._file)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What went less than well, each sentence once."""
-        noted = [note.sentence for note in self.events if note.kind == "warning"]
-        return list(dict.fromkeys([*map(str, self._json("stop", "warnings", "[]", list)), *noted]))
-
-    @property
     def doubts(self) -> list[str]:
         """What a person must know who reads the file now: whether it was mended, or altered."""
         found = [self.mended] if self.mended else []
         if self.altered.any():
             found.append(
                 f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} are not as they were "
-                f"written, and are left out. rig resume {self.path} measures them again"
+                f"written, and are left out. {in_shell('rig', 'resume', self.path)} measures them again"
             )
         return found
-
-    @cached_property
-    def plan(self) -> ScanPlan | None:
-        """The scan plan; None where the file does not say.
-
-        Raises
-        ------
-        DataFileError
-            If it is damaged.
-        """
-        text = str(self._attribute("start", "plan", "{}"))
-        return None if text == "{}" else ScanPlan.from_json(text, self.path)
-
-    @cached_property
-    def state(self) -> RigState | None:
-        """The rig as it was; None where the file does not say.
-
-        Raises
-        ------
-        DataFileError
-            If it is damaged, or of a newer program.
-        """
-        return RigState(self.config, self.calibrations) if self.config else None
-
-    @property
-    def imported(self) -> dict[str, Any]:
-        """File, sha256, layout and assumptions of an import; empty for a scan."""
-        found: dict[str, Any] = self._json("start", "imported", "{}", dict)
-        return found
-
-    @property
-    def estimated(self) -> list[str]:
-        """Values that the imported file lacked and that were estimated from its data, in words."""
-        with reading(self.path):
-            return [str(value["words"]) for value in self.imported.get("estimated", ())]
-
-    @cached_property
-    def calibrations(self) -> Calibrations:
-        """The calibrations that the scan used.
-
-        Raises
-        ------
-        DataFileError
-            If one is damaged.
-        """
-        with reading(self.path):
-            group = self._file.get("calibration", {})
-            documents = {kind: dataset.asstr()[()] for kind, dataset in group.items()}
-            beside = self._file.get("calibration_data", {})
-            arrays = {name: read(dataset) for name, dataset in beside.items()}
-        return recorded_calibrations(documents, arrays, self.path)
 
     def passes(self) -> list[ScanPass]:
         """Return the passes of the plan; a file without a plan is one.
@@ -443,6 +340,30 @@ class ScanFile(RecordedFile):
             if said is None:
                 return self.devices
             return {name: json.loads(value) for name, value in said.attrs.items() if name != "description"}
+
+    def count(self) -> float:
+        """Return the sum of all counts; where no closing record has it, those of measured steps are added."""
+        return self.photons if self.closed else float(np.nansum(self.photons_of_steps()))
+
+    def photons_of_steps(self) -> NDArray[np.float64]:
+        """Return (S,) the sum of the counts of each step, NaN where it was not measured; all bins are read.
+
+        Raises
+        ------
+        DataFileError
+            If the file is damaged.
+        """
+        found, steps = np.full(self.steps, np.nan), np.flatnonzero(self.done)
+        if self.tagged:
+            pairs = self._spans[1] - self._spans[0]
+            found[steps] = pairs.reshape(self.steps, len(self.channels)).sum(axis=1)[steps]
+            return found
+        with reading(self.path):
+            sums = np.zeros(len(steps) * len(self.channels))
+            for rows, counts in self._histograms(self.done).blocks():
+                sums[rows] = counts.sum(axis=1, dtype=float)
+        found[steps] = sums.reshape(len(steps), len(self.channels)).sum(axis=1)
+        return found
 
     def counts(self, steps: range) -> NDArray:
         """Return (len(steps), channels, bins) counts of a few steps in a row, measured or not."""
@@ -482,25 +403,6 @@ class ScanFile(RecordedFile):
         """Full width at half maximum of the instrument response."""
         return self._time("instrument_response_s")
 
-    @property
-    def tagged(self) -> bool:
-        """Whether the file holds the bin index of each photon rather than histograms."""
-        return "photons" in self._file["transients"]
-
-    @property
-    def expectation(self) -> bool:
-        """Whether the counts are a rendered or processed signal rather than photons."""
-        counts = self._file["transients"].get("counts")
-        return counts is not None and plain(counts.attrs.get("kind")) == "expectation"
-
-    @property
-    def live_time_s(self) -> NDArray[np.float32]:
-        """(S,) measurement time of each step; NaN where unknown."""
-        if "live_time_s" not in self._file["transients"]:
-            return np.full(self.steps, np.nan, np.float32)
-        with reading(self.path):
-            return read(self._file["transients/live_time_s"]).astype(np.float32)
-
     def capture(self) -> Capture:
         """Return what was measured in rectified time, as pairs of laser and detector spot.
 
@@ -529,12 +431,6 @@ class ScanFile(RecordedFile):
             laser_m=np.repeat(laser_m, count, axis=0),
             detector_m=detector_m,
         )
-
-    @property
-    def frames(self) -> int:
-        """How often all positions were to be visited, all passes together."""
-        passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
-        return sum(one.frames for one in passes) or 1
 
     @property
     def whole_frames(self) -> NDArray[np.int64]:
@@ -601,24 +497,16 @@ class ScanFile(RecordedFile):
 
     def __str__(self) -> str:
         """Return what a person wants to know at a glance, as aligned lines."""
-        lines = _summary(self).items()
+        lines = self.summary().items()
         return "\n".join([str(self.path), *(f"  {label:<12} {text}" for label, text in lines)])
+
+    def summary(self) -> dict[str, str]:
+        """Return what a person wants to know at a glance, label by label."""
+        return _summary(self)
 
     def _time(self, name: str) -> float | None:
         value = self._attribute("transients", name, None)
         return None if value is None else float(value)
-
-
-def _why_mended(path: Path, journal: Journal) -> str:
-    """Say why a scan file is read from its journal."""
-    if journal.growing:
-        return f"{path} is being written by a scan: the lines that it has finished until now are read"
-    told = (
-        f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
-        f"and was not touched. rig resume {path} goes on with it"
-    )
-    torn = journal.torn_bytes
-    return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")
 
 
 def in_words(numbers: NDArray[np.int64]) -> str:
@@ -631,7 +519,7 @@ def _known(values: NDArray[np.float64]) -> list[float | None]:
     return [None if isnan(value) else value for value in values.tolist()]
 
 
-def _summary(scan: "ScanFile") -> dict[str, str]:
+def _summary(scan: ScanFile) -> dict[str, str]:
     """Return what a person wants to know at a glance, label by label."""
     low, high = scan.laser_m.min(axis=0), scan.laser_m.max(axis=0)
     measured = int(np.count_nonzero(scan.done))
@@ -639,6 +527,8 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
     kind = "time-tagged photons" if scan.tagged else "histograms"
     lines = {
         "status": scan.status + (f" ({scan.reason})" if scan.reason else ""),
+        **({"rig": scan.config.name} if scan.config else {}),
+        **({"plan": scan.plan.in_words()} if scan.plan else {}),
         "positions": f"{scan.steps:,}"
         + (f", {scan.frames} frames" if scan.frames > 1 else "")
         + ("" if measured == scan.steps else f", {measured:,} measured"),
@@ -656,6 +546,20 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         lines["exposure"] = (
             f"{show(live_s / max(1, measured), 's')} a position, {show_duration(live_s)} in all"
         )
+    if not scan.expectation:
+        lines["photons"] = f"{scan.count():,.0f}"
+    if source := _source(scan):
+        lines["source"] = source
+    if scan.created:
+        lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
+    lines |= scan.notes
+    if told := [*scan.doubts, *scan.warnings]:
+        lines["warnings"] = "; ".join(told)
+    return lines
+
+
+def _source(scan: ScanFile) -> str:
+    """Say where the photons come from."""
     origin = ["simulated"] if scan.simulated else []
     if scan.imported:
         origin.append(f"imported from {scan.imported.get('file')} ({scan.imported.get('layout')})")
@@ -663,10 +567,4 @@ def _summary(scan: "ScanFile") -> dict[str, str]:
         origin.append(scan.command)
     if scan.estimated:
         origin.append(f"estimated from its data: {'; '.join(scan.estimated)}")
-    if origin:
-        lines["source"] = ", ".join(origin)
-    if scan.created:
-        lines["created"] = f"{scan.created} by {scan.software or 'an unnamed program'}"
-    if told := [*scan.doubts, *scan.warnings]:
-        lines["warnings"] = "; ".join(told)
-    return lines
+    return ", ".join(origin)

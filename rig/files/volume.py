@@ -16,7 +16,7 @@ from rig.errors import DataFileError, RigError, UsageError
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.layout import VOLUME, VOLUME_VERSION
-from rig.files.start import describe, write_root
+from rig.files.start import describe, storable, write_root
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class Volume:
         Parameters of the reconstruction: what JSON can hold.
     scan, scan_digest
         Name and SHA-256 of the scan file it came from.
+    command
+        The command that made it; empty where nobody said.
     """
 
     intensity: NDArray[np.float32]
@@ -52,6 +54,7 @@ class Volume:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     scan: str = ""
     scan_digest: str = ""
+    command: str = ""
 
     def problem(self) -> str:
         """Return what does not fit together, empty if all does."""
@@ -86,6 +89,67 @@ def write_volume(path: str | Path, volume: Volume) -> None:
         raise ValueError(problem)
     with _creating(Path(path)) as file:
         _write(file, volume)
+
+
+@dataclass(frozen=True)
+class VolumeOutline:
+    """What a volume file says beside its image.
+
+    Attributes
+    ----------
+    created, software
+        When it was made, UTC, ISO 8601, and by which program; empty where it does not say.
+    voxels
+        Voxels along x, y and z.
+    x_m, y_m, z_m
+        First and last voxel centre along each axis.
+    t_s
+        (nt,) times of frames; None where it is no video.
+    parameters, scan, scan_digest, command
+        As of `Volume`.
+    """
+
+    created: str
+    software: str
+    voxels: tuple[int, int, int]
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+    z_m: tuple[float, float]
+    t_s: NDArray[np.float64] | None
+    parameters: Mapping[str, Any]
+    scan: str
+    scan_digest: str
+    command: str
+
+
+def outline_volume(path: Path) -> VolumeOutline:
+    """Read what a volume file says beside its image; raises as `read_volume`."""
+    with _opened(path) as file:
+        group = file["volume"]
+        axes = [read(group[name]).astype(float) for name in ("x_m", "y_m", "z_m")]
+        ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
+        return VolumeOutline(
+            created=str(plain(file.attrs.get("created", ""))),
+            software=str(plain(file.attrs.get("software", ""))),
+            voxels=(len(axes[0]), len(axes[1]), len(axes[2])),
+            x_m=ends[0],
+            y_m=ends[1],
+            z_m=ends[2],
+            t_s=read(group["t_s"]).astype(float) if "t_s" in group else None,
+            parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
+            scan=str(plain(file.attrs.get("scan", ""))),
+            scan_digest=str(plain(file.attrs.get("scan_digest", ""))),
+            command=str(plain(file.attrs.get("command", ""))),
+        )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a volume file, and hold it against its layout."""
+    with open_hdf5(path) as file, reading(path):
+        check_format(path, file, "rig-volume", (VOLUME_VERSION,))
+        check_layout(path, file, VOLUME)
+        yield file
 
 
 @contextmanager
@@ -140,9 +204,7 @@ def read_volume(path: str | Path) -> Volume:
         If the file is missing, truncated, foreign, or lacks what is needed.
     """
     path = Path(path)
-    with open_hdf5(path) as file, reading(path):
-        check_format(path, file, "rig-volume", (VOLUME_VERSION,))
-        check_layout(path, file, VOLUME)
+    with _opened(path) as file:
         group = file["volume"]
         volume = Volume(
             intensity=read(group["intensity"]).astype(np.float32, copy=False),
@@ -155,6 +217,7 @@ def read_volume(path: str | Path) -> Volume:
             parameters=dict(json.loads(plain(file.attrs.get("parameters", "{}")))),
             scan=plain(file.attrs.get("scan", "")),
             scan_digest=plain(file.attrs.get("scan_digest", "")),
+            command=str(plain(file.attrs.get("command", ""))),
         )
     if problem := volume.problem() or _uneven(volume):
         raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
@@ -189,6 +252,7 @@ def _write(file: h5py.File, volume: Volume) -> None:
     write_root(file, "rig-volume", VOLUME_VERSION)
     file.attrs["parameters"] = json.dumps(dict(volume.parameters))
     file.attrs["scan"] = volume.scan
+    file.attrs["command"] = storable(volume.command)
     file.attrs["scan_digest"] = volume.scan_digest
     group = file.create_group("volume")
     group["intensity"] = np.asarray(volume.intensity, "<f4")

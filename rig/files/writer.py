@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, UsageError, in_shell
 from rig.files import content, forms, mend
 from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
@@ -85,7 +85,7 @@ class ScanWriter:
         if os.path.exists(journal_of(path)):  # which says no, too, of a name that is too long
             raise UsageError(
                 f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
-                f"Go on with rig resume {path}, or move it away"
+                f"Go on with {in_shell('rig', 'resume', path)}, or move it away"
             )
         head = start_of(description)
         try:
@@ -494,19 +494,19 @@ class ScanWriter:
             self._saved_as = _fresh_name(self.path, "saved")
             self._lost = (
                 f"{self.path} was deleted while the scan ran: the scan ends here. What was measured is saved "
-                f"as {self._saved_as}; go on with rig resume {self._saved_as}"
+                f"as {self._saved_as}; go on with {in_shell('rig', 'resume', self._saved_as)}"
             )
         elif now != self.path:
             self._lost = (
                 f"{self.path} was moved to {now} while the scan ran: the scan ends here. What was measured "
-                f"is there; go on with rig resume {now}"
+                f"is there; go on with {in_shell('rig', 'resume', now)}"
             )
             self.path = now
         elif present_name(self._journal.path, self._journal.descriptor) != self._journal.path:
             self._lost = (
                 f"{self._journal.path} was moved or deleted while the scan ran: without it nothing is safe, "
-                f"and the scan ends here. What was measured is in {self.path}; go on with rig resume "
-                f"{self.path}"
+                f"and the scan ends here. What was measured is in {self.path}; go on with "
+                f"{in_shell('rig', 'resume', self.path)}"
             )
 
     @contextmanager
@@ -519,7 +519,7 @@ class ScanWriter:
             raise DataFileError(
                 f"cannot write {self.path}: {_reason(error)}. Nothing more is written to it; its first "
                 f"{self.safe} of {self.steps} positions are safe. Look after free space, quota and "
-                f"permissions, and go on with rig resume {self.path}"
+                f"permissions, and go on with {in_shell('rig', 'resume', self.path)}"
             ) from error
         except Exception:
             self._broken = True

@@ -162,6 +162,11 @@ class _Job:
 _Done = tuple[dict[str, float | None], tuple[str, ...]]
 
 
+def volumes_of(file: Path, folder: Path) -> dict[str, Path]:
+    """Return where the volume of each method is kept."""
+    return {method: folder / f"{file.stem}-{method}-volume.h5" for method in METHODS}
+
+
 def compare(
     file: Path,
     request: Request,
@@ -210,8 +215,8 @@ def compare(
         methods, columns = [], []
         if truth_m is not None:
             columns.append(Column("truth", None, truth_m))
-        for number, method in enumerate(METHODS):
-            path = (keep or Path(folder)) / f"{file.stem}-{method}-volume.h5"
+        paths = volumes_of(file, keep or Path(folder))
+        for number, (method, path) in enumerate(paths.items()):
             job = _Job(scan.path, replace(work.request, solver=method), sigma_s, path)
             one = _compared(method, job, work, truth_m)
             methods.append(one)

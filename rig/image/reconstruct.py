@@ -1,6 +1,7 @@
 """From a scan file to a volume file and pictures: choose what was not asked for, focus, find depths."""
 
 import dataclasses
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ from recon.video import frame_times_s as moments_s
 from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
-from rig.errors import UsageError, printable
+from rig.errors import UsageError, in_shell, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
@@ -117,6 +118,7 @@ class Work:
             parameters=parameters,
             scan=self.scan,
             scan_digest=self.scan_digest,
+            command=in_shell("rig", *sys.argv[1:]),
         )
 
 
@@ -161,7 +163,7 @@ def reconstruct(
         warnings = (*scan.doubts, *_signal(volume), *warnings)
         if not (request.each_frame or request.all_depths):  # which were written meanwhile
             write_volume(volume_path, volume)
-    save(_picture(volume), picture_path)
+    save(picture(volume), picture_path)
     if video_path:
         shown = _seen(volume)
         if not request.each_frame and request.frames_s is None:
@@ -462,7 +464,10 @@ def _falloff(volume: Volume) -> float:
     return float(volume.parameters.get("falloff_power", FALLOFF))
 
 
-def _picture(volume: Volume) -> Figure:
+def picture(volume: Volume) -> Figure:
+    """Draw a volume as `rig recon` does; of a video of all depths, the brightest depth of each pixel."""
+    if volume.t_s is not None and volume.intensity.ndim == 4:
+        volume = dataclasses.replace(volume, intensity=volume.intensity.max(axis=1))
     if volume.t_s is not None:
         return frames_figure(_seen(volume), compensation=_compensation(volume))
     if volume.parameters.get("camera") == "photo":

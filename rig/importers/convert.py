@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from recon.estimate import Estimate
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError, printable
+from rig.errors import DataFileError, UsageError, in_shell, printable
 from rig.files import ScanDescription, ScanWriter
 from rig.importers import (
     ahn,
@@ -155,7 +155,7 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
         delays=content.delays,
         delay_s=content.delay_s,
         simulated=content.simulated,
-        command=f"rig import {printable(source.name)}",
+        command=in_shell("rig", "import", printable(source.name)),
         fade_from_s=content.fade_from_s,
         instrument_response_s=content.instrument_response_s,
         dtype=content.dtype,

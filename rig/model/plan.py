@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rig.errors import DataFileError, UsageError
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
+from rig.model.quantities import show, show_length
 
 Point = tuple[float, float, float]
 
@@ -398,6 +399,11 @@ class ScanPlan(_Part):
         """Measurement time of the whole scan."""
         return float(sum(len(one) * one.exposure_s for one in self.passes))
 
+    def in_words(self) -> str:
+        """Return what is scanned, in a line."""
+        each = [_pass_in_words(one) for one in self.passes]
+        return each[0] if len(each) == 1 else f"{len(each)} passes: {'; '.join(dict.fromkeys(each))}"
+
     def duration_s(self, config: RigConfig) -> float:
         """Estimate how long the scan takes on hardware: exposure, settling and readout of each step."""
         settling = sum(one.frames * _settling(one.positions) for one in self.passes)
@@ -406,6 +412,25 @@ class ScanPlan(_Part):
             + settling * config.galvo.settle_time_s
             + len(self) * config.tcspc.readout_time_s
         )
+
+
+def _pass_in_words(one: Pass) -> str:
+    """Return what a pass scans, in a line."""
+    where = one.positions
+    if isinstance(where, Spots):
+        spots = f"{len(where.spots):,} spots"
+    else:
+        spots = f"{where.columns} x {where.rows} positions {show_length(where.spacing_m)} apart"
+        if where.row_spacing_m:
+            spots += f", lines {show_length(where.row_spacing_m)}"
+        if where.order != "snake":
+            spots += f", {where.order}"
+    told = [f"{one.name}: {spots}" if one.name else spots, f"{show(one.exposure_s, 's')} each", one.motion]
+    if one.until_stopped:
+        told.append("frames until stopped")
+    elif one.frames > 1:
+        told.append(f"{one.frames} frames")
+    return ", ".join(told)
 
 
 def _settling(positions: Grid | Spots) -> float:

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rig.atomic import appearing
-from rig.errors import DataFileError
+from rig.errors import DataFileError, UsageError
 from rig.files.volume import Volume
 from rig.model.quantities import show_length
 
@@ -131,6 +131,13 @@ def parameters_line(volume: Volume) -> str:
         elif key == "estimated":
             told += [f"estimated: {words}" for words in value]
     return ", ".join(told)
+
+
+def check_picture(path: Path) -> None:
+    """Raise UsageError, before anything is computed, unless a picture can be written by this ending."""
+    known = sorted(FigureCanvasAgg.get_supported_filetypes())
+    if path.suffix.lower().removeprefix(".") not in known:
+        raise UsageError(f"{path} is no picture's name: the endings are .{', .'.join(known)}")
 
 
 def save(figure: Figure, path: str | Path) -> None:

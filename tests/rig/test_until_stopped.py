@@ -21,6 +21,7 @@ from rig.acquire.acquisition import Watch, acquire, interrupted, resume
 from rig.acquire.events import Grown, Noticed, Outcome, StepDone
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.files.journal import journal_of
+from rig.files.outline import ScanOutline
 from rig.live.messages import Block, Gap
 from rig.live.state import LiveState, Subject
 from rig.model import plan as plan_model
@@ -81,6 +82,9 @@ def test_whatever_is_done_a_file_that_grows_holds_what_was_given(
             with ScanFile(folder / "copy.h5") as scan:
                 assert_positions(scan, plan.frames)
                 assert np.flatnonzero(scan.done).tolist() == list(range(len(model.photons)))
+            with ScanOutline(folder / "copy.h5") as outline:  # from the journal, without photons
+                assert outline.plan == plan
+                assert np.flatnonzero(outline.marked).tolist() == list(range(len(model.photons)))
         elif action == "withdraw":
             writer.withdraw(number)
             model.cut(number)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.calibrate import Floats, require
-from rig.errors import DataFileError
+from rig.errors import DataFileError, in_shell
 from rig.files.check import check_format, plain, reading
 from rig.files.recorded import RecordedFile
 from rig.files.start import write_origin, write_root
@@ -70,7 +70,7 @@ def writing(
     """Open a new file of pictures; it appears when the block ends well."""
     with appearing(path) as partial, h5py.File(partial, "w") as file:
         write_root(file, FORMAT, VERSION)
-        write_origin(file, config, devices, config.rehearsed, " ".join(["rig", *sys.argv[1:]]))
+        write_origin(file, config, devices, config.rehearsed, in_shell("rig", *sys.argv[1:]))
         used = config.cameras
         file.create_group("board").attrs.update(
             columns=used.board_columns,

@@ -20,7 +20,7 @@ from rig.model.config.section import Section
 from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
 from rig.model.config.simulation import SimulationConfig
 from rig.model.config.timing import TcspcConfig, TimingConfig
-from rig.model.config.use import CalibrationConfig, CamerasConfig, ScanConfig
+from rig.model.config.use import CalibrationConfig, CamerasConfig, NotesConfig, ScanConfig
 from rig.model.quantities import FROM_RECORD
 
 
@@ -45,6 +45,7 @@ class RigConfig(Section):
     scan: ScanConfig = ScanConfig()
     calibration: CalibrationConfig = CalibrationConfig()
     cameras: CamerasConfig = CamerasConfig()
+    notes: NotesConfig = NotesConfig()
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 
@@ -194,7 +195,7 @@ class RigConfig(Section):
         """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
 
         Left out is what does not change what is measured: where devices are connected, limits, times to wait,
-        cameras, the folder of calibrations, and the plan of a scan.
+        cameras, the folder of calibrations, the plan of a scan, and notes.
         """
         mine, theirs = _flat(self.model_dump()), _flat(other.model_dump())
         return [
@@ -227,6 +228,7 @@ _NOT_MEASURED_WITH = (
     "scan.",
     "calibration.",
     "cameras.",
+    "notes.",
     "simulation.real_time",
 )
 

@@ -1,9 +1,11 @@
-"""Sections of how a rig is used: scans, calibrations, and the cameras of these."""
+"""Sections of how a rig is used: scans, calibrations, and the cameras of these; and notes of people."""
 
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from rig.errors import printable
 from rig.model.config.section import Section
 from rig.model.quantities import Metres, Seconds
 
@@ -44,3 +46,24 @@ class CamerasConfig(Section):
     """Marks on the wall for the board's first inner corner; it is held flat on the wall at each of them."""
     board_placed_to_m: Metres = Field(0.2e-3, gt=0)
     """How well either end of the board is held to its mark, standard deviation."""
+
+
+#: Text that a person wrote; control characters in it become escapes.
+Words = Annotated[str, Field(max_length=4000), AfterValidator(lambda text: printable(text).strip())]
+
+
+class NotesConfig(Section):
+    """What people say of a scan. It changes nothing that is measured."""
+
+    operator: Words = ""
+    """Who measures."""
+    sample: Words = ""
+    """What is measured: the hidden object, the wall."""
+    purpose: Words = ""
+    """What the scan is for, in a few words."""
+    note: Words = ""
+    """What else is worth keeping."""
+
+    def said(self) -> dict[str, str]:
+        """Return what was said, by name."""
+        return {name: text for name, text in self.model_dump().items() if text}

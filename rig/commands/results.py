@@ -1,0 +1,112 @@
+"""Names of the files that a verb makes: nothing is overwritten that nobody asked to be.
+
+A name that a person gives is not overwritten without ``--force``. A name that the program chooses is one
+that is free: what a verb makes in one run has one number, ``scan-2.png`` beside ``scan-2-volume.h5``. Scans
+are measured, and nothing that is made of them replaces one, whatever was asked. See
+``docs/decisions/0022-nothing-is-overwritten.md``.
+"""
+
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.errors import DataFileError, UsageError
+
+Force = Annotated[bool, typer.Option("--force", help="Replace files that have these names; never a scan.")]
+
+
+def names(
+    source: Path,
+    endings: Mapping[str, str],
+    given: Mapping[str, Path | None] | None = None,
+    *,
+    force: bool = False,
+) -> dict[str, Path]:
+    """Return where the results of one run go.
+
+    Parameters
+    ----------
+    source
+        What they are made of; results that nobody named lie beside it.
+    endings
+        For each result that has a name of the program's, what follows the source's own name in it.
+    given
+        What a person named; these may have no ending above.
+    force
+        Whether files that are there are replaced: then names have no numbers.
+
+    Raises
+    ------
+    UsageError
+        If a name that was given is taken, or is that of a scan.
+    DataFileError
+        If the source is a folder's name and no file's.
+    """
+    if not source.name:
+        raise DataFileError(f"{source} does not exist, or is no file; check the name")
+    named = {what: path for what, path in (given or {}).items() if path is not None}
+    require_free(named.values(), force=force)
+    wanted = {what: ending for what, ending in endings.items() if what not in named}
+    for number in count(1):
+        stem = source.stem if number == 1 else f"{source.stem}-{number}"
+        chosen = {what: source.with_name(f"{stem}{ending}") for what, ending in wanted.items()}
+        if force or not any(map(os.path.lexists, chosen.values())):
+            break
+    require_free(chosen.values(), force=force)
+    return {**chosen, **named}
+
+
+def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
+    """Refuse names that are taken; with ``force`` those of scans alone. None: the verb has no such option.
+
+    Raises
+    ------
+    UsageError
+        If there is one.
+    """
+    for path in paths:
+        if not os.path.lexists(path):
+            continue
+        if not force:
+            otherwise = "move it away" if force is None else "replace it with --force"
+            raise UsageError(f"{path} exists and is not overwritten; give another name, or {otherwise}")
+        if _is_scan(path):
+            raise UsageError(f"{path} is a scan, which --force does not replace; give another name")
+
+
+def _is_scan(path: Path) -> bool:
+    import h5py
+
+    from rig.files.journal import journal_of
+    from rig.files.volume import is_volume
+
+    return os.path.exists(journal_of(path)) or (path.is_file() and h5py.is_hdf5(path) and not is_volume(path))
+
+
+@contextmanager
+def told_if_stopped(results: Iterable[Path]) -> Iterator[None]:
+    """Say at Ctrl-C which results are there: each appears whole or not at all."""
+    before = {path: _state(path) for path in results}
+    try:
+        yield
+    except KeyboardInterrupt:
+        from rig.commands import console
+
+        whole = [str(path) for path, state in before.items() if _state(path) not in (None, state)]
+        left = f"{', '.join(whole)} is there, and whole" if whole else "no file was written or changed"
+        console.say(f"Stopped before its end: {left}.")
+        raise
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Return what tells one file of a name from the next."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_ino, stat.st_mtime_ns
