@@ -3,7 +3,7 @@
 A name that a person gives is not overwritten without ``--force``. A name that the program chooses is one
 that is free: what a verb makes in one run has one number, ``scan-2.png`` beside ``scan-2-volume.h5``. Scans
 are measured, and nothing that is made of them replaces one, whatever was asked. See
-``docs/decisions/0022-nothing-is-overwritten.md``.
+``docs/decisions/0023-nothing-is-overwritten.md``.
 """
 
 import os
