@@ -34,13 +34,14 @@ from rig.errors import UsageError, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
+from rig.image.origin import origin
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
-from rig.show.volume import save, volume_figure
+from rig.show.volume import check_picture, save, volume_figure
 
 #: Power of depth, or of time since the flash, with which pictures undo the fall-off of the intensity.
 FALLOFF = 4.0
@@ -86,6 +87,7 @@ class Work:
     scan: str
     scan_digest: str
     estimated: tuple[str, ...] = ()
+    origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def capture(self) -> Capture:
@@ -106,6 +108,7 @@ class Work:
             more["signal"] = not surface.empty
         estimated = {"estimated": list(self.estimated)} if self.estimated else {}
         parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
+        parameters["origin"] = dict(self.origin)
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
         return Volume(
@@ -141,6 +144,7 @@ def reconstruct(
     """
     began_s = time.monotonic()
     _check(request, video_path)
+    check_picture(picture_path)
     with ScanFile(scan_path) as scan:
         if request.each_frame:
             check_frames(scan)
@@ -195,6 +199,7 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
         printable(scan.path.name),
         scan.digest,
         estimated=tuple(scan.estimated),
+        origin=origin(scan),
     )
     return work, choice.reason
 

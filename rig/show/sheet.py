@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S
 from rig.files.volume import Volume
 from rig.model.quantities import show_length
-from rig.show.volume import DPI, WIDTH_PX, draw_front, parameters_line
+from rig.show.volume import AMPLITUDE_COLOURS, DPI, WIDTH_PX, draw_front, say_nothing_seen, write_around
 
 #: Pictures in a row, and in a sheet.
 COLUMNS, MOST = 4, 12
 #: Amplitude, by the maximum of the video, from which a frame counts as lit.
 LEAST_LIGHT = 0.05
-COLOURS = "inferno"
+COLOURS = AMPLITUDE_COLOURS
 
 
 def refocus_figure(volume: Volume) -> Figure:
@@ -107,7 +107,7 @@ def sheet(
     columns = min(columns, len(images))
     rows = ceil(len(images) / columns)
     # inches around the pictures, for labels, titles and the bar
-    left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 0.65, 1.05, 0.25, 0.45
+    left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 1.0, 1.05, 0.25, 0.45
     width = WIDTH_PX / DPI
     wide = (width - left - right - (columns - 1) * gap_x) / columns
     wide = min(wide, width / 3)
@@ -132,8 +132,8 @@ def sheet(
     bar_x = left + columns * wide + (columns - 1) * gap_x + 0.2
     bar = figure.add_axes((bar_x / width, (height - top - tall) / height, 0.16 / width, tall / height))
     figure.colorbar(drawn, cax=bar, label=label)
-    for line, inches, style in ((volume.scan, 0.32, "bold"), (parameters_line(volume), 0.58, "normal")):
-        figure.text(0.5, 1 - inches / height, line, size=13, weight=style, ha="center")
+    say_nothing_seen(volume, figure.axes[:1])
+    write_around(figure, volume)
     return figure
 
 
