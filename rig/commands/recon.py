@@ -136,6 +136,10 @@ def recon(
     image: Annotated[
         Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png][/dim]")
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Image what is hidden, from a scan.
@@ -145,6 +149,8 @@ def recon(
       rig recon scan.h5                    everything chosen by the program
 
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
+
+      rig recon scan.h5 --page letters.html        to be turned in any browser
 
       rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm
 
@@ -185,8 +191,9 @@ def recon(
     volume = out or beside(scan, "-volume.h5")
     picture = image or beside(scan, ".png")
     with console.Working("imaging") as working:
-        result = reconstruct(scan, request, volume, picture, working, video)
-    _show(result, volume, picture, video, as_json)
+        result = reconstruct(scan, request, volume, picture, working, video, page)
+    files = {"volume": volume, "picture": picture, "video": video, "page": page}
+    _show(result, {what: str(path) for what, path in files.items() if path}, as_json)
 
 
 def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
@@ -212,14 +219,13 @@ def depths(text: str) -> tuple[float, float, float]:
     return start_m, stop_m, step_m
 
 
-def _show(result: "Result", volume: Path, picture: Path, video: Path | None, as_json: bool) -> None:
+def _show(result: "Result", files: dict[str, str], as_json: bool) -> None:
     from rig.commands import console
 
     if as_json:
-        files = {"volume": str(volume), "picture": str(picture)} | ({"video": str(video)} if video else {})
         console.print_json({**files, **result.as_dict()})
         return
     for sentence in result.warnings:
         console.warn(sentence)
-    facts = {**result.summary(), "volume": str(volume)}
-    console.print_facts(str(picture), facts | ({"video": str(video)} if video else {}))
+    picture = files.pop("picture")
+    console.print_facts(picture, {**result.summary(), **files})

@@ -31,6 +31,7 @@ from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
 from rig.errors import UsageError, printable
+from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
@@ -130,13 +131,14 @@ def reconstruct(
     picture_path: Path,
     progress: Callable[[float], None] | None = None,
     video_path: Path | None = None,
+    page_path: Path | None = None,
 ) -> Result:
-    """Image a scan with a virtual camera; write the volume file, the picture and, if asked, the video.
+    """Image a scan with a virtual camera; write the volume file, the picture and, if asked, video and page.
 
     Raises
     ------
     rig.errors.UsageError
-        If a video cannot be written as asked.
+        If a video or a page cannot be written as asked.
     rig.errors.DataFileError
         If the scan cannot be read.
     recon.errors.ReconError
@@ -145,6 +147,8 @@ def reconstruct(
     began_s = time.monotonic()
     _check(request, video_path)
     check_picture(picture_path)
+    if page_path:
+        _check_page(request, page_path)
     with ScanFile(scan_path) as scan:
         if request.each_frame:
             check_frames(scan)
@@ -166,6 +170,8 @@ def reconstruct(
         if not (request.each_frame or request.all_depths):  # which were written meanwhile
             write_volume(volume_path, volume)
     save(_picture(volume), picture_path)
+    if page_path:
+        page.save(volume, page_path)
     if video_path:
         shown = _seen(volume)
         if not request.each_frame and request.frames_s is None:
@@ -295,6 +301,14 @@ def _check_each_frame(request: Request) -> None:
         },
         "leave it out",
     )
+
+
+def _check_page(request: Request, page_path: Path) -> None:
+    """Refuse a page of what is no volume, or a name that is not that of a page."""
+    if CAMERAS[request.camera].film or request.each_frame:
+        raise UsageError("a film has no page; leave out --page, or image without a time axis")
+    if page_path.suffix.lower() not in page.ENDINGS:
+        raise UsageError(f"cannot write the page {page_path}: its ending must be {' or '.join(page.ENDINGS)}")
 
 
 def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:

@@ -17,9 +17,10 @@ from recon.accumulate import Picture
 from recon.aperture import Aperture, recognise
 from recon.errors import GeometryError
 from rig.live.state import Seen, Subject
+from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
 from rig.model.quantities import show, show_duration, show_length
 from rig.show.sheet import COLOURS
-from rig.show.volume import DEPTH_COLOURS, NO_SURFACE, X_LABEL, depth_range, draw_front, say_across
+from rig.show.volume import X_LABEL, depth_range, draw_front, say_across
 
 #: Size of the figure: inches, and pixels an inch.
 SIZE_IN, DPI = (12.0, 8.0), 100

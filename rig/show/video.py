@@ -16,8 +16,9 @@ from PIL import GifImagePlugin, Image
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files.volume import Volume
+from rig.files.words import parameters_line
 from rig.show.sheet import COLOURS, stamp, video_amplitude, video_label
-from rig.show.volume import draw_front, parameters_line
+from rig.show.volume import draw_front
 
 #: Frames shown in a second, of light on its way.
 FRAMES_PER_S = 10

@@ -4,13 +4,12 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, ListedColormap, Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -18,18 +17,14 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files.volume import Volume
-from rig.model.quantities import show, show_length
+from rig.files.words import caption, parameters_line
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.layout import WIDTH, Box, arranged
 
 DPI = 100
 #: Width of a picture [pixels].
 WIDTH_PX = round(WIDTH * DPI)
-AMPLITUDE_COLOURS = "inferno"
-#: Colours of depth in all pictures: near is dark, far is bright. Lightness rises all the way, for prints in
-#: grey and for the colour-blind; its brightest end is left out, so that the far stands out from `NO_SURFACE`.
-DEPTH_COLOURS = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.88, 256)), name="depth")
 CONFIDENCE_COLOURS = "gray"
-NO_SURFACE = "0.94"  # nearly white: lighter than all colours of depth
 #: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
 _LEAST_DEPTHS_M = 0.1
 #: The arrow says where x grows to.
@@ -135,7 +130,7 @@ def _fit(figure: Figure, axes: Axes, name: str) -> None:
         axes.set_aspect("auto")
         title = f"{name}, not to scale"
     axes.set_title(textwrap.fill(title, int(_LETTERS_PER_INCH * wide)), size=12 if wide > 3 else 9)
-    axes.xaxis.label.set_size(min(10.0, 4.4 * wide))
+    axes.xaxis.label.set_fontsize(min(10.0, 4.4 * wide))
     for axis, inches in ((axes.xaxis, wide), (axes.yaxis, high)):
         axis.set_major_locator(MaxNLocator(min(6, int(inches / 0.6)), steps=[1, 2, 5, 10]))
 
@@ -152,45 +147,11 @@ def write_around(figure: Figure, volume: Volume, title: str = "") -> None:
         figure.text(0.5, 0.1 / height, words, size=9, color="0.25", ha="center", va="bottom", linespacing=1.3)
 
 
-def caption(volume: Volume) -> str:
-    """Return where a picture comes from, so that a printed one can be traced to its scan."""
-    origin = volume.parameters.get("origin", {})
-    told = []
-    if "positions" in origin:
-        told.append(f"{origin['positions']:,} positions")
-    if "exposure_s" in origin:
-        told.append(f"{show(origin['exposure_s'], 's')} each")
-    if "photons" in origin:
-        told.append(f"{origin['photons']:,} photons")
-    if "measured" in origin:
-        told.append(f"measured {origin['measured'][:16].replace('T', ' ')} UTC")
-    if "rig" in origin:
-        told.append(str(origin["rig"]))
-    if volume.scan_digest:
-        told.append(f"SHA-256 of the scan {volume.scan_digest[:12]}…")
-    return ", ".join(told)
-
-
 def say_nothing_seen(volume: Volume, panels: Sequence[Axes]) -> None:
     """Write across panels that they show noise alone, if the volume says so."""
     if not volume.parameters.get("signal", True):
         for axes in panels:
             say_across(axes, "no signal above noise")
-
-
-def parameters_line(volume: Volume) -> str:
-    """Return the parameters that a reader asks for first, as far as the volume names them."""
-    told = []
-    for key, value in volume.parameters.items():
-        if key in {"camera", "solver"}:
-            told.append(str(value))
-        elif key == "wavelength_m" and isinstance(value, int | float):
-            told.append(f"wavelength {show_length(value)}")
-        elif key == "cycles":
-            told.append(f"{value:g} cycles")
-        elif key == "estimated":
-            told += [f"estimated: {words}" for words in value]
-    return ", ".join(told)
 
 
 def check_picture(path: Path) -> None:

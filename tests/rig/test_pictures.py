@@ -11,8 +11,9 @@ from matplotlib.image import imread
 
 from rig.errors import DataFileError, UsageError
 from rig.files import Volume
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.layout import arranged
-from rig.show.volume import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE, save, volume_figure
+from rig.show.volume import save, volume_figure
 
 
 def volume(nx=60, ny=40, nz=50, blob=(0.5, 0.3, 1.0), **changes):
