@@ -1,6 +1,6 @@
-"""Binary glTF 2.0 of a volume's surface, for browsers, slides and Blender (Khronos, glTF 2.0, chapters 3 and 4).
+"""Binary glTF 2.0 of a volume's surface, for browsers, slides and Blender.
 
-glTF is in metres and right-handed with y up, as we are.
+Khronos, "glTF 2.0 specification", chapters 3 and 4. glTF is in metres and right-handed with y up, as we are.
 """
 
 import json

@@ -1,4 +1,7 @@
-"""PLY of a volume's surface: binary, little-endian, with normals and colours (Turk, "The PLY polygon file format")."""
+"""PLY of a volume's surface: binary, little-endian, with normals and colours.
+
+Greg Turk, "The PLY polygon file format".
+"""
 
 from pathlib import Path
 

@@ -104,7 +104,7 @@ def _faces(
 
 
 def _normals(vertices_m: NDArray[np.float64], faces: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return the mean of the normals of a vertex's triangles, by their areas; of a lone one, towards the wall."""
+    """Return the mean normal of a vertex's triangles, by their areas; of a lone vertex, towards the wall."""
     a, b, c = (vertices_m[faces[:, corner]] for corner in range(3))
     of_faces = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices_m, dtype=np.float64)

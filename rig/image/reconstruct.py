@@ -147,8 +147,7 @@ def reconstruct(
     began_s = time.monotonic()
     _check(request, video_path)
     check_picture(picture_path)
-    if page_path:
-        _check_page(request, page_path)
+    _check_page(request, page_path)
     with ScanFile(scan_path) as scan:
         if request.each_frame:
             check_frames(scan)
@@ -173,11 +172,16 @@ def reconstruct(
     if page_path:
         page.save(volume, page_path)
     if video_path:
-        shown = _seen(volume)
-        if not request.each_frame and request.frames_s is None:
-            shown = lit(shown, margin=FRAMES_PER_PULSE)
-        save_video(shown, video_path, compensation=_compensation(volume))
+        _save_video(volume, request, video_path)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+
+
+def _save_video(volume: Volume, request: Request, path: Path) -> None:
+    """Write a film; one of light that was not told its moments begins and ends where the light does."""
+    shown = _seen(volume)
+    if not request.each_frame and request.frames_s is None:
+        shown = lit(shown, margin=FRAMES_PER_PULSE)
+    save_video(shown, path, compensation=_compensation(volume))
 
 
 def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
@@ -303,8 +307,10 @@ def _check_each_frame(request: Request) -> None:
     )
 
 
-def _check_page(request: Request, page_path: Path) -> None:
+def _check_page(request: Request, page_path: Path | None) -> None:
     """Refuse a page of what is no volume, or a name that is not that of a page."""
+    if page_path is None:
+        return
     if CAMERAS[request.camera].film or request.each_frame:
         raise UsageError("a film has no page; leave out --page, or image without a time axis")
     if page_path.suffix.lower() not in page.ENDINGS:

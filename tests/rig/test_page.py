@@ -142,8 +142,8 @@ def test_a_browser_shows_the_blob_where_it_is(tmp_path):
     rows, columns = np.nonzero(bright)
     assert len(rows) > 30
     facts = json.loads(Parts(path.read_text("utf-8")).texts["facts"])
-    # what the camera shows: the wall and the volume, 1.83 m x 1.3 m (half a voxel more than its centres), from
-    # the wall to the farthest depth shown
+    # what the camera shows: the wall and the volume, 1.83 m x 1.3 m (half a voxel more than its centres),
+    # from the wall to the farthest depth shown
     sides_m = np.array([1.83, 1.3, facts["shown_m"][1]])
     metres_per_pixel = np.linalg.norm(sides_m) / min(np.ptp(view[0]), np.ptp(view[1]))
     x_m = -(columns.mean() + 0.5 - view[0].mean()) * metres_per_pixel
