@@ -7,7 +7,6 @@ whatever is measured.
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,13 +119,20 @@ class Accumulator:
         """
         bright = self.arrived.copy()
         bright[len(bright) if last is None else last :] = False
-        shown = np.flatnonzero(bright) if among is None else np.arange(among)
+        # a slice where it can be: taking some of the spectra takes as long as a tenth of the image
+        if among is not None or bright.all():
+            shown: NDArray[np.intp] | slice = slice(among)
+        else:
+            shown = np.flatnonzero(bright)
         weight = bright[shown] if weights is None else (bright * weights)[shown].astype(np.float32)
 
         def spectra(*asked: object) -> list[NDArray[np.complexfloating]]:
+            if weights is None and weight.all():
+                return [one[:, shown].copy() for one in self._transform.spectra]
             return [one[:, shown] * weight for one in self._transform.spectra]
 
-        part = replace(self._problem, capture=subset(self._capture, shown), spectra=spectra)
+        part = replace(self._problem, capture=subset(self._capture, np.arange(len(bright))[shown]))
+        part = replace(part, spectra=spectra)
         return focused(part, "rsd", self.pulse)
 
     def surface(self, image: Image, weights: NDArray[np.floating] | None = None) -> Surface:
@@ -158,13 +164,11 @@ class Picture:
     surface: Surface
 
 
-class GrowingPicture:
-    """Pictures of a scan that is under way, with the wavelength that its finest complete round bears.
+@dataclass(frozen=True)
+class Coming:
+    """A scan that is under way.
 
-    Of a round that is not complete nothing is shown: the wall would be denser on one side, and the picture
-    less like the final one than that of the round before.
-
-    Parameters
+    Attributes
     ----------
     capture
         Geometry and time axis of all positions, in the order in which they come; its histograms are not read.
@@ -176,17 +180,42 @@ class GrowingPicture:
         Of the instrument, as `recon.defaults.wavelength` takes it.
     """
 
-    def __init__(
-        self, capture: Capture, rounds: Sequence[int], window: Window, response_fwhm_s: float | None
-    ) -> None:
-        self.rounds = tuple(rounds)
+    capture: Capture
+    rounds: tuple[int, ...]
+    window: Window
+    response_fwhm_s: float | None
+
+    def after_rounds(self) -> list[Capture]:
+        """Return the geometry of what has come by the end of each round."""
+        return [subset(self.capture, np.arange(end)) for end in self.rounds]
+
+    def shortest_m(self, capture: Capture) -> float:
+        """Return the shortest wavelength that some of it bears."""
+        return defaults.wavelength(capture, self.response_fwhm_s).value
+
+
+class GrowingPicture:
+    """Pictures of a scan that is under way, with the wavelength that its finest complete round bears.
+
+    Of a round that is not complete nothing is shown: the wall would be denser on one side, and the picture
+    less like the final one than that of the round before.
+
+    Parameters
+    ----------
+    scan
+        What is to come.
+    """
+
+    def __init__(self, scan: Coming) -> None:
+        self.rounds = scan.rounds
         self.positions = 0
-        seen = [subset(capture, np.arange(end)) for end in rounds]
-        pulses = [VirtualPulse(defaults.wavelength(one, response_fwhm_s).value) for one in seen]
+        capture, rounds = scan.capture, scan.rounds
+        seen = scan.after_rounds()
+        pulses = [VirtualPulse(scan.shortest_m(one)) for one in seen]
         spacings_m = [defaults.spacing_m(one) for one in seen]
         voxel_m = max(spacings_m[-1], pulses[-1].wavelength_m / 2)
         accumulators = {
-            pulse: Accumulator(capture, pulse, defaults.voxels(capture, pulse, voxel_m=voxel_m), window)
+            pulse: Accumulator(capture, pulse, defaults.voxels(capture, pulse, voxel_m=voxel_m), scan.window)
             for pulse in dict.fromkeys(pulses)
         }
         self._needed_until = dict(zip(pulses, rounds, strict=True))  # of each, its last round

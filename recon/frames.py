@@ -119,7 +119,12 @@ class FrameImager:
             left -= self._parts[-1].kernel_bytes
 
     def image(self, frame: Histograms | Photons) -> Image:
-        """Image the next frame.
+        """Image the next frame; as `take`, then `look`."""
+        self.take(frame)
+        return self.look()
+
+    def take(self, frame: Histograms | Photons) -> None:
+        """Take the next frame, which is a quarter of the work; it need not be looked at.
 
         Parameters
         ----------
@@ -142,6 +147,9 @@ class FrameImager:
         with ThreadPoolExecutor(cpu_count() or 1) as threads:
             for part in self._parts:
                 part.take(photons, threads)
+
+    def look(self) -> Image:
+        """Image what was taken: the newest frame, and at far depths those before it."""
         field = np.empty(self._problem.grid.shape, np.complex64)
         planes = (plane for part in self._parts for plane in part.planes())
         for index, plane in enumerate(planes):
@@ -150,6 +158,11 @@ class FrameImager:
         return Image(
             problem.grid, field, "rsd", problem.window, problem.camera, self._pulse, problem.depth_blocks
         )
+
+    def forget(self) -> None:
+        """Forget the frames that were taken: the next one does not follow them."""
+        for part in self._parts:
+            part.forget()
 
 
 class _Part:
@@ -213,6 +226,11 @@ class _Part:
 
         if self._reached:
             self._walls.append(np.concatenate(list(threads.map(walls, self._transforms))))
+
+    def forget(self) -> None:
+        """Forget all frames."""
+        if self._reached:
+            self._walls.clear()
 
     def planes(self) -> Iterator[Field]:
         """Yield the field of each plane, the mean over the frames that are averaged, (1, y, x)."""

@@ -11,7 +11,6 @@ and positions of a round that is not complete yet help, in place of tilting the 
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log2
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon import defaults
-from recon.accumulate import Accumulator, Picture, subset
+from recon.accumulate import Accumulator, Coming, Picture
 from recon.capture import ArrayHistograms, Capture
 from recon.depth import compensate_falloff, front_view
 from recon.wave import VirtualPulse
@@ -123,40 +122,33 @@ class Glance:
 
     Parameters
     ----------
-    capture
-        Geometry and time axis of all positions, in the order in which they come; its histograms are not read.
-    rounds
-        Number of positions by the end of each round: after each, they are evenly spread.
-    window
-        Soft edges of the record.
-    response_fwhm_s
-        Of the instrument, as `recon.defaults.wavelength` takes it.
+    scan
+        What is to come.
     """
 
-    def __init__(
-        self, capture: Capture, rounds: Sequence[int], window: Window, response_fwhm_s: float | None
-    ) -> None:
+    def __init__(self, scan: Coming) -> None:
         self.positions = 0
-        self._rounds = tuple(rounds)
-        self._arrived = np.zeros(capture.positions, bool)
-        sides_m = self._sides_m(capture)
-        shortest_m = defaults.wavelength(capture, response_fwhm_s).value
+        self._rounds = scan.rounds
+        self._arrived = np.zeros(scan.capture.positions, bool)
+        sides_m = self._sides_m(scan)
+        shortest_m = scan.shortest_m(scan.capture)
         levels = {
-            side_m: Level(capture, side_m, max(2 * side_m, shortest_m), window)
+            side_m: Level(scan.capture, side_m, max(2 * side_m, shortest_m), scan.window)
             for side_m in dict.fromkeys(sides_m)
         }
         self._levels = [levels[side_m] for side_m in sides_m]
         # each is shown until the round after its last is complete, and takes what comes meanwhile
         self._needed_until = dict(zip(self._levels, [*self._rounds[1:], self._rounds[-1]], strict=True))
 
-    def _sides_m(self, capture: Capture) -> list[float]:
+    @staticmethod
+    def _sides_m(scan: Coming) -> list[float]:
         """Return the side of the cells for each round: each is to hold a position of a complete one.
 
         Every other round has positions in the centres of squares; its cells are those squares.
         """
-        spacings_m = [defaults.spacing_m(subset(capture, np.arange(end))) for end in self._rounds]
+        spacings_m = [defaults.spacing_m(one) for one in scan.after_rounds()]
         finest_m = spacings_m[-1]
-        wide_m = float(np.ptp(capture.laser_m, axis=0).max())
+        wide_m = float(np.ptp(scan.capture.laser_m, axis=0).max())
         least = max(1, ceil(wide_m / finest_m / MOST_CELLS))
         powers = [ceil(log2(spacing_m / finest_m) - 0.1) for spacing_m in spacings_m]
         return [max(least, 2**power) * finest_m for power in powers]

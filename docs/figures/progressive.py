@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from recon.accumulate import GrowingPicture, likeness, subset
+from recon.accumulate import Coming, GrowingPicture, likeness, subset
 from recon.window import Window
 from rig.files import ScanFile
 from rig.image.recalibrate import as_recorded
@@ -29,8 +29,9 @@ def pictures(scan, order):
     measured = seen.capture
     number = {_key(spot_m): index for index, spot_m in enumerate(measured.laser_m)}
     visited = np.array([number[_key(spot_m)] for spot_m in grid.spots_m])
+    window = Window(start_s=seen.fade_from_s)
     growing = GrowingPicture(
-        subset(measured, visited), grid.rounds, Window(start_s=seen.fade_from_s), seen.instrument_response_s
+        Coming(subset(measured, visited), grid.rounds, window, seen.instrument_response_s)
     )
     counts = np.concatenate([block.astype(np.uint16) for _, block in measured.histograms.blocks()])
     found, first = [], 0

@@ -3,17 +3,18 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from drivers.video_camera import VideoCamera
+from rig.acquire.abilities import tagging_of
 from rig.acquire.engine import Devices
 from rig.devices.delayed_gate import open_detector
 from rig.devices.kinds import GALVOS, POINT_CLOCKS, TIMING, Wires
 from rig.devices.shuttered import open_laser
 from rig.devices.wires import wires_by_address
-from rig.errors import RefusedError
 from rig.light.attended import BehindItsShutter, SwitchedByHand, TakesWord
 from rig.light.guarded import GuardedHere
 from rig.light.lock import locked
@@ -137,15 +138,9 @@ def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractConte
 def _timing(
     config: RigConfig, wires: Wires, first: int, tagged: bool
 ) -> AbstractContextManager[Tcspc | TimeTagger]:
-    kind = TIMING.of(config.tcspc)
-    if not tagged:
-        return kind.open(config, wires, first)
-    if kind.open_tagger is None:
-        raise RefusedError(
-            f"tcspc.kind = '{config.tcspc.kind}' records no single photons, which a mirror that never stops "
-            "needs: use --mode step"
-        )
-    return kind.open_tagger(config, wires)
+    if tagged:
+        return tagging_of(config).open(config, wires)
+    return TIMING.of(config.tcspc).open(config, wires, first)
 
 
 @contextmanager
@@ -188,7 +183,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 galvo=instruments.galvo_url,
                 laser=instruments.laser_url,
                 usb_backend=instruments.usb_backend,
-                hhlib=lambda: HHLib(instruments.hhlib),
+                harp=partial(HarpLibrary, instruments.harp),
                 daq=lambda device: board,
                 clock=bench.clock,
                 sync_hz=config.laser.repetition_hz,
@@ -217,6 +212,7 @@ def _attended(
     """Put the person in front of a laser without a data interface."""
     if not isinstance(config.laser, ExternalLaserConfig):
         return guarded
+    person = (guarded, config, wires.operator, sync_hz, wires.clock)
     if config.shutter is None:
-        return SwitchedByHand(guarded, config, wires.operator, sync_hz, wires.clock)
-    return stack.enter_context(BehindItsShutter(guarded, config, wires.operator, sync_hz, wires.clock))
+        return stack.enter_context(SwitchedByHand(*person))
+    return stack.enter_context(BehindItsShutter(*person))

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from rig.model.config import HydraHarpConfig, Id120Config, RigConfig
+from rig.model.config import ExternalDetectorConfig, HarpConfig, Id120Config, RigConfig
 
 #: What a check says: all is well, something to look at, or something without which nothing works.
 Verdict = Literal["ok", "warning", "missing"]
@@ -29,6 +29,7 @@ class Finding:
 def examine(config: RigConfig, folder: Path) -> list[Finding]:
     """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
     findings = [*_software(), _disk(folder)]
+    findings += [Finding("set by hand", "warning", sentence) for sentence in config.unverified]
     if not config.simulated:
         findings += [*_ports(config), *_boards(config), _detector(config), _timing_library(config)]
     return findings
@@ -98,6 +99,8 @@ def _served(what: str, address: str) -> Finding:
 
 
 def _detector(config: RigConfig) -> Finding:
+    if isinstance(config.detector, ExternalDetectorConfig):
+        return Finding("detector", "ok", "no data interface: a person is asked")
     if not isinstance(config.detector, Id120Config):
         return Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")
     if config.detector.address:
@@ -124,14 +127,17 @@ def _detector(config: RigConfig) -> Finding:
 
 def _timing_library(config: RigConfig) -> Finding:
     from drivers.errors import DeviceError
-    from drivers.hydraharp.loading import load_library
+    from drivers.harp.loading import load_library
+    from rig.devices.kinds.harps import family_of
 
-    if not isinstance(config.tcspc, HydraHarpConfig):
+    if not isinstance(config.tcspc, HarpConfig):
         return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")
     if config.tcspc.address:
         return _served(f"served bench at {config.tcspc.address}", config.tcspc.address)
+    family = family_of(config.tcspc)
+    what = f"{family.name} library"
     try:
-        library = load_library(config.tcspc.library)
+        library = load_library(family, config.tcspc.library)
     except DeviceError as error:
-        return Finding("HydraHarp library", "missing", error.answered, error.remedy)
-    return Finding("HydraHarp library", "ok", f"version {library.get_library_version()}")
+        return Finding(what, "missing", error.answered, error.remedy)
+    return Finding(what, "ok", f"version {library.get_library_version()}")

@@ -10,6 +10,7 @@ from typing import cast
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
 from rig.acquire import sync
+from rig.acquire.abilities import require_point_clock
 from rig.acquire.assembly import LineRead, Timing, warm_up
 from rig.acquire.continuous import SweepDevices, sweep_over
 from rig.acquire.events import (
@@ -301,9 +302,7 @@ class ScanEngine:
 
     def _sweep(self, steps: range) -> None:
         """Measure steps with a mirror that never stops along a line."""
-        clock = self._devices.point_clock
-        if clock is None:
-            raise RefusedError("a mirror that never stops needs a point clock: this rig has none")
+        clock = require_point_clock(self._devices.point_clock)
         galvo = cast(SweepingGalvo, self._devices.galvo)
         tagger = cast(TimeTagger, self._devices.tcspc)
         config = self._state.config

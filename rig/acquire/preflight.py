@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
-from rig.devices.kinds import TIMING, check_settings, loading, time_axis, timing_limits
+from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
@@ -98,7 +99,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     Raises
     ------
     RefusedError
-        If a spot is outside the mirror's limits, times do not fit each other, or the disk would overflow.
+        If a spot is outside the mirror's limits, times do not fit each other, the disk would overflow, or
+        the rig has not what a mirror that never stops needs.
     drivers.errors.LimitError
         If laser or timing instrument cannot be set so.
     """
@@ -111,7 +113,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     found = estimate(plan, state)
     _check_angles(plan, state, found)
     if plan.continuous:
-        _check_continuous(state)
+        tagging, _ = tagging_of(state.config), require_point_clock(state.config.point_clock)
+        tagging.check(state.config)
     check_settings(state.config)
     limits = timing_limits(state.config)
     limits.check_histogram(found.bins, found.bin_width_s)
@@ -126,19 +129,6 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
             "free. Free some space, or choose another place with --out"
         )
     return found
-
-
-def _check_continuous(state: RigState) -> None:
-    if TIMING.of(state.config.tcspc).open_tagger is None:
-        raise RefusedError(
-            f"tcspc.kind = '{state.config.tcspc.kind}' records no single photons, which a mirror that never "
-            "stops needs: use --mode step"
-        )
-    if state.config.point_clock is None:
-        raise RefusedError(
-            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
-            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
-        )
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from rig.acquire.abilities import tagging_of
 from rig.acquire.events import Ended, Event, Recorded
 from rig.files.description import ScanDescription
 from rig.files.records import PtuRecorder
@@ -30,7 +31,7 @@ class RawRecords:
     """
 
     def __init__(self, path: Path | None, description: ScanDescription, first: int = 0) -> None:
-        self._recorder = None if path is None else PtuRecorder(path, description, first)
+        self._recorder = None if path is None else _recorder(path, description, first)
         self._told = False
 
     def __call__(self, event: Event) -> None:
@@ -58,3 +59,10 @@ class RawRecords:
     ) -> None:
         if self._recorder is not None:
             self._recorder.close(None)
+
+
+def _recorder(path: Path, description: ScanDescription, first: int) -> PtuRecorder:
+    if description.state is None:
+        return PtuRecorder(path, description, first)
+    config = description.state.config
+    return PtuRecorder(path, description, first, recorded_by=tagging_of(config).recorded_by(config.tcspc))

@@ -1,7 +1,7 @@
 """Whether the times of a plan fit each other: laser period, histogram, gate, hold-off and exposure."""
 
 from rig.errors import RefusedError
-from rig.model.config import HydraHarpConfig
+from rig.model.config import HarpConfig
 from rig.model.plan import Pass, ScanPlan
 from rig.model.quantities import show
 from rig.model.state import RigState
@@ -31,7 +31,7 @@ def _check_histogram(state: RigState) -> None:
     A last bin that the period does not fill is a part of it.
     """
     harp, period_s = state.config.tcspc, state.sync_period_s
-    if not isinstance(harp, HydraHarpConfig):
+    if not isinstance(harp, HarpConfig):
         return
     if harp.offset_s >= period_s:
         raise RefusedError(
@@ -73,7 +73,7 @@ def _check_gate(gate_s: tuple[float, float], state: RigState) -> None:
             "detector.gate_delay or detector.gate_width"
         )
     harp = state.config.tcspc
-    if not isinstance(harp, HydraHarpConfig):
+    if not isinstance(harp, HarpConfig):
         return
     ends_s = harp.offset_s + harp.bins * harp.bin_width_s
     if closes_s <= harp.offset_s or opens_s >= ends_s:

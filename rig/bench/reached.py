@@ -8,6 +8,8 @@ import numpy as np
 
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceNotFoundError, LinkError
+from rig.bench.simulated import simulated_family
+from rig.model.config import HarpConfig
 
 
 @contextmanager
@@ -30,8 +32,15 @@ def detector_at(address: str) -> Iterator[object]:
 
 
 @contextmanager
-def timing_at(address: str) -> Iterator[object]:
-    """Give the functions of HHLib with one HydraHarp connected, simulated here on the served bench.
+def timing_at(address: str, harp: HarpConfig) -> Iterator[object]:
+    """Give a vendor's library with one instrument connected, simulated here on the served bench.
+
+    Parameters
+    ----------
+    address
+        The bench's.
+    harp
+        Says what instrument it is.
 
     Raises
     ------
@@ -39,7 +48,7 @@ def timing_at(address: str) -> Iterator[object]:
         If no bench is served there.
     """
     from simulators.bench import Detections
-    from simulators.wire.hydraharp import HydraHarpSimulator
+    from simulators.wire.harp import HarpSimulator
     from simulators.wire.served.timing import ServedBench
 
     with ExitStack() as stack:
@@ -50,11 +59,14 @@ def timing_at(address: str) -> Iterator[object]:
         bench.faults.timing.registered(
             Detections(np.arange(9), np.zeros(9)), 1e-7, 0.0
         )  # loads compiled code
-        harp = HydraHarpSimulator(bench, timing=bench.faults.timing, count_depth=bench.faults.count_depth)
+        faults = bench.faults
+        simulator = HarpSimulator(
+            bench, simulated_family(harp), timing=faults.timing, count_depth=faults.count_depth
+        )
         try:
-            yield harp.functions
+            yield simulator.functions
         finally:
-            harp.raise_pending()  # inside a C callback an exception is only an error code
+            simulator.raise_pending()  # inside a C callback an exception is only an error code
 
 
 @contextmanager

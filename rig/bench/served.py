@@ -14,7 +14,7 @@ from rig.model.config import (
     DetectorConfig,
     ExternalDetectorConfig,
     ExternalLaserConfig,
-    HydraHarpConfig,
+    HarpConfig,
     RigConfig,
     SerialShutterConfig,
     SimulationConfig,
@@ -125,7 +125,7 @@ def configuration(config: RigConfig, addresses: "Addresses") -> RigConfig:
         places["galvo"] = addresses.timing  # the board's, too
     if config.point_clock is not None:
         places["point_clock"] = addresses.timing
-    if isinstance(config.tcspc, HydraHarpConfig):  # a file that is played needs no bench
+    if isinstance(config.tcspc, HarpConfig):  # a file that is played needs no bench
         places["tcspc"] = addresses.timing
     sections = {name: getattr(config, name).model_copy(update={"address": at}) for name, at in places.items()}
     return config.model_copy(update={**sections, "simulation": None})

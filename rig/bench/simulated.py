@@ -18,12 +18,15 @@ from rig.model.config import (
     DeviceSection,
     ExternalLaserConfig,
     FaultsConfig,
+    HarpConfig,
     Katana08Config,
     KatanaConfig,
     NktConfig,
     RigConfig,
     SerialShutterConfig,
     SimulationConfig,
+    TcspcConfig,
+    TimeHarp260Config,
 )
 from rig.model.config.kinds import ROLES
 from rig.model.quantities import parse
@@ -35,7 +38,7 @@ if TYPE_CHECKING:
     from simulators.scenes import Scene
     from simulators.transport.light_paths import Renderer
     from simulators.wire.daq import DaqWiring
-    from simulators.wire.hydraharp import Timing
+    from simulators.wire.harp import HarpSimulator, SimulatedFamily, Timing
     from simulators.wire.instruments import SimulatedInstruments
     from simulators.wire.laser_head import LaserHead
     from simulators.wire.shutter import PortShutter
@@ -62,17 +65,36 @@ def simulated_instruments(config: RigConfig, begin_s: float = 0.0) -> "tuple[Ben
 
     simulation = config.simulation or SimulationConfig()
     bench = simulated_bench(config, real_time=simulation.real_time, begin_s=begin_s)
-    depth = simulation.faults.largest_count
     return bench, SimulatedInstruments(
         bench,
         laser=laser_head(config),
         detector=detector_head(config),
         delayer=gate_delayer(config),
         shutter=port_shutter(config),
-        timing=timing_faults(config),
-        count_depth=depth,
+        timing=timing_instrument(config),
         wiring=daq_wiring(config),
     )
+
+
+def timing_instrument(config: RigConfig) -> "Callable[[Bench], HarpSimulator]":
+    """Return what makes the simulated timing instrument, on a bench."""
+    from simulators.wire.harp import HarpSimulator
+
+    faults = (config.simulation or SimulationConfig()).faults
+    return partial(
+        HarpSimulator,
+        family=simulated_family(config.tcspc),
+        timing=timing_faults(config),
+        count_depth=faults.largest_count,
+    )
+
+
+def simulated_family(tcspc: TcspcConfig) -> "SimulatedFamily":
+    """Return what timing instrument is simulated; one that plays a file leaves a HydraHarp 400 unused."""
+    from simulators.wire.harp import FAMILIES
+
+    board = tcspc.board.lower() if isinstance(tcspc, TimeHarp260Config) else ""
+    return FAMILIES[f"{tcspc.kind}{board}" if isinstance(tcspc, HarpConfig) else "hydraharp"]
 
 
 def laser_head(config: RigConfig) -> "Callable[[Bench], LaserHead] | None":
@@ -156,7 +178,7 @@ def simulated_bench(config: RigConfig, *, real_time: bool, begin_s: float = 0.0)
 
 def timing_faults(config: RigConfig) -> "Timing":
     """Return what the clock of the timing instrument does wrong."""
-    from simulators.wire.hydraharp import Nonlinearity, Pulses, Timing
+    from simulators.wire.harp import Nonlinearity, Pulses, Timing
 
     simulation = config.simulation or SimulationConfig()
     faults = simulation.faults

@@ -8,13 +8,15 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from matplotlib.figure import Figure
 
+from drivers.harp.limits import HarpLimits
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import Station
 from rig.acquire.preflight import check
+from rig.devices.kinds.harps import family_of
 from rig.errors import InterruptedScanError, UsageError
 from rig.light.guard import ASKING_LEASE_S
 from rig.model.calibrations.base import Calibration
-from rig.model.config import HydraHarpConfig, RigConfig
+from rig.model.config import HarpConfig, RigConfig
 from rig.model.devices import Galvo
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
@@ -91,7 +93,7 @@ def changed(config: RigConfig, **sections: Mapping[str, Any]) -> RigConfig:
     return config.model_copy(update=update)
 
 
-def histogram_settings(config: RigConfig) -> HydraHarpConfig:
+def histogram_settings(config: RigConfig) -> HarpConfig:
     """Return the settings of the timing instrument's histograms, which a calibration chooses.
 
     Raises
@@ -99,12 +101,17 @@ def histogram_settings(config: RigConfig) -> HydraHarpConfig:
     UsageError
         If it is of a kind that has none.
     """
-    if not isinstance(config.tcspc, HydraHarpConfig):
+    if not isinstance(config.tcspc, HarpConfig):
         raise UsageError(
             f"a calibration sets the timing instrument's bins, which the kind {config.tcspc.kind} does not "
             "allow; give recorded raw data with --from, or the configuration of the rig itself"
         )
     return config.tcspc
+
+
+def histogram_limits(config: RigConfig) -> HarpLimits:
+    """Return what histograms the timing instrument can have; raises as `histogram_settings`."""
+    return family_of(histogram_settings(config)).limits
 
 
 def recorded(path: Path, plan: ScanPlan, state: RigState, station: Station, watch: Watch) -> Path:

@@ -45,7 +45,7 @@ def all_(
             console.say(f"    left out: {reason}")
             continue
         try:
-            result = calibrated(routine, rig_config, None, keep)
+            result = calibrated(routine, rig_config, None, keep, yes=yes)
         except RigError as error:
             left = f"\nNot measured because of it: {', '.join(kinds[number:])}" if kinds[number:] else ""
             raise type(error)(f"{kind}: {error}{left}") from None

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
@@ -15,7 +16,7 @@ from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
@@ -38,6 +39,23 @@ def warn(message: str) -> None:
 def shout(message: str) -> None:
     """Tell the person what must not be missed."""
     err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
+
+
+#: The bars that are drawn now.
+_drawn: "list[Progress]" = []
+
+
+@contextmanager
+def aside() -> "Iterator[None]":
+    """Take drawn bars away while a person is asked something."""
+    bars = list(_drawn)
+    for bar in bars:
+        bar.stop()
+    try:
+        yield
+    finally:
+        for bar in bars:
+            bar.start()
 
 
 def _plain(text: str) -> Text:
@@ -139,7 +157,7 @@ class ScanProgress:
             case PhaseChanged(phase=phase):
                 self._phase = phase.value
                 if err.is_terminal:
-                    self._bar.start()
+                    self._start_bar()
                     self._draw(0 if phase.value == "aiming" else None)
                 else:
                     say(phase.value)
@@ -160,7 +178,17 @@ class ScanProgress:
                 self._live_time_s += exposure.live_time_s
                 self._advance(step.index + 1)
             case Ended():
-                self._bar.stop()
+                self._stop_bar()
+
+    def _start_bar(self) -> None:
+        self._bar.start()
+        if self._bar not in _drawn:
+            _drawn.append(self._bar)
+
+    def _stop_bar(self) -> None:
+        self._bar.stop()
+        if self._bar in _drawn:
+            _drawn.remove(self._bar)
 
     def _advance(self, done: int) -> None:
         now_s = time.monotonic()

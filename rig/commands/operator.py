@@ -136,14 +136,15 @@ def _ask(
         with suppress(EOFError, OSError, ValueError):  # nobody is there any more
             typed.append(Prompt.ask(question, console=console.err, default="", show_default=False))
 
-    person = threading.Thread(target=ask, daemon=True)
-    person.start()
-    while person.is_alive():
-        if meanwhile() is True:
-            return None
-        if stop():
-            raise InterruptedScanError(f"stopped at the question '{question}'")
-        person.join(0.1)
+    with console.aside():
+        person = threading.Thread(target=ask, daemon=True)
+        person.start()
+        while person.is_alive():
+            if meanwhile() is True:
+                return None
+            if stop():
+                raise InterruptedScanError(f"stopped at the question '{question}'")
+            person.join(0.1)
     if not typed:
         raise UsageError(f"nobody answered: '{question}'. {hint}")
     return typed[0]

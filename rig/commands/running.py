@@ -38,10 +38,14 @@ class Onlookers:
         What may end it before its last position; that is no failure.
     live
         Whether it is shown while it runs.
+    fresh_to_m, video
+        How frames are shown then (`rig.live.messages.Film`).
     """
 
     until: "Until | None" = None
     live: bool = False
+    fresh_to_m: float | None = None
+    video: Path | None = None
 
 
 def ending(rule: str, plan: ScanPlan, scan: Path | None = None) -> "Until":
@@ -88,7 +92,7 @@ def run(
     try:
         with ExitStack() as stack:
             stop = stack.enter_context(StopRequest(console.say))
-            feed = _feed(target) if others.live else None
+            feed = _feed(target, others) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
             lookers = [one for one in (until, feed) if one is not None]
@@ -124,10 +128,18 @@ def _watch(
     return Watch([progress, *lookers], lambda: stop() or (until.reason() if until else False), begun)
 
 
-def _feed(target: Path) -> "LiveFeed":
+def _feed(target: Path, others: Onlookers) -> "LiveFeed":
     from rig.live.feed import LiveFeed
+    from rig.live.messages import Film
 
-    feed = LiveFeed(target, console.warn, window=console.err.is_terminal)
+    video = others.video.absolute() if others.video else None
+    feed = LiveFeed(
+        target,
+        console.warn,
+        inform=console.say,
+        window=console.err.is_terminal,
+        film=Film(others.fresh_to_m, video),
+    )
     console.say(f"Live pictures: {feed.folder / 'now.png'}")
     return feed
 

@@ -65,6 +65,20 @@ def scan(
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
     live: Live = False,
+    fresh_to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEPTH",
+            help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
+            "[dim]\\[never][/dim]",
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.gif", help="With --live and --frames: a video of them; .mp4 needs ffmpeg."
+        ),
+    ] = None,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -83,6 +97,8 @@ def scan(
       rig scan --config lab.toml --dry-run   what would be done
 
       rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
+
+      rig scan --config configs/video.toml --mode continuous --frames 10 --live    and seen meanwhile
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
@@ -113,6 +129,7 @@ def scan(
         motion=mode.value,
         frames=frames,
     )
+    _check_film(plan, live, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     if os.path.lexists(target):
@@ -131,7 +148,8 @@ def scan(
         console.say(f"Calibrations: {state.calibrations.in_words()}")
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
-    others, records = Onlookers(end, live), beside(target) if ptu else None
+    fresh_to_m = parse(fresh_to, "length") if fresh_to else None
+    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
@@ -146,6 +164,26 @@ def scan(
         needed,
         others,
     )
+
+
+def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path | None) -> None:
+    """Refuse what is asked of live images of frames, where there are none."""
+    from rig.errors import UsageError
+    from rig.model.quantities import parse
+
+    asked = {"--fresh-to": fresh_to, "--video": video}
+    names = [name for name, value in asked.items() if value is not None]
+    if names and not (live and plan.frames > 1):
+        raise UsageError(
+            f"{' and '.join(names)} would have no effect without --live and --frames; add them, or make the "
+            "video afterwards: rig recon --each-frame"
+        )
+    if fresh_to and not parse(fresh_to, "length") > 0:
+        raise UsageError(f"--fresh-to {fresh_to}: frames are averaged from a depth above 0 on; use 1m")
+    if video is not None:
+        from rig.show.video import check_video
+
+        check_video(video)
 
 
 def _show_presets(as_json: bool) -> None:

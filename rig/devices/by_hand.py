@@ -6,8 +6,9 @@ None of them opens anything. A person is asked for what is needed, and the answe
 from types import TracebackType
 from typing import Self
 
-from drivers.errors import RefusedError
-from rig.errors import RefusedError as NobodyError
+from drivers import errors as device_errors
+from drivers.leaving import leave
+from rig.errors import RefusedError
 from rig.model.config import ExternalDelayerConfig, ExternalDetectorConfig
 from rig.model.devices import Operator, Request, Settings
 from rig.model.quantities import show
@@ -29,14 +30,19 @@ class DetectorByHand:
         How it has to be set.
     operator
         Who sets it; None where nobody is there, as in the guard's process.
+    delayed
+        Whether a delayer triggers the gate; else the detector delays it itself.
     """
 
     by_hand = frozenset({"bias", "hold_off", "gate_delay", "gate_width"})
 
-    def __init__(self, config: ExternalDetectorConfig, operator: Operator | None) -> None:
+    def __init__(
+        self, config: ExternalDetectorConfig, operator: Operator | None, *, delayed: bool = False
+    ) -> None:
         self.identity = f"{config.model}, without a data interface"
         self._model = config.model
         self._gated = config.gated
+        self._delayed = delayed
         self._operator = operator
         self._wanted = (config.gate_delay_s, config.gate_width_s, config.hold_off_s)
         self._confirmed: tuple[float, float, float] | None = None
@@ -48,8 +54,7 @@ class DetectorByHand:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._confirmed is not None and self._operator is not None:
-            self._operator.tell(f"The detector ({self._model}) stays biased: only a person can change that.")
+        pass
 
     def enable(self) -> None:
         """Have it confirmed that the detector is set as wanted, unless it was before.
@@ -62,23 +67,7 @@ class DetectorByHand:
         if self._confirmed == self._wanted:
             return
         self._confirmed = None
-        delay_s, width_s, hold_off_s = self._wanted
-        gate = (
-            f"gated, open from {show(delay_s, 's', 4)} after the sync pulse for {show(width_s, 's', 4)}"
-            if self._gated
-            else "free running"
-        )
-        wanted = Request(
-            "detector",
-            f"Set the detector ({self._model}): bias on; {gate}; hold-off {show(hold_off_s, 's', 4)}",
-            {
-                "biased": True,
-                "gated": self._gated,
-                "gate_delay_s": delay_s,
-                "gate_width_s": width_s,
-                "hold_off_s": hold_off_s,
-            },
-        )
+        wanted = Request("detector", self._words(), {"biased": True, **self._asked()})
         self._answer = somebody(self._operator, wanted).set_by_hand(wanted)
         self._confirmed = self._wanted
 
@@ -95,16 +84,25 @@ class DetectorByHand:
 
     def settings(self) -> Settings:
         """Return what a person was asked for, and the answer; nothing is read back."""
+        return {"identity": self.identity, "set": "by hand", "answer": self._answer, **self._asked()}
+
+    def _asked(self) -> dict[str, bool | float]:
+        """Return what a person is asked for, by names and SI values."""
         delay_s, width_s, hold_off_s = self._wanted
-        return {
-            "identity": self.identity,
-            "set": "by hand",
-            "answer": self._answer,
-            "gated": self._gated,
-            "gate_delay_s": delay_s,
-            "gate_width_s": width_s,
-            "hold_off_s": hold_off_s,
-        }
+        delay = {} if self._delayed else {"gate_delay_s": delay_s}
+        return {"gated": self._gated, **delay, "gate_width_s": width_s, "hold_off_s": hold_off_s}
+
+    def _words(self) -> str:
+        """Return the same as an order."""
+        delay_s, width_s, hold_off_s = self._wanted
+        if not self._gated:
+            gate = "free running"
+        elif self._delayed:
+            gate = f"gated by its trigger input, open for {show(width_s, 's', 4)}"
+        else:
+            since = show(delay_s, "s", 4)
+            gate = f"gated, open from {since} after the sync pulse for {show(width_s, 's', 4)}"
+        return f"Set the detector ({self._model}): bias on; {gate}; hold-off {show(hold_off_s, 's', 4)}"
 
 
 class DelayerByHand:
@@ -173,6 +171,8 @@ class DelayerByHand:
 class LaserByHand:
     """A laser that only a person can switch: what the guard has in its hands in place of a laser.
 
+    A context manager that does not leave in silence while there is light.
+
     It knows what it was told, and says that there is light until it is told that there is none.
 
     Parameters
@@ -192,7 +192,7 @@ class LaserByHand:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        pass
+        leave([self.stop], problem)
 
     def arm(self) -> None:
         """Do nothing: there is nothing to prepare."""
@@ -206,7 +206,7 @@ class LaserByHand:
 
         Raises
         ------
-        RefusedError
+        drivers.errors.RefusedError
             While there is light.
         """
         if self._lit:
@@ -224,9 +224,9 @@ class LaserByHand:
         """Return what is known: how it is switched, and whether it is taken to emit."""
         return {"identity": self.identity, "switched": "by hand", "emitting": self._lit}
 
-    def refusal(self) -> RefusedError:
+    def refusal(self) -> device_errors.RefusedError:
         """Return in words that no program can put it out."""
-        return RefusedError(
+        return device_errors.RefusedError(
             f"laser ({self._model})",
             "be dark",
             "it has no data interface, and no program can put it out",
@@ -273,5 +273,5 @@ def somebody(operator: Operator | None, wanted: Request) -> Operator:
         If nobody is there.
     """
     if operator is None:
-        raise NobodyError(f"somebody has to be at the rig for this: {wanted.words}")
+        raise RefusedError(f"somebody has to be at the rig for this: {wanted.words}")
     return operator

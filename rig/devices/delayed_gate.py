@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 
 from drivers.errors import LimitError
 from drivers.leaving import leave
@@ -131,7 +132,8 @@ def open_detector(config: RigConfig, wires: Wires) -> Iterator[GatedSpad]:
     """
     section, delayer = config.detector, config.delayer
     with ExitStack() as stack:
-        detector = stack.enter_context(DETECTORS.of(section).open(section, wires))
+        triggered = replace(wires, gate_delayed=delayer is not None)
+        detector = stack.enter_context(DETECTORS.of(section).open(section, triggered))
         if delayer is None:
             yield detector
             return

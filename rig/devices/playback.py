@@ -10,8 +10,8 @@ from typing import Self
 
 import numpy as np
 
-from drivers.hydraharp.device import MEANWHILE_S, Exposure
-from drivers.hydraharp.instrument import Rates
+from drivers.harp.device import MEANWHILE_S, Exposure
+from drivers.harp.instrument import Rates
 from rig.errors import RefusedError
 from rig.files.scan import ScanFile
 from rig.model.devices import Clock

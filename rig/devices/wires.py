@@ -1,6 +1,6 @@
 """The wires of a rig whose devices have addresses: real ones, or served by another process."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, partial
@@ -8,13 +8,13 @@ from functools import cache, partial
 from drivers.clock import Clock, SystemClock
 from drivers.daq.board import SharedBoard
 from drivers.daq.nidaqmx_board import NidaqmxBoard
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.loading import load_library
+from drivers.harp.library import HarpLibrary
+from drivers.harp.loading import load_library
 from rig.bench.reached import board_at, detector_at, timing_at
 from rig.devices.delayed_gate import open_detector
 from rig.devices.kinds import Wires
 from rig.devices.shuttered import open_laser
-from rig.model.config import DaqClockConfig, DaqShutterConfig, HydraHarpConfig, Id120Config, RigConfig
+from rig.model.config import DaqClockConfig, DaqShutterConfig, HarpConfig, Id120Config, RigConfig
 from rig.model.devices import GatedSpad, Laser, Operator
 
 
@@ -25,8 +25,9 @@ def wires_by_address(config: RigConfig, operator: Operator | None = None) -> Ite
     with ExitStack() as stack:
         wires = replace(_wires(config), operator=operator)
         wires = stack.enter_context(_detector_wires(config, wires))
-        if isinstance(harp, HydraHarpConfig) and harp.address:
-            wires = replace(wires, hhlib=partial(HHLib, stack.enter_context(timing_at(harp.address))))
+        if isinstance(harp, HarpConfig) and harp.address:
+            functions = stack.enter_context(timing_at(harp.address, harp))
+            wires = replace(wires, harp=partial(HarpLibrary, functions))
         served = {
             device: stack.enter_context(board_at(address))
             for device, address in config.boards.items()
@@ -65,8 +66,7 @@ def _detector_wires(config: RigConfig, wires: Wires) -> Iterator[Wires]:
 
 
 def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
-    library = config.tcspc.library if isinstance(config.tcspc, HydraHarpConfig) else None
-    hhlib: Callable[[], HHLib] = partial(load_library, library)
+    library = config.tcspc.library if isinstance(config.tcspc, HarpConfig) else None
     counter = config.point_clock.counter if isinstance(config.point_clock, DaqClockConfig) else ""
 
     @cache
@@ -77,7 +77,7 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         galvo=config.serial_addresses.get("galvo") or "",
         laser=config.laser.address or "",
         usb_backend=None,
-        hhlib=hhlib,
+        harp=partial(load_library, path=library),
         daq=daq,
         clock=clock or SystemClock(),
         sync_hz=config.laser.repetition_hz,

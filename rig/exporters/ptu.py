@@ -19,7 +19,7 @@ from rig.files.picoquant import FRAME_MARKER, LINE_MARKER, MAGIC_RECORDS, POINT_
 from rig.files.records import RATE_HZ, RecordsHead, begins_line, put_count
 
 if TYPE_CHECKING:
-    from drivers.hydraharp.records import Batch
+    from drivers.harp.records import Batch
 
 NAME = "PicoQuant records, T3"
 ENDINGS = (".ptu",)
@@ -37,7 +37,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
         If the scan holds no photons but expectations, has more bins than a record can tell, or is to be
         rectified.
     """
-    from drivers.hydraharp.records import T3, Encoder  # compiled kernels: not for all files
+    from drivers.harp.records import T3, Encoder  # compiled kernels: not for all files
 
     _check(scan, rectify)
     steps, histograms = scan.imaged
@@ -57,7 +57,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
 
 
 def _check(scan: ScanFile, rectify: bool) -> None:
-    from drivers.hydraharp.records import MAX_CHANNEL, MAX_DTIME
+    from drivers.harp.records import MAX_CHANNEL, MAX_DTIME
 
     if rectify:
         raise UsageError(
@@ -141,7 +141,7 @@ def _point(
     counts: NDArray, place: tuple[int, int, int], inputs: NDArray[np.int8], rng: np.random.Generator
 ) -> tuple["Batch", int]:
     """Return a point's marker and photons, and the first pulse of the next."""
-    from drivers.hydraharp.records import Batch
+    from drivers.harp.records import Batch
 
     start, pulses, mask = place
     channel, dtime = np.nonzero(counts)

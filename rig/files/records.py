@@ -1,6 +1,6 @@
 """Time-tagged records of a scan in PicoQuant's layout: their head, and a recorder that writes them.
 
-The head says what a HydraHarp's T3 records are, as the vendor's programs want it. Places, delays and what
+The head says what T3 records these are, as the vendor's programs want it. Places, delays and what
 else the layout has no form for are in tags of this program's own (`rig.files.picoquant`).
 """
 
@@ -41,13 +41,32 @@ from rig.files.picoquant import (
 
 #: The laser's rate where nobody says it, if the bins fit between two pulses [Hz].
 RATE_HZ = 10e6
-#: The type of T3 records in version 2, and its overflow record: one wrap of 1024 sync pulses.
-_RECORD_TYPE, _WRAP, _OVERFLOW = 0x01010304, 1024, 127 << 25
+#: The overflow record: one wrap of 1024 sync pulses.
+_WRAP, _OVERFLOW = 1024, 127 << 25
 _COUNT = "TTResult_NumberOfRecords"
 #: A line that fails is measured again, in a sweep of its own; so many of them have room in the head.
 _REPEATED = 64
 #: Spots of a line differ less than this across it [m].
 _SAME_M = 1e-6
+
+
+@dataclass(frozen=True)
+class RecordedBy:
+    """What a file says of the instrument that recorded; by default a HydraHarp 400.
+
+    Attributes
+    ----------
+    hardware
+        Its name.
+    record_type
+        Type of its T3 records; their layout is the same for all types that are written.
+    base_s
+        Its finest bin width.
+    """
+
+    hardware: str = "HydraHarp 400"
+    record_type: int = 0x01010304
+    base_s: float = 1e-12
 
 
 @dataclass(frozen=True)
@@ -74,6 +93,8 @@ class RecordsHead:
         (P, C) what to subtract for rectified time; None where that is nothing.
     fade_from_s
         Rectified time before which the record holds the wall's own light, where known.
+    recorded_by
+        The instrument.
     """
 
     comment: str
@@ -87,6 +108,7 @@ class RecordsHead:
     duration_s: float
     delay_s: NDArray[np.float64] | None
     fade_from_s: float | None
+    recorded_by: RecordedBy = RecordedBy()
 
     def tags(self) -> Iterator[tuple[str, Any]]:
         """Yield the tags: those that the layout demands, then our own; the number of records comes last."""
@@ -97,13 +119,13 @@ class RecordsHead:
         yield "Measurement_Mode", 3
         yield "Measurement_SubMode", 0
         yield "TTResult_StopReason", 0
-        yield "TTResultFormat_TTTRRecType", _RECORD_TYPE
+        yield "TTResultFormat_TTTRRecType", self.recorded_by.record_type
         yield "TTResultFormat_BitsPerRecord", 32
-        yield "MeasDesc_BinningFactor", max(1, round(self.bin_width_s / 1e-12))
+        yield "MeasDesc_BinningFactor", max(1, round(self.bin_width_s / self.recorded_by.base_s))
         yield "MeasDesc_Offset", 0
         yield "MeasDesc_AcquisitionTime", max(1, round(self.duration_s * 1e3))
-        yield "HW_Type", "HydraHarp 400"
-        yield "HW_BaseResolution", 1e-12
+        yield "HW_Type", self.recorded_by.hardware
+        yield "HW_BaseResolution", self.recorded_by.base_s
         yield "HW_InpChannels", max(self.inputs) + 1
         yield "HWSync_Divider", 1
         yield "MeasDesc_Resolution", self.bin_width_s
@@ -157,6 +179,8 @@ class PtuRecorder:
         The step with which it goes on.
     sync_hz
         Sync pulses a second; None: as the laser is set.
+    recorded_by
+        The instrument.
 
     Raises
     ------
@@ -165,12 +189,17 @@ class PtuRecorder:
     """
 
     def __init__(
-        self, path: Path, description: ScanDescription, first: int = 0, sync_hz: float | None = None
+        self,
+        path: Path,
+        description: ScanDescription,
+        first: int = 0,
+        sync_hz: float | None = None,
+        recorded_by: RecordedBy = RecordedBy(),
     ) -> None:
         self.path = path
         self.problem = ""
         self._first = first
-        self._head = head_bytes(MAGIC_RECORDS, _recorded_tags(description, first, sync_hz))
+        self._head = head_bytes(MAGIC_RECORDS, _recorded_tags(description, first, sync_hz, recorded_by))
         self._room = _sweeps_room(description, first)
         self._sweeps = 0
         self._wraps = 0  # of all records, that is how often 1024 sync pulses went by
@@ -271,7 +300,7 @@ def beside(scan: Path, *, again: bool = False) -> Path:
 
 
 def _recorded_tags(
-    description: ScanDescription, first: int, sync_hz: float | None
+    description: ScanDescription, first: int, sync_hz: float | None, recorded_by: RecordedBy
 ) -> Iterator[tuple[str, Any]]:
     state = description.state
     nominal_hz = state.config.laser.repetition_hz if state is not None else RATE_HZ
@@ -290,6 +319,7 @@ def _recorded_tags(
         duration_s=float(exposure_s.sum()),
         delay_s=None if delay_s is None else delay_s[first:],
         fade_from_s=description.fade_from_s,
+        recorded_by=recorded_by,
     )
     yield SWEEPS, np.full(2 * _sweeps_room(description, first), -1.0)
     yield STEPS, -1

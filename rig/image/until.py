@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.accumulate import GrowingPicture, Picture, likeness
+from recon.accumulate import Coming, GrowingPicture, Picture, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.window import Window
 from rig.acquire.events import Ended, Event, LineDone, StepDone
@@ -203,12 +203,9 @@ class _Judge:
     def __init__(self, rule: Rule, scan: ScanDescription | ScanFile) -> None:
         assert scan.plan is not None
         self._rule, self._channels, self.ends = rule, len(scan.channels), rounds_of(scan.plan)
-        self._growing = GrowingPicture(
-            expected(scan),
-            [self._channels * end for end in self.ends],
-            Window(start_s=scan.fade_from_s),
-            scan.instrument_response_s,
-        )
+        ends = tuple(self._channels * end for end in self.ends)
+        window = Window(start_s=scan.fade_from_s)
+        self._growing = GrowingPicture(Coming(expected(scan), ends, window, scan.instrument_response_s))
         self._before: Picture | None = None
 
     def add(self, first: int, counts: NDArray) -> None:

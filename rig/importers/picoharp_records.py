@@ -20,14 +20,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from drivers.hydraharp.records import MAX_TAG, SYNC_CHANNEL, Batch, DamagedRecordsError
+from drivers.harp.records import MAX_TAG, SYNC_CHANNEL, Batch, DamagedRecordsError
 
 _T3_PERIOD, _T2_PERIOD = 65_536, 210_698_240
 _SPECIAL, _LAST_INPUT = 15, 4
 
 
 class PicoHarpDecoder:
-    """Decodes a stream of records that comes in pieces, as `drivers.hydraharp.records.Decoder` does.
+    """Decodes a stream of records that comes in pieces, as `drivers.harp.records.Decoder` does.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from drivers.hydraharp.records import (
+from drivers.harp.records import (
     SYNC_CHANNEL,
     T2,
     T2_VERSION_1,

@@ -118,9 +118,22 @@ class Attended:
 
 
 class SwitchedByHand(Attended):
-    """A laser that only a person can switch on and off. Its guard can shout, and no more."""
+    """A laser that only a person can switch on and off; a context manager that asks for darkness at the end.
+
+    Its guard can shout, and no more.
+    """
 
     _lit = False
+    _asked_for_darkness = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lit and not self._asked_for_darkness:
+            leave([self.stop], problem)
 
     def arm(self) -> None:
         """Have the person say that all is ready for light; still dark.
@@ -143,7 +156,7 @@ class SwitchedByHand(Attended):
             The person says no, nobody can answer, or the sync rate is not the laser's. It was asked to be
             switched off.
         """
-        self._lit = True
+        self._lit, self._asked_for_darkness = True, False
         self._guarded.emit()  # the guard has to know before there can be light
         try:
             self._switch_on("Switch the laser's emission ON", self._hold)
@@ -169,6 +182,7 @@ class SwitchedByHand(Attended):
     def _ask_for_darkness(self) -> str:
         """Tell the person to switch it off, and wait for the answer; return why there is none."""
         wanted = Request("laser", "Switch the laser OFF, now", {"emitting": False}, urgent=True)
+        self._asked_for_darkness = True
         try:
             self._answer = somebody(self._operator, wanted).set_by_hand(wanted, self._hold_until_silent)
         except (RigError, DeviceError) as problem:

@@ -60,11 +60,14 @@ class Lost:
         Whether the laser has confirmed that it is dark.
     trip
         Whether a person has to look at the rig before there is light again.
+    how
+        What speaks for darkness.
     """
 
     reason: str
     dark: bool
     trip: bool
+    how: str = "read back twice"
 
 
 class Guard:
@@ -80,12 +83,21 @@ class Guard:
         The time to watch by.
     tell
         Called when the light was lost, and again when a laser that could not be made dark is dark at last.
+    known_dark_by
+        What speaks for darkness, in words.
     """
 
-    def __init__(self, laser: Laser, clock: Clock, tell: Callable[[Lost], None]) -> None:
+    def __init__(
+        self,
+        laser: Laser,
+        clock: Clock,
+        tell: Callable[[Lost], None],
+        known_dark_by: str = "read back twice",
+    ) -> None:
         self._laser = laser
         self._clock = clock
         self._tell = tell
+        self._known_dark_by = known_dark_by
         self.light = Light.DARK
         self._until_s = 0.0
         self._looked_s = 0.0
@@ -184,7 +196,7 @@ class Guard:
         if problem := self._put_out():
             self._in_alarm(f"{reason}. {problem}")
         else:
-            self._tell(Lost(reason, True, trip))
+            self._tell(Lost(reason, True, trip, self._known_dark_by))
 
     def turn(self) -> None:
         """Look whether anything has to be done, and do it."""
@@ -232,7 +244,7 @@ class Guard:
             return
         self._looked_s = now_s
         if self._put_out() is None:
-            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True))
+            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True, self._known_dark_by))
 
     def _put_out(self) -> DeviceError | None:
         """Make the laser dark; return why that is not confirmed, if it is not."""

@@ -87,4 +87,4 @@ def raise_lost(lost: list[Lost]) -> None:
 def in_words(lost: Lost) -> str:
     """Return what was lost and why, and what is known of the light now."""
     reason = lost.reason.removesuffix(".")
-    return f"{reason}. {'The laser is dark, read back twice' if lost.dark else BEWARE}."
+    return f"{reason}. {f'The laser is dark, {lost.how}' if lost.dark else BEWARE}."

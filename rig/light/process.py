@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
 from types import FrameType
 from typing import Any, TextIO
 
@@ -126,7 +127,7 @@ class GuardProcess:
         self._replies = replies
         self._clock = GuardClock(inbox.urgent)
         self._laser_stack = ExitStack()
-        self._guard = Guard(self._open(), self._clock, self._lost)
+        self._guard = Guard(self._open(), self._clock, self._lost, config.known_dark_by)
         self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
         self._alone = False
         self._off = False
@@ -277,7 +278,7 @@ class GuardProcess:
             shout(f"the detector may still be BIASED: {problem}")
 
     def _lost(self, lost: Lost) -> None:
-        self._say({"lost": {"reason": lost.reason, "dark": lost.dark, "trip": lost.trip}})
+        self._say({"lost": asdict(lost)})
         if lost.trip:
             with suppress(OSError):
                 remember_trip(self._config, lost.reason)

@@ -227,7 +227,8 @@ class GuardedElsewhere:
             dark, found = True, make_dark(self._config)
         except DeviceError as problem:
             dark, found = False, str(problem)
-        return Lost(f"the guard of the laser has ended, which it never should: {found}", dark, trip=False)
+        reason = f"the guard of the laser has ended, which it never should: {found}"
+        return Lost(reason, dark, trip=False, how=self._config.known_dark_by)
 
     def _mind(self) -> None:
         """End a guard that hangs, and a program whose main thread does: the guard has put the light out then.

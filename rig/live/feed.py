@@ -18,7 +18,7 @@ from typing import IO
 
 from rig.acquire.events import Ended, Event, LightChanged, LineDone, Noticed, PhaseChanged, Ready, StepDone
 from rig.files.description import ScanDescription
-from rig.live.messages import Begun, Block, BlockBuilder, Gap, Message
+from rig.live.messages import PLAIN, Begun, Block, BlockBuilder, Film, Gap, Message
 
 #: Photons that wait for the view at most.
 WAITING_BYTES = 2**25
@@ -28,6 +28,8 @@ WAITING_WORDS = 256
 BLOCK_BYTES, BLOCK_S = 2**19, 0.25
 #: How long the last picture may take before the program ends without it.
 LAST_PICTURE_S = 60.0
+#: And where a video is to be written.
+LAST_VIDEO_S = 600.0
 #: How long a view that is told to end may take.
 ENDING_S = 10.0
 
@@ -114,8 +116,12 @@ class LiveFeed:
         The scan file; pictures go to a folder beside it.
     tell
         Called, once, with what became of the view if it did not go well.
+    inform
+        Called at the end with what the view found out, a sentence each.
     window
         Whether there is somebody who would look at a window.
+    film
+        How frames are shown, if there are several.
     command
         What shows it, reading messages from its standard input.
     """
@@ -125,16 +131,21 @@ class LiveFeed:
         scan: Path,
         tell: Callable[[str], None],
         *,
+        inform: Callable[[str], None] = lambda sentence: None,
         window: bool = False,
+        film: Film = PLAIN,
         command: tuple[str, ...] = (sys.executable, "-m", "rig.live.process"),
     ) -> None:
-        self._scan, self._tell, self._window, self._command = scan, tell, window, command
+        self._scan, self._tell, self._inform = scan, tell, inform
+        self._window, self._film, self._command = window, film, command
         self.folder = folder_of(scan)
         self._outbox = Outbox()
         self._block = BlockBuilder()
-        self._block_since_s = 0.0
+        self._block_since_s = self._newest_s = 0.0
+        self._facts: list[str] = []
         self._noticed: dict[str, Noticed] = {}
         self._expected = 0  # the step that comes next
+        self._frame_steps = 1
         self._process: subprocess.Popen[bytes] | None = None
         self._trouble = ""
         self._told = False
@@ -155,7 +166,10 @@ class LiveFeed:
             return
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._outbox.put(Begun(description, self._scan.absolute(), self.folder.absolute(), self._window))
+        self._frame_steps = description.steps // (description.plan.frames if description.plan else 1)
+        self._outbox.put(
+            Begun(description, self._scan.absolute(), self.folder.absolute(), self._window, self._film)
+        )
         for what, pipe in ((self._send, self._process.stdin), (self._hear, self._process.stdout)):
             threading.Thread(target=what, args=(pipe,), daemon=True).start()
 
@@ -188,14 +202,17 @@ class LiveFeed:
         if not len(self._block):
             self._block_since_s = time.monotonic()
         self._block.add(step, done.exposure)
+        self._newest_s = time.time()
         self._expected = step + 1
-        if self._block.nbytes > BLOCK_BYTES or time.monotonic() - self._block_since_s > BLOCK_S:
+        now_s = time.monotonic()
+        whole = (step + 1) % self._frame_steps == 0
+        if whole or self._block.nbytes > BLOCK_BYTES or now_s - self._block_since_s > BLOCK_S:
             self._flush()
 
     def _flush(self) -> None:
         """Send the photons at hand, and what was warned of."""
         if len(self._block):
-            self._outbox.put(self._block.take(time.time()))
+            self._outbox.put(self._block.take(self._newest_s))
         for noticed in self._noticed.values():
             self._outbox.put(noticed)
         self._noticed.clear()
@@ -223,6 +240,8 @@ class LiveFeed:
                     self._pictured.set()
                 elif word == "trouble":
                     self._fail(rest)
+                elif word == "fact":
+                    self._facts.append(rest)
         if not self._pictured.is_set():
             self._fail("its process is gone")
         self._pictured.set()
@@ -243,10 +262,12 @@ class LiveFeed:
             self._tell_once()
             return
         try:
-            if not self._pictured.wait(LAST_PICTURE_S):
+            if not self._pictured.wait(LAST_PICTURE_S if self._film.video is None else LAST_VIDEO_S):
                 self._fail("its last picture was not there in time")
                 self._end(process)
             self._tell_once()
+            for sentence in self._facts:
+                self._inform(f"live view: {sentence}")
             if not self._window:
                 process.wait(ENDING_S)
         except subprocess.TimeoutExpired:

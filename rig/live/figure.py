@@ -137,7 +137,7 @@ class LiveFigure:
         self._draw_histogram(seen)
         self._draw_rates(seen)
         if seen.picture is not None and seen.picture is not self._picture:
-            self._draw_picture(seen.picture, seen.final)
+            self._draw_picture(seen.picture, seen.title)
 
     def _tell_light(self, seen: Seen) -> None:
         if seen.light is None:
@@ -194,7 +194,7 @@ class LiveFigure:
             axes.set_title(words, size=11)
             say_across(axes, "not yet")
 
-    def _draw_picture(self, picture: Picture, final: bool) -> None:
+    def _draw_picture(self, picture: Picture, title: str) -> None:
         self._picture = picture
         grid, surface = picture.grid, picture.surface
         largest = float(picture.front.max())
@@ -213,10 +213,8 @@ class LiveFigure:
             axes.set_yticklabels([])
             if surface.empty:
                 say_across(axes, "no signal above noise")
-        pairs = "positions" if self._subject.channels == 1 else "pairs"
-        what = "last image" if final else "live image"
         wave = show_length(picture.pulse.wavelength_m)
-        self._front.set_title(f"{what} of {picture.positions:,} {pairs}", size=11)
+        self._front.set_title(title, size=11)
         self._front.text(0.02, 0.03, f"wavelength {wave}", transform=self._front.transAxes, color="white")
         self._depth.set_title("depth of the surface (grey: none)", size=11)
 
@@ -284,7 +282,7 @@ def _how_far(seen: Seen, subject: Subject) -> str:
     elif seen.phase:
         told.append(seen.phase)
     if seen.ended is not None or seen.lost:
-        told.append(f"{int(np.nansum(seen.photons)):,} photons")
+        told.append(f"{seen.total:,} photons")
     elif len(seen.photons_per_s):
         told.append(f"now {show(float(seen.photons_per_s[-1]), 'photons/s')}")
     elif seen.rates is not None:

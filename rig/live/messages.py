@@ -14,6 +14,26 @@ from rig.model.photons import TaggedExposure
 
 
 @dataclass(frozen=True)
+class Film:
+    """How the frames of a scan are shown.
+
+    Attributes
+    ----------
+    fresh_to_m
+        Depth up to which a frame is shown alone (`recon.frames`); None averages none.
+    video
+        Where a video of all is written at the end; None for nowhere.
+    """
+
+    fresh_to_m: float | None = None
+    video: Path | None = None
+
+
+#: Each frame alone, and no video.
+PLAIN = Film()
+
+
+@dataclass(frozen=True)
 class Begun:
     """The first message.
 
@@ -27,12 +47,15 @@ class Begun:
         Where pictures are written.
     window
         Whether somebody would look at a window.
+    film
+        How frames are shown, if there are several.
     """
 
     description: ScanDescription
     scan: Path
     folder: Path
     window: bool
+    film: Film = PLAIN
 
 
 @dataclass(frozen=True)

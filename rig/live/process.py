@@ -1,9 +1,9 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, and ``pictured`` when the last picture is there. Three
-threads share its work: one reads messages; one keeps the state, and makes images between two messages; one
-draws.
+each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, and
+``pictured`` when the last picture is there. Three threads share its work: one reads messages; one keeps the
+state, and makes images between two messages; one draws.
 """
 
 import os
@@ -17,12 +17,13 @@ from typing import BinaryIO
 
 import numpy as np
 
-from recon.accumulate import GrowingPicture
+from recon.accumulate import Coming, GrowingPicture, Picture
 from recon.errors import ReconError
 from recon.glance import Glance
 from recon.window import Window
 from rig.errors import RigError
 from rig.files.scan import ScanFile
+from rig.live.film import Filming
 from rig.live.messages import Begun, Block, Message, photons_in, say
 from rig.live.state import LiveState, Subject
 
@@ -36,25 +37,63 @@ PICTURE_S, REST = 1.0, 0.25
 CATCH_UP_S, STEPS_AT_ONCE = 60.0, 64
 
 
-class Imaging:
-    """The live image of a scan: coarse while photons come, made of all positions at the end.
+class Growing:
+    """The live image of a scan of one frame: coarse while photons come, made of all positions at the end.
 
     Parameters
     ----------
     subject
         What is known of the scan.
+
+    Attributes
+    ----------
+    least_s
+        Time between two images, at least.
+    title
+        What the newest image is of.
     """
 
-    def __init__(self, subject: Subject) -> None:
-        ends = [subject.channels * end for end in subject.rounds]
-        how = subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s
-        self._channels = subject.channels
-        self.coarse, self.full = Glance(*how), GrowingPicture(*how)
+    least_s = PICTURE_S
 
-    def add(self, block: Block) -> None:
-        """Add the photons of a block."""
-        for one in (self.coarse, self.full):
+    def __init__(self, subject: Subject) -> None:
+        ends = tuple(subject.channels * end for end in subject.rounds)
+        scan = Coming(subject.capture, ends, Window(start_s=subject.fade_from_s), subject.response_s)
+        self._channels, self._steps = subject.channels, subject.steps
+        self._coarse, self._full = Glance(scan), GrowingPicture(scan)
+        self.title = ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether all positions have arrived, so that no photons will come."""
+        return self._coarse.positions == self._channels * self._steps
+
+    def add(self, block: Block) -> bool:
+        """Add the photons of a block; return whether there is something new to image."""
+        for one in (self._coarse, self._full):
             one.add_photons(block.first * self._channels, block.offset, block.photon_bins)
+        return True
+
+    def picture(self) -> Picture:
+        """Make a coarse image of what has arrived."""
+        picture = self._coarse.picture()
+        self.title = self._of("live", picture)
+        return picture
+
+    def last(self, steps: int) -> Picture | None:
+        """Make the image of all positions, with the wavelength for all of them; None if there are none."""
+        if not self._full.positions:
+            return None
+        picture = self._full.picture()
+        self.title = self._of("last", picture)
+        return picture
+
+    def trusts(self, steps: int) -> bool:
+        """Return whether it holds the photons of no more steps than these."""
+        return self._coarse.positions <= self._channels * steps
+
+    def _of(self, which: str, picture: Picture) -> str:
+        pairs = "positions" if self._channels == 1 else "pairs"
+        return f"{which} image of {picture.positions:,} {pairs}"
 
 
 class Worker:
@@ -66,16 +105,24 @@ class Worker:
         What is known before.
     inbox
         Messages; None after the last.
+
+    Attributes
+    ----------
+    done
+        Whether the last image is there, and no more will come.
+    news
+        Set where there is something that is worth drawing at once.
     """
 
     def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
         self._begun, self._inbox = begun, inbox
         self.state = LiveState(Subject.of(begun.scan.name, begun.description))
-        self._imaging: Imaging | None = None
+        self._imaging: Growing | Filming | None = None
         self._fresh = False  # photons that no image shows yet
         self._next_s = self._took_s = 0.0  # when the next image is due, and how long the newest took
         self._caught_up_s = -CATCH_UP_S
-        self.done = threading.Event()
+        self.done = False
+        self.news = threading.Event()
 
     def run(self) -> None:
         """Work until the scan is over and its last image is made."""
@@ -87,11 +134,16 @@ class Worker:
         except Exception as error:
             say(f"trouble it failed ({type(error).__name__}: {error})")
         finally:
-            self.done.set()
+            self.done = True
+            self.news.set()
 
     def _begin_imaging(self) -> None:
+        subject, begun = self.state.subject, self._begun
         try:
-            self._imaging = Imaging(self.state.subject)
+            if subject.frames > 1:
+                self._imaging = Filming(subject, begun.film, begun.folder)
+            else:
+                self._imaging = Growing(subject)
         except (ReconError, ValueError) as error:
             say(f"trouble no live image can be made ({error}); all else is shown")
 
@@ -107,8 +159,14 @@ class Worker:
                 return False
             self._take(message)
         behind_s = 0.0 if self._inbox.empty() else self._took_s  # then half of the time is for photons
-        if self._fresh and time.monotonic() >= self._next_s + behind_s:
+        whole = self._imaging is not None and self._imaging.whole
+        if self._fresh and (whole or time.monotonic() >= self._next_s + behind_s):
             self._picture()
+            if whole:  # no photons will come: what the scan does to its end need not be waited for
+                self.news.set()
+                self._last_picture(self.state.subject.steps)
+                if self._inbox.empty():  # otherwise it is drawn with what the scan has said meanwhile
+                    self.news.set()
         return True
 
     def _spare(self) -> None:
@@ -120,16 +178,16 @@ class Worker:
     def _take(self, message: Message) -> None:
         self.state(message)
         if isinstance(message, Block) and self._imaging is not None:
-            self._imaging.add(message)
-            self._fresh = True
+            self._fresh |= self._imaging.add(message)
 
     def _picture(self) -> None:
         assert self._imaging is not None
         began_s = time.monotonic()
-        self.state.show(self._imaging.coarse.picture())
+        picture = self._imaging.picture()
+        self.state.show(picture, self._imaging.title)
         self._took_s = time.monotonic() - began_s
         self._fresh = False
-        self._next_s = began_s + max(PICTURE_S, (1 + REST) * self._took_s)
+        self._next_s = began_s + max(self._imaging.least_s, (1 + REST) * self._took_s)
 
     def _catch_up(self) -> None:
         """Read what was measured and not sent from the scan file, as far as it is there."""
@@ -145,12 +203,21 @@ class Worker:
         self.state.lose()
         ended = self.state.seen().ended
         trusted = self.state.subject.steps if ended is None else ended.steps_done
-        if self._imaging and self._imaging.coarse.positions > self.state.subject.channels * trusted:
-            self._imaging = Imaging(self.state.subject)  # steps were taken back
+        if isinstance(self._imaging, Growing) and not self._imaging.trusts(trusted):
+            self._imaging, self._fresh = Growing(self.state.subject), True  # steps were taken back
             self.state.forget_photons()
         self._catch_up()
-        if self._imaging is not None and self._imaging.full.positions:
-            self.state.show(self._imaging.full.picture(), final=True)
+        if self._fresh or not self.state.seen().final:
+            self._last_picture(trusted)
+
+    def _last_picture(self, trusted: int) -> None:
+        """Make the last image, of so many steps."""
+        if self._imaging is None:
+            return
+        picture = self._imaging.last(trusted)
+        if picture is not None:
+            self.state.show(picture, self._imaging.title, final=True)
+            self._fresh = False
 
 
 def block_of(scan: ScanFile, steps: range) -> Block:
@@ -182,7 +249,7 @@ def main() -> None:
     worker = Worker(begun, inbox)
     threading.Thread(target=read, args=(source, inbox), daemon=True).start()
     threading.Thread(target=worker.run, daemon=True).start()
-    Showing(worker.state, begun, worker.done).run()
+    Showing(worker, begun).run()
 
 
 if __name__ == "__main__":

@@ -1,17 +1,21 @@
 """Where a scan that is under way is drawn: into pictures in a folder, and a window if somebody would look."""
 
 import os
+import shutil
 import sys
-import threading
 import time
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
+from typing import Protocol
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.live.figure import DPI, LiveFigure
+from rig.live.lateness import Lateness
 from rig.live.messages import Begun, say
 from rig.live.state import LiveState, Seen
 from rig.show.volume import save
@@ -28,21 +32,44 @@ NEWEST = "now.png"
 WINDOWS = ("macosx", "qtagg", "tkagg", "gtk4agg", "gtk3agg", "wxagg")
 
 
+class News(Protocol):
+    """Something that can be waited for."""
+
+    def wait(self, timeout: float) -> object:
+        """Wait until it is there, or for so many seconds."""
+        ...
+
+    def clear(self) -> None:
+        """Take it as seen."""
+        ...
+
+
+class Known(Protocol):
+    """What is known of a scan, and news of it (`rig.live.process.Worker`)."""
+
+    state: LiveState
+    done: bool
+
+    @property
+    def news(self) -> News:
+        """What is worth drawing at once."""
+        ...
+
+
 class Showing:
     """Draws the state of a scan until the scan is over.
 
     Parameters
     ----------
-    state
-        What is known.
+    known
+        What there is to show.
     begun
         Where pictures go, and whether there is to be a window.
-    done
-        Set when the last image is there.
     """
 
-    def __init__(self, state: LiveState, begun: Begun, done: threading.Event) -> None:
-        self._state, self._folder, self._done = state, begun.folder, done
+    def __init__(self, known: Known, begun: Begun) -> None:
+        self._known, self._folder = known, begun.folder
+        self._lateness = Lateness(known.state.subject)
         planned_s = begun.description.plan.exposure_total_s if begun.description.plan else 0.0
         self._dated_s = max(DATED_S, planned_s / DATED_MOST)
         self._next_dated_s = time.monotonic() + self._dated_s
@@ -52,7 +79,7 @@ class Showing:
             FigureCanvasAgg(figure)
         else:
             figure = self._window
-        self._live = LiveFigure(figure, state.subject)
+        self._live = LiveFigure(figure, known.state.subject)
         figure.canvas.mpl_connect("close_event", lambda event: self._close())
         self._failed = False
 
@@ -60,12 +87,14 @@ class Showing:
         """Draw until the last image is drawn; then until the person closes the window, if there is one."""
         if self._window is not None:
             self._window.show()
-        while not self._done.is_set():
+        while not self._known.done:
             began_s = time.monotonic()
-            self._draw(self._state.seen())
+            self._draw(self._known.state.seen())
             took_s = time.monotonic() - began_s
             self._wait(max(DRAWN_S - took_s, REST * took_s))
-        self._draw(self._state.seen(), last=True)
+        self._draw(self._known.state.seen(), last=True)
+        if words := self._lateness.words:
+            say(f"fact {words}")
         say("pictured")
         while self._window is not None:
             self._wait(1.0)
@@ -75,9 +104,15 @@ class Showing:
         if self._window is not None:
             self._window.canvas.draw_idle()
         self._write(self._folder / NEWEST)
+        self._lateness.drawn(seen, time.time())
         if last or time.monotonic() >= self._next_dated_s:
             self._next_dated_s = time.monotonic() + self._dated_s
-            self._write(self._folder / f"{datetime.now():%Y%m%d-%H%M%S}.png")
+            self._keep(self._folder / f"{datetime.now():%Y%m%d-%H%M%S}.png")
+
+    def _keep(self, path: Path) -> None:
+        """Keep the newest picture under another name."""
+        with suppress(OSError), appearing(path) as partial:
+            shutil.copyfile(self._folder / NEWEST, partial)
 
     def _write(self, path: Path) -> None:
         """Write the picture; one that cannot be written is missed, and told once."""
@@ -93,7 +128,8 @@ class Showing:
         """Wait for a while, or until the scan is over, and look after the window meanwhile."""
         until_s = time.monotonic() + duration_s
         if self._window is None:
-            self._done.wait(duration_s)
+            self._known.news.wait(duration_s)
+            self._known.news.clear()
             return
         while self._window is not None and time.monotonic() < until_s:
             try:
@@ -104,7 +140,7 @@ class Showing:
 
     def _close(self) -> None:
         """Go on without a window."""
-        if self._window is not None and not self._done.is_set():
+        if self._window is not None and not self._known.done:
             say(f"trouble its window was closed; pictures are still written to {self._folder}")
         self._window = None
 

@@ -19,6 +19,7 @@ from rig.files.description import ScanDescription
 from rig.image.until import expected, rounds_of
 from rig.live.messages import Block, Gap, Message
 from rig.model.devices import Rates
+from rig.model.sweep import planned_duration_s
 
 #: Bins of the histogram of all positions at most: more than a picture has pixels for them.
 HISTOGRAM_BINS = 1500
@@ -40,12 +41,14 @@ class Subject:
         The scan file's name, the rig's, exposure and order of the steps, and how the mirror moves.
     steps, channels
         How many there are.
+    frames, frame_s
+        How often all positions are visited, and how long that takes each time, as the plan has it.
     laser_m
-        (S, 3) laser spot of each step.
+        (P, 3) laser spot of each step of a frame.
     capture
-        Geometry and time axis of all pairs of step and channel that are to come.
+        Geometry and time axis of all pairs of step and channel that are to come in a frame.
     rounds
-        Number of steps by the end of each round.
+        Number of steps by the end of each round; of a scan of one frame.
     fade_from_s, response_s
         Rectified time before which there is the wall's own light, and the instrument's response, if known.
     gate_s
@@ -62,6 +65,8 @@ class Subject:
     motion: str
     steps: int
     channels: int
+    frames: int
+    frame_s: float
     laser_m: NDArray[np.float64]
     capture: Capture
     rounds: tuple[int, ...]
@@ -69,13 +74,20 @@ class Subject:
     response_s: float | None
     gate_s: tuple[tuple[float, float], ...]
 
+    @property
+    def frame_steps(self) -> int:
+        """Number of steps of a frame."""
+        return self.steps // self.frames
+
     @classmethod
     def of(cls, name: str, description: ScanDescription) -> "Subject":
         """Take from a scan's description what matters here."""
-        plan, state, capture = description.plan, description.state, expected(description)
+        plan, state = description.plan, description.state
         assert plan is not None
-        one = plan.passes[0]
-        alone = len(plan.passes) == 1 and one.frames == 1
+        one, frames = plan.passes[0], plan.frames
+        laser_m = description.laser_m[: description.steps // frames]
+        capture = expected(replace(description, laser_m=laser_m))
+        duration_s = plan.exposure_total_s if state is None else planned_duration_s(plan, state)
         shift_s = capture.first_bin_s - description.first_bin_s
         edges_s = [edge for edge in (description.gate_start_s, description.gate_stop_s) if edge is not None]
         return cls(
@@ -86,9 +98,11 @@ class Subject:
             motion=one.motion,
             steps=description.steps,
             channels=description.channel_count,
-            laser_m=description.laser_m,
+            frames=frames,
+            frame_s=duration_s / frames,
+            laser_m=laser_m,
             capture=capture,
-            rounds=rounds_of(plan) if alone else (description.steps,),
+            rounds=rounds_of(plan) if len(plan.passes) == 1 else (description.steps,),
             fade_from_s=description.fade_from_s,
             response_s=description.instrument_response_s,
             gate_s=tuple((float((e + shift_s).min()), float((e + shift_s).max())) for e in edges_s),
@@ -110,7 +124,9 @@ class Seen:
     warnings
         The newest, each with the first and the last step that it concerns.
     photons
-        (S,) photons of each step, NaN where it was not measured.
+        (P,) photons of each step of a frame when it was last visited, NaN where it was not measured.
+    total
+        Photons of all steps.
     histogram
         (B,) photons of all steps over time.
     histogram_edges_s
@@ -127,8 +143,8 @@ class Seen:
         How the scan ended; None while it runs.
     lost
         Whether the program that scans is gone without a word.
-    picture
-        The newest live image; None before the first.
+    picture, title
+        The newest live image, None before the first, and what it is of.
     final
         Whether it is the last one, made of all positions with the wavelength for all of them.
     """
@@ -138,6 +154,7 @@ class Seen:
     rates: Rates | None
     warnings: tuple[Noticed, ...]
     photons: NDArray[np.float64]
+    total: int
     histogram: NDArray[np.int64]
     histogram_edges_s: NDArray[np.float64]
     moments_s: NDArray[np.float64]
@@ -149,6 +166,7 @@ class Seen:
     ended: Ended | None
     lost: bool
     picture: Picture | None
+    title: str
     final: bool
 
     @property
@@ -209,8 +227,9 @@ class LiveState:
         count = min(HISTOGRAM_BINS, capture.bins)
         self._edges_s = np.linspace(first_s, last_s, count + 1)
         self._histogram = np.zeros(count, np.int64)
-        self._photons = np.full(subject.steps, np.nan)
-        self.missing = np.zeros(subject.steps, bool)
+        self._photons = np.full(subject.frame_steps, np.nan)
+        self._here, self.missing = np.zeros((2, subject.steps), bool)
+        self._total = 0
         self._history = RateHistory()
         self._phase, self._light, self._rates = "", None, None
         self._warnings: dict[str, Noticed] = {}
@@ -219,7 +238,7 @@ class LiveState:
         self._ended: Ended | None = None
         self._lost = False
         self._picture: Picture | None = None
-        self._final = False
+        self._title, self._final = "", False
 
     _light: LightChanged | None
     _rates: Rates | None
@@ -239,7 +258,7 @@ class LiveState:
                 self._phase = phase.value
             case Ready(rates=rates, warnings=warnings):
                 self._rates = rates
-                at = int(np.count_nonzero(np.isfinite(self._photons)))
+                at = int(np.count_nonzero(self._here))
                 for sentence in warnings:
                     self._warn(Noticed(sentence, at, at))
             case LightChanged():
@@ -248,8 +267,9 @@ class LiveState:
                 self._warn(message)
             case Ended(steps_done=trusted):
                 self._ended = message
-                self._photons[trusted:] = np.nan
-                self.missing[trusted:] = False
+                back = np.flatnonzero(self._here[trusted:]) + trusted
+                self._photons[back % len(self._photons)] = np.nan
+                self._here[trusted:] = self.missing[trusted:] = False
 
     def _warn(self, said: Noticed) -> None:
         before = self._warnings.pop(said.sentence, said)  # the newest come last
@@ -261,11 +281,12 @@ class LiveState:
         """Add the photons of a block."""
         steps, channels = block.steps, self.subject.channels
         of_pair = np.diff(block.offset)
-        self._photons[steps] = of_pair.reshape(-1, channels).sum(axis=1)
-        self.missing[steps] = False
+        places = np.arange(steps.start, steps.stop) % len(self._photons)
+        self._photons[places] = of_pair.reshape(-1, channels).sum(axis=1)
+        self._total += len(block.photon_bins)
+        self._here[steps], self.missing[steps] = True, False
         capture = self.subject.capture
-        pairs = slice(steps.start * channels, steps.stop * channels)
-        begins_s = np.repeat(self._begins_s[pairs], of_pair)
+        begins_s = np.repeat(self._begins_s.reshape(-1, channels)[places].ravel(), of_pair)
         times_s = begins_s + (block.photon_bins + 0.5) * capture.bin_width_s - self._edges_s[0]
         width_s = self._edges_s[1] - self._edges_s[0]
         number = np.minimum((times_s / width_s).astype(np.int64), len(self._histogram) - 1)
@@ -282,10 +303,10 @@ class LiveState:
         self._newest_s = block.when_s
         self._history.add(max(0.0, block.when_s - self._first_s), len(block.photon_bins), live_s)
 
-    def show(self, picture: Picture, *, final: bool = False) -> None:
-        """Take the newest live image."""
+    def show(self, picture: Picture, title: str, *, final: bool = False) -> None:
+        """Take the newest live image, and what it is of."""
         with self._lock:
-            self._picture, self._final = picture, final
+            self._picture, self._title, self._final = picture, title, final
 
     def lose(self) -> None:
         """Take that the program that scans is gone without a word."""
@@ -295,15 +316,15 @@ class LiveState:
     def forget_photons(self) -> None:
         """Forget all photons; what is measured is to be read from the scan file again."""
         with self._lock:
-            self.missing |= np.isfinite(self._photons)
+            self.missing |= self._here
+            self._here[:] = False
             self._photons[:] = np.nan
-            self._histogram[:] = 0
+            self._histogram[:], self._total = 0, 0
 
     def seen(self) -> Seen:
         """Return what is known now."""
         with self._lock:
-            there = np.isfinite(self._photons)
-            measured = int(np.count_nonzero(there | self.missing))
+            measured = int(np.count_nonzero(self._here | self.missing))
             left_s = None
             if self._paced:
                 passed_s = self._newest_s - self._first_s
@@ -315,6 +336,7 @@ class LiveState:
                 rates=self._rates,
                 warnings=tuple(self._warnings.values()),
                 photons=self._photons.copy(),
+                total=self._total,
                 histogram=self._histogram.copy(),
                 histogram_edges_s=self._edges_s,
                 moments_s=moments_s,
@@ -326,5 +348,6 @@ class LiveState:
                 ended=self._ended,
                 lost=self._lost,
                 picture=self._picture,
+                title=self._title,
                 final=self._final,
             )

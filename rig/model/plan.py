@@ -264,6 +264,11 @@ class ScanPlan(_Part):
         return self
 
     @property
+    def frames(self) -> int:
+        """How often all positions are visited; 1 of a plan of several passes, which differ."""
+        return self.passes[0].frames if len(self.passes) == 1 else 1
+
+    @property
     def continuous(self) -> bool:
         """Whether the mirror never stops along a line; photons are then recorded one by one."""
         return self.passes[0].motion == "continuous"

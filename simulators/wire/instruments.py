@@ -8,7 +8,7 @@ from typing import Self
 from simulators.bench import Bench
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.hydraharp import HydraHarpSimulator, Timing
+from simulators.wire.harp import HarpSimulator
 from simulators.wire.laser import KatanaHead
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.lines import LineFirmware
@@ -30,8 +30,8 @@ class SimulatedInstruments:
     laser, detector, delayer, shutter
         Make these devices; None where there is no such one, or it has no data interface. The shutter is one
         on a serial port.
-    timing, count_depth
-        Faults of the timing instrument's clock, and the largest count of its bins.
+    timing
+        Makes the timing instrument.
     wiring
         What hangs on the DAQ board.
 
@@ -43,8 +43,8 @@ class SimulatedInstruments:
         Backend for ``usb.core.find``; a detector on USB is its only device.
     detector, delayer, shutter
         The devices that were made.
-    hhlib
-        Object with the 44 HHLib functions as attributes.
+    harp
+        Object with the functions of the timing instrument's library as attributes.
     daq
         The DAQ board.
     """
@@ -57,8 +57,7 @@ class SimulatedInstruments:
         detector: Callable[[Bench], DetectorInstrument] | None = SpadInstrument,
         delayer: Callable[[Bench], LineFirmware] | None = None,
         shutter: Callable[[Bench], PortShutter] | None = None,
-        timing: Timing | None = None,
-        count_depth: int = 2**32 - 1,
+        timing: Callable[[Bench], HarpSimulator] = HarpSimulator,
         wiring: DaqWiring | None = None,
     ) -> None:
         self._bench = bench
@@ -68,8 +67,8 @@ class SimulatedInstruments:
         self.delayer = delayer(bench) if delayer else None
         self.shutter = shutter(bench) if shutter else None
         self.usb_backend = UsbBackend([self.detector] if isinstance(self.detector, SpadInstrument) else [])
-        self._harp = HydraHarpSimulator(bench, timing=timing, count_depth=count_depth)
-        self.hhlib = self._harp.functions
+        self._harp = timing(bench)
+        self.harp = self._harp.functions
         self.daq = SimulatedBoard(bench, wiring)
 
     def __enter__(self) -> Self:

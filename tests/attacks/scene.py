@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from attacks.serial_url import protocol_attacked
 from attacks.taps import Tap, TappedLibrary, TappedUsb
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
@@ -27,7 +28,7 @@ from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.daq import SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from simulators.wire.laser_head import LaserHead
 from simulators.wire.spad import SpadInstrument
 
@@ -53,7 +54,7 @@ class AttackedRig:
     galvo: GalvoBoard
     laser: LaserHead
     spad: SpadInstrument
-    harp: HydraHarpSimulator
+    harp: HarpSimulator
     usb: TappedUsb
     wires: Wires
     addresses: dict[str, str]
@@ -76,7 +77,7 @@ def attacked_rig(
     clock = BenchClock(real_time=real_time)
     bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed, clock=clock)
     galvo, laser, spad = GalvoBoard(bench), laser_head(config)(bench), SpadInstrument(bench)
-    harp, usb = HydraHarpSimulator(bench), TappedUsb([spad], tap)
+    harp, usb = HarpSimulator(bench), TappedUsb([spad], tap)
     name = str(next(_numbers))
     addresses = {
         device: protocol_attacked.attach(name, device, firmware, bench.clock, tap)
@@ -88,7 +89,7 @@ def attacked_rig(
         galvo=addresses["galvo"],
         laser=addresses["laser"],
         usb_backend=usb,
-        hhlib=lambda: HHLib(library),
+        harp=partial(HarpLibrary, library),
         daq=lambda _: board,
         clock=bench.clock,
         sync_hz=config.laser.repetition_hz,

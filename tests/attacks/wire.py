@@ -16,11 +16,14 @@ from usb.core import USBError, USBTimeoutError
 
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
+from drivers.delayers.dg645 import Dg645, Dg645Settings
+from drivers.delayers.t560 import T560, T560Settings
 from drivers.errors import DeviceError
-from drivers.hydraharp.device import HydraHarp
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.hydraharp.stream import HydraHarpStream
+from drivers.harp.device import Harp
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.settings import HarpSettings
+from drivers.harp.stream import HarpStream
 from drivers.id120 import Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
@@ -29,10 +32,12 @@ from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
+from simulators.wire.dg645 import Dg645Box
 from simulators.wire.nkt import NktMainboard
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.serial_url.protocol_sim import Firmware
-from support.hydraharp_wire import C_TYPES, DECLARED, write
+from simulators.wire.t560 import T560Box
+from support.harp_wire import C_TYPES, DECLARED, write
 from support.protocol_noise import answers, next_answer
 from support.scripted_usb import ScriptedUsb
 from support.wire_script import StepClock
@@ -176,6 +181,32 @@ def read_superk(seed: int) -> None:
         protocol_sim.detach(address)
 
 
+def delayer(name: str, box: Any, driver: Any, settings: Any) -> Attack:
+    """Return the attack on a gate delayer: set, switched on, asked, and left."""
+
+    def read(seed: int) -> None:
+        bench = Bench()
+        wire = Spoiling(box(bench), Random(seed))
+        address = protocol_sim.attach(f"attacked/{name}", wire, bench.clock)
+        told: DeviceError | None = None
+        try:
+            with driver(address, settings=settings) as opened:
+                opened.set_delay(10e-9)
+                opened.enable()
+                assert bench.light.triggered
+                opened.settings()
+        except DeviceError as problem:
+            told = problem
+        finally:
+            protocol_sim.detach(address)
+        # a gate that may go on is told
+        assert not bench.light.triggered or "RUNNING" in f"{told} {getattr(told, '__notes__', '')}"
+        if told is not None:
+            raise told
+
+    return Attack(name, lambda random: random.randrange(10**9), read, (DeviceError,))
+
+
 class NoisyUsb(ScriptedUsb):
     """A USBTMC device whose answers are given, in good frames or spoiled ones."""
 
@@ -272,11 +303,11 @@ def harp(random: Random) -> dict[str, Any]:
 
 def read_harp(given: dict[str, Any]) -> None:
     """Open, measure, ask for rates, warnings and settings."""
-    with HydraHarp(
+    with Harp(
         _library(given),
         clock=StepClock(),
         serial="1000001",
-        settings=replace(HydraHarpSettings(), bins=1024),
+        settings=replace(HarpSettings(family=HYDRAHARP_400), bins=1024),
     ) as instrument:
         instrument.measure(0.001)
         rates = instrument.rates()
@@ -289,7 +320,7 @@ def read_harp(given: dict[str, Any]) -> None:
 
 def read_stream(given: dict[str, Any]) -> None:
     """Open in time-tagged mode, and take what is recorded."""
-    with HydraHarpStream(_library(given), clock=StepClock(), serial="1000001") as stream:
+    with HarpStream(_library(given), clock=StepClock(), serial="1000001") as stream:
         stream.start(0.001)
         number = 0
         for piece in stream.pieces():
@@ -297,7 +328,7 @@ def read_stream(given: dict[str, Any]) -> None:
             number += len(piece.records)
 
 
-def _library(given: dict[str, Any]) -> HHLib:
+def _library(given: dict[str, Any]) -> HarpLibrary:
     def function(name: str) -> Any:
         def call(*arguments: Any) -> int:
             if code := given["codes"].get(name, 0):
@@ -309,7 +340,7 @@ def _library(given: dict[str, Any]) -> HHLib:
 
         return CFUNCTYPE(c_int, *(C_TYPES[c_type] for c_type in DECLARED[name]))(call)
 
-    return HHLib(SimpleNamespace(**{name: function(name) for name in DECLARED}))
+    return HarpLibrary(SimpleNamespace(**{name: function(name) for name in DECLARED}), HYDRAHARP_400)
 
 
 def spad(random: Random) -> tuple[Table, int | None]:
@@ -328,6 +359,8 @@ ATTACKS = (
         (DeviceError,),
     ),
     Attack("superk", lambda random: random.randrange(10**9), read_superk, (DeviceError,)),
+    delayer("dg645", Dg645Box, Dg645, Dg645Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
+    delayer("t560", T560Box, T560, T560Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
     Attack("detector", spad, read_spad, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),

@@ -18,7 +18,7 @@ from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from simulators.detector.first_bounce import direct_s
-from simulators.wire.hydraharp.timing import Nonlinearity
+from simulators.wire.harp.timing import Nonlinearity
 
 SEEDS = range(20)
 FAULTS = {

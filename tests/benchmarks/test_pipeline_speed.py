@@ -18,9 +18,9 @@ from time import perf_counter, sleep, thread_time
 import numpy as np
 import pytest
 
-from drivers.hydraharp.reader import QUEUE_PIECES
-from drivers.hydraharp.records import T3, Batch, Decoder, Encoder
-from drivers.hydraharp.stream import TaggedRecords
+from drivers.harp.reader import QUEUE_PIECES
+from drivers.harp.records import T3, Batch, Decoder, Encoder
+from drivers.harp.stream import TaggedRecords
 from recon.accumulate import Accumulator
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid

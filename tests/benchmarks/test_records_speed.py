@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from drivers.hydraharp.records import T3, Batch, Decoder, Encoder
+from drivers.harp.records import T3, Batch, Decoder, Encoder
 from rig.files.picoquant import read_head
 from rig.importers.tagged import Records, blocks
 from support.picoquant_files import ptu

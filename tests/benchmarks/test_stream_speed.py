@@ -9,12 +9,13 @@ from time import process_time
 import numpy as np
 import pytest
 
-from drivers.hydraharp.library import HHLib
-from drivers.hydraharp.records import T3, Decoder
-from drivers.hydraharp.settings import HydraHarpSettings
-from drivers.hydraharp.stream import HydraHarpStream
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary
+from drivers.harp.records import T3, Decoder
+from drivers.harp.settings import HarpSettings
+from drivers.harp.stream import HarpStream
 from simulators.bench import Bench, BenchGeometry, Channel, Detections
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 
 pytestmark = pytest.mark.benchmark
 
@@ -43,9 +44,9 @@ def test_ten_million_photons_a_second(benchmark, channels):
     photons = [ReadyPhotons(RATE_HZ / channels) for _ in range(channels)]
     bench = Bench(photons, BenchGeometry(channels=tuple(Channel(input=n) for n in range(channels))))
     bench.change_light(emitting=True)
-    settings = HydraHarpSettings(inputs=tuple(range(channels)))
-    with HydraHarpStream(
-        HHLib(HydraHarpSimulator(bench).functions), clock=bench.clock, settings=settings
+    settings = HarpSettings(family=HYDRAHARP_400, inputs=tuple(range(channels)))
+    with HarpStream(
+        HarpLibrary(HarpSimulator(bench).functions, HYDRAHARP_400), clock=bench.clock, settings=settings
     ) as stream:
         seconds_of(stream, 10e-3)  # compiled
         pieces_s, taken_s = [], []

@@ -1,17 +1,20 @@
 """The person at a real rig is asked in words, and only for what changes."""
 
 import io
+import re
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.acquire.connect import open_devices
+from rig.commands import operator
 from rig.commands.operator import ConsoleOperator
-from rig.errors import UsageError
+from rig.errors import InterruptedScanError, RefusedError, UsageError
 from rig.model.config import built_in
-from rig.model.devices import Board, Preparation
+from rig.model.devices import Board, Preparation, Request
 
 
 class Terminal(io.StringIO):
@@ -76,3 +79,78 @@ def test_a_rig_of_several_channels_is_calibrated_channel_by_channel(rig):
     done = rig("calibrate", "irf", "--config", "two.toml")
     assert done.code == 2
     assert "measured with one channel, 2 are configured" in done.err
+
+
+BIAS = Request("detector", "Set the detector: bias on", {"biased": True})
+DARKNESS = Request("laser", "Switch the laser OFF, now", {"emitting": False}, urgent=True)
+
+
+class Waiting(Terminal):
+    """A terminal at which nobody types anything."""
+
+    def __init__(self):
+        super().__init__("")
+        self._never = threading.Event()
+
+    def readline(self, *_):
+        self._never.wait(20.0)
+        return ""
+
+
+def test_what_is_set_by_hand_is_asked_for_until_there_is_an_answer(typed, capsys):
+    terminal = typed("what?\n\nY\n")
+    answer = ConsoleOperator().set_by_hand(BIAS)
+    assert terminal.read() == ""
+    assert re.fullmatch(r"a person, at \d{4}-\d\d-\d\dT\d\d:\d\d:\d\d.*", answer)
+    assert capsys.readouterr().err.count("Set the detector: bias on. Done? (y/n)") == 3
+
+
+def test_a_no_is_a_refusal(typed):
+    typed("n\n")
+    with pytest.raises(RefusedError, match="you said no to this: Set the detector: bias on"):
+        ConsoleOperator().set_by_hand(BIAS)
+
+
+def test_the_end_of_what_is_typed_is_nobody(typed, capsys):
+    typed("")
+    with pytest.raises(UsageError, match=r"nobody answered.*--yes answers for scripts"):
+        ConsoleOperator().set_by_hand(BIAS)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_stop_ends_a_question(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", Waiting())
+    stops = iter([False, False, True])
+    with pytest.raises(InterruptedScanError, match="stopped at the question"):
+        ConsoleOperator(lambda: next(stops)).set_by_hand(BIAS)
+
+
+def test_a_stop_does_not_end_the_question_for_darkness(monkeypatch, capsys):
+    """Ctrl-C asks for darkness, too; what ends this question is an answer, or pulses that end."""
+    monkeypatch.setattr(sys, "stdin", Waiting())
+    looks = iter([False, False, True])
+    answer = ConsoleOperator(lambda: True).set_by_hand(DARKNESS, lambda: next(looks))
+    assert answer.startswith("seen by the program at ")
+    assert "SWITCH THE LASER OFF, NOW" in capsys.readouterr().err
+
+
+def test_yes_answers_what_is_set_and_says_that_it_was_no_person(typed, capsys):
+    terminal = typed("n\n")
+    answer = ConsoleOperator(yes=True).set_by_hand(BIAS)
+    assert terminal.read() == "n\n"
+    assert answer.startswith("--yes, at ")
+    assert answer.endswith("and no person")
+    assert "Set the detector: bias on: taken as done (--yes)." in capsys.readouterr().err
+
+
+def test_yes_never_says_that_a_laser_is_off(monkeypatch):
+    monkeypatch.setattr(operator, "SILENCE_S", 0.3)
+    with pytest.raises(UsageError, match="nobody was asked"):
+        ConsoleOperator(yes=True).set_by_hand(DARKNESS)
+    looks = iter([False, True])
+    assert ConsoleOperator(yes=True).set_by_hand(DARKNESS, lambda: next(looks)).startswith("seen by")
+
+
+def test_what_must_not_be_missed_is_a_warning(capsys):
+    ConsoleOperator().tell("The detector stays biased.")
+    assert "warning: The detector stays biased." in capsys.readouterr().err

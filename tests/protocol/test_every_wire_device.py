@@ -15,6 +15,8 @@ DEVICES = {
     "laser_nkt": devices.Laser,
     "spad": devices.GatedSpad,
     "mpd": devices.GatedSpad,
+    "dg645": devices.GateDelayer,
+    "t560": devices.GateDelayer,
 }
 
 

@@ -4,10 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.hydraharp.library import PROTOTYPES, HHLib
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary, prototypes
 from drivers.lines.listening import listening
 from simulators.bench import Bench
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from support.simulated_rig import simulated_rig
 from support.wire_script import read_transcript
 
@@ -68,7 +69,7 @@ def test_transfers_of_usb(rig):
 def test_calls_of_a_library_with_what_they_wrote():
     heard = Heard()
     with listening(heard):
-        library = HHLib(HydraHarpSimulator(Bench()).functions)
+        library = HarpLibrary(HarpSimulator(Bench()).functions, HYDRAHARP_400)
     library.open_device(0)
     with pytest.raises(Exception, match="NOT_INITIALIZED"):
         library.get_features(0)
@@ -89,7 +90,8 @@ class Function:
 
 
 def test_types_are_set_on_the_library_s_own_function():
-    functions = SimpleNamespace(**{name: Function() for name in PROTOTYPES})
+    expected = {f"HH_{name}": types for name, types in prototypes(HYDRAHARP_400).items()}
+    functions = SimpleNamespace(**{name: Function() for name in expected})
     with listening(Heard()):
-        HHLib(functions)
-    assert {name: one.argtypes for name, one in vars(functions).items()} == PROTOTYPES
+        HarpLibrary(functions, HYDRAHARP_400)
+    assert {name: one.argtypes for name, one in vars(functions).items()} == expected

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon import defaults
-from recon.accumulate import Accumulator, GrowingPicture, likeness
+from recon.accumulate import Accumulator, Coming, GrowingPicture, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
 from recon.imaging import image
@@ -84,7 +84,7 @@ def test_a_position_that_comes_twice_is_added_up():
 
 def test_the_wavelength_of_the_moment_gets_shorter():
     capture = hidden_points()
-    growing = GrowingPicture(capture, (40, 80, 160), Window(), 65e-12)
+    growing = GrowingPicture(Coming(capture, (40, 80, 160), Window(), 65e-12))
     counts = capture.histograms.counts
     positions, wavelengths_m, fronts = [], [], []
     for first in range(0, 160, 20):
@@ -163,7 +163,7 @@ def test_photons_of_a_position_that_comes_twice_in_one_portion_are_added_up():
 def test_a_picture_grows_from_photons_as_from_histograms():
     capture = hidden_points()
     counts = capture.histograms.counts
-    dense, sparse = (GrowingPicture(capture, (40, 80, 160), Window(), 65e-12) for _ in range(2))
+    dense, sparse = (GrowingPicture(Coming(capture, (40, 80, 160), Window(), 65e-12)) for _ in range(2))
     for first in range(0, 160, 20):
         dense.add(first, counts[first : first + 20])
         sparse.add_photons(first, *photons_of(counts[first : first + 20]))

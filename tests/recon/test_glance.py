@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon import defaults
-from recon.accumulate import likeness
+from recon.accumulate import Coming, likeness
 from recon.capture import ArrayHistograms, Capture
 from recon.glance import Cells, Glance
 from recon.imaging import image
@@ -63,7 +63,7 @@ def test_a_detector_spot_of_its_own_has_cells_of_its_own():
 def test_its_image_is_like_the_usual_one_of_its_wavelength():
     begins_s = np.random.default_rng(1).uniform(-5e-10, 5e-10, 90 * 60)
     capture = capture_of(wall(90, 60, 0.01), begins_s)
-    glance = Glance(capture, [capture.positions], Window(), 65e-12)
+    glance = Glance(Coming(capture, (capture.positions,), Window(), 65e-12))
     add(glance, capture, 0, capture.positions)
     picture = glance.picture()
     assert picture.positions == capture.positions
@@ -78,7 +78,7 @@ def test_what_was_visited_more_often_is_no_brighter():
     column, row = np.tile(np.arange(40), 30), np.repeat(np.arange(30), 40)
     even = (column % 2 == 0) & (row % 2 == 0)
     capture = capture_of(laser_m[np.argsort(~even, kind="stable")])
-    glance = Glance(capture, [300, 1200], Window(), 65e-12)
+    glance = Glance(Coming(capture, (300, 1200), Window(), 65e-12))
     add(glance, capture, 0, 300)
     before = glance.picture()
     add(glance, capture, 300, 750)
@@ -96,7 +96,7 @@ def test_what_was_visited_more_often_is_no_brighter():
 
 def test_part_of_a_raster_shows_what_its_aperture_resolves():
     capture = capture_of(wall(60, 40, 0.015))
-    glance = Glance(capture, [capture.positions], Window(), 65e-12)
+    glance = Glance(Coming(capture, (capture.positions,), Window(), 65e-12))
     add(glance, capture, 0, capture.positions // 2)
     picture = glance.picture()
     column = picture.front.max(axis=0)  # lines go along x: it is resolved from the beginning

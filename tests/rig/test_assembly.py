@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.hydraharp.records import Batch
-from drivers.hydraharp.stream import TaggedRecords
+from drivers.harp.records import Batch
+from drivers.harp.stream import TaggedRecords
 from rig.acquire.assembly import Assembler, LineFailed, LineRead, Timing
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan

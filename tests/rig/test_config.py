@@ -28,6 +28,19 @@ def test_the_lab_example_names_real_devices():
     assert config.scan.exposure_s == 1.0
 
 
+def test_the_example_without_interfaces_asks_a_person_for_laser_and_detector():
+    config = load(CONFIGS / "external.toml")
+    assert (config.laser.kind, config.detector.kind, config.galvo.kind) == (
+        "external",
+        "external",
+        "analogue",
+    )
+    assert config.shutter is not None
+    assert config.shutter.place == "Dev1 port1/line0"
+    assert config.laser.repetition_hz == 10e6
+    assert len(config.unverified) == 2
+
+
 def test_all_problems_are_named_at_once(tmp_path):
     text = '[galvo]\nadress = "x"\n[scan]\nexposure = 10\nspacing = "3kg"\n[simulation]\nseed = -1\n'
     with pytest.raises(ConfigError) as caught:
@@ -52,7 +65,10 @@ def test_all_problems_are_named_at_once(tmp_path):
         ("[simulation]\n[tcspc]\nsync_divider = 3\n", r"tcspc\.sync_divider"),
         ("[simulation]\n[tcspc]\nbinz = 3\n", r"unknown key 'tcspc\.binz'; did you mean 'bins'"),
         ('[simulation]\ngloss = "phong"\n', "simulation.gloss"),
-        ('[simulation]\n[tcspc]\nkind = "x"\n', "there is no kind x; choose among 'hydraharp', 'playback'"),
+        (
+            '[simulation]\n[tcspc]\nkind = "x"\n',
+            "there is no kind x; choose among 'hydraharp', 'multiharp', .*'playback'",
+        ),
         ('[simulation]\n[tcspc]\nkind = "playback"\n', r"tcspc\.file"),
         ("[simulation]\n[[channels]]\n[[channels]]\n", "channels: two have the name spad"),
         ("[simulation]\n[[channels]]\nspott = 1\n", "did you mean 'spot'"),

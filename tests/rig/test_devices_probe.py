@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from drivers.lines.listening import listening
 from rig.acquire.probing.private import Placeholders
 from rig.acquire.probing.run import ask_all, private_of
@@ -25,7 +25,7 @@ from rig.model.config import DaqClockConfig, RigConfig, load
 from rig.model.config.kinds import ROLES
 from simulators.wire.daq import DaqWiring, SimulatedBoard
 from simulators.wire.dg645 import Dg645Box
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import FAMILIES, HarpSimulator
 from simulators.wire.laser import Katana08Head
 from simulators.wire.mpd import MpdModule
 from simulators.wire.nkt import NktMainboard
@@ -92,6 +92,9 @@ def rig_on_bench():
         yield rig
 
 
+HARPS = ("hydraharp", "multiharp", "picoharp330", "timeharp260", "hydraharp500")
+
+
 def wires_to(rig, at=None):
     address = rig.plug_in("probed", at) if isinstance(at, type) else rig.laser_address
     board = SharedBoard(SimulatedBoard(rig.bench, DaqWiring((), None)))
@@ -102,10 +105,14 @@ def wires_to(rig, at=None):
         delayer=address,
         sync_hz=10e6,
         usb_backend=rig.usb,
-        hhlib=lambda: HHLib(HydraHarpSimulator(rig.bench).functions),
+        harp=lambda family: HarpLibrary(HarpSimulator(rig.bench, simulated(family)).functions, family),
         daq=lambda device: board,
         clock=rig.bench.clock,
     )
+
+
+def simulated(family):
+    return next(one for one in FAMILIES.values() if one.prefix == family.prefix)
 
 
 def section_of(section, kind):
@@ -437,10 +444,13 @@ JUDGED = {
     ),
     "t560-trigger": ({"TRIGGER": "POS"}, {"TRIGGER": "1"}),
     "t560-divider": ({"TDIV": "1"}, {"TDIV": "??"}),
-    "hydraharp-not-initialized": (
-        {"HH_GetFeatures(0)": "!NOT_INITIALIZED", "HH_GetLibraryVersion": "3.0"},
-        {"HH_GetFeatures(0)": "7", "HH_GetLibraryVersion": "3.0"},
-    ),
+    **{
+        f"{kind}-not-initialized": (
+            {f"{prefix}_GetFeatures(0)": "!NOT_INITIALIZED", f"{prefix}_GetLibraryVersion": "3.0"},
+            {f"{prefix}_GetFeatures(0)": "7", f"{prefix}_GetLibraryVersion": "3.0"},
+        )
+        for kind, prefix in zip(HARPS, ("HH", "MH", "PH330", "TH260", "HH500"), strict=True)
+    },
     "daq-lines": (
         {"fastest, lines": "10000000 Hz"},
         {"fastest, lines": "!-200452", "identity": "NI USB-6009"},
@@ -486,7 +496,8 @@ def test_each_fact_is_about_a_question_that_is_asked(rig_on_bench):
         rig_on_bench.heads.clear()
         protocol_sim.detach("sim://test/probed")
     wires = wires_to(rig_on_bench)
-    for section, kind in (("tcspc", "hydraharp"), ("point_clock", "daq"), ("galvo", "analogue")):
+    harps = [("tcspc", kind) for kind in HARPS]
+    for section, kind in (*harps, ("point_clock", "daq"), ("galvo", "analogue")):
         settings = DaqClockConfig() if section == "point_clock" else section_of(section, kind)
         asked |= {(section, kind, one.question) for one in QUESTIONS[section, kind](settings, wires)}
     assert {(fact.section, fact.kind, fact.settled_by) for fact in FACTS} <= asked

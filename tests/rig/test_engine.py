@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from drivers.hydraharp.device import Exposure, Rates
+from drivers.harp.device import Exposure, Rates
 from rig.acquire.engine import Devices, ScanEngine
 from rig.acquire.events import Ended, LineDone, Outcome, Phase, PhaseChanged, StepDone
 from rig.errors import RefusedError

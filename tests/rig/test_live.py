@@ -13,13 +13,14 @@ import pytest
 from matplotlib.image import imread
 from test_until import description
 
-from recon.accumulate import GrowingPicture
+from recon.accumulate import Coming, GrowingPicture
 from recon.window import Window
 from rig.acquire.acquisition import Watch, acquire
 from rig.acquire.events import Ended, LightChanged, Noticed, Outcome, StepDone
 from rig.files import ScanFile
 from rig.live import feed as live_feed
 from rig.live.feed import LiveFeed, Outbox, folder_of
+from rig.live.lateness import Lateness
 from rig.live.messages import Begun, Block, Gap
 from rig.live.process import STEPS_AT_ONCE, Worker, block_of
 from rig.model.config import built_in
@@ -61,7 +62,8 @@ def worked(started, messages):
         inbox.put(message)
     worker = Worker(started, inbox)
     worker.run()
-    assert worker.done.is_set()
+    assert worker.done
+    assert worker.news.is_set()
     return worker
 
 
@@ -69,9 +71,8 @@ def usual_picture(path):
     """The picture of all positions of a file, from its histograms."""
     with ScanFile(path) as scan:
         capture, rounds = scan.capture(), scan.plan.passes[0].positions.rounds
-        growing = GrowingPicture(
-            capture, rounds, Window(start_s=scan.fade_from_s), scan.instrument_response_s
-        )
+        window = Window(start_s=scan.fade_from_s)
+        growing = GrowingPicture(Coming(capture, rounds, window, scan.instrument_response_s))
         for positions, counts in capture.histograms.blocks():
             growing.add(positions.start, np.asarray(counts))
         return growing.picture()
@@ -90,6 +91,45 @@ def test_the_last_image_is_the_usual_one_of_all_positions(scanned, tmp_path):
     np.testing.assert_array_equal(seen.picture.grid.z_m, usual.grid.z_m)
     # sums of some thousand photons in single precision, in another order
     np.testing.assert_allclose(seen.picture.front, usual.front, atol=1e-4 * float(usual.front.max()))
+
+
+class Watched(queue.Queue):
+    """An inbox that tells what was known each time that a message was taken."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = []
+
+    def get(self, *arguments, **named):
+        self.seen.append(self.worker.state.seen())
+        return super().get(*arguments, **named)
+
+
+def test_the_last_image_does_not_wait_for_the_end_of_the_scan(scanned, tmp_path):
+    """All positions are there before the laser is dark: it is made then, once, and none is made after it."""
+    parts, inbox = blocks(scanned), Watched()
+    steps = parts[-1].steps.stop
+    for message in (*parts, LightChanged(False, "2026-11-27T15:00:00+00:00"), complete(steps), None):
+        inbox.put(message)
+    inbox.worker = Worker(begun(scanned, tmp_path), inbox)
+    inbox.worker.run()
+    *_, dark, ended, last = inbox.seen
+    assert (dark.final, dark.ended, dark.picture.positions) == (True, None, steps)
+    assert ended.picture is last.picture is inbox.worker.state.seen().picture
+
+
+def test_how_late_pictures_of_all_positions_are_is_told(scanned, tmp_path):
+    """By the first drawing of each, from the newest photon; what was not whole does not count."""
+    parts = [replace(one, when_s=1000.0 + number) for number, one in enumerate(blocks(scanned))]
+    state = worked(begun(scanned, tmp_path), [*parts, complete(parts[-1].steps.stop)]).state
+    late, seen = Lateness(state.subject), state.seen()
+    assert seen.newest_s == parts[-1].when_s
+    part = replace(seen.picture, positions=seen.picture.positions - 1)
+    late.drawn(replace(seen, picture=part, final=False), seen.newest_s - 3.0)
+    assert late.words == ""
+    for after_s, final in ((0.9, False), (1.9, False), (3.5, True), (4.0, True)):
+        late.drawn(replace(seen, final=final), seen.newest_s + after_s)
+    assert late.words == "the last photon was seen in its pictures: coarse after 0.9 s, fine after 3.5 s"
 
 
 def test_what_was_not_sent_is_read_from_the_scan_file(scanned, tmp_path):
@@ -245,5 +285,7 @@ def test_the_commands_show_a_scan_and_its_resumption(tmp_path):
     command = [sys.executable, "-m", "rig", "resume", "a.h5", "--live", "--json"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.count("schema_version") == 1
-    assert "live view" not in done.stderr
+    assert "warning" not in done.stderr
+    assert done.stderr.count("live view: ") == 1
+    assert "live view: the last photon was seen in its pictures: " in done.stderr
     assert newest.read_bytes() != before

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from drivers.hydraharp.records import T3, Batch, Encoder
+from drivers.harp.records import T3, Batch, Encoder
 from rig.errors import DataFileError, UsageError
 from rig.exporters import export
 from rig.files import ScanDescription, ScanFile, ScanWriter

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivers.hydraharp.records import T3, Batch, Decoder, Encoder
-from drivers.hydraharp.stream import TaggedRecords
+from drivers.harp.records import T3, Batch, Decoder, Encoder
+from drivers.harp.stream import TaggedRecords
 from rig.acquire.acquisition import Watch, acquire, interrupted, resume
 from rig.acquire.assembly import Assembler, LineRead, Timing
 from rig.acquire.events import LineDone

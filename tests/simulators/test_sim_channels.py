@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drivers.hydraharp.library import HHLib, histogram_buffers
+from drivers.harp.families import HYDRAHARP_400
+from drivers.harp.library import HarpLibrary, histogram_buffers
 from simulators.bench import Bench, BenchGeometry, Channel, LightState, no_detections
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
@@ -14,7 +15,7 @@ from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
 from simulators.transport.renderer import Transport
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 from support.exact_light import EXACT
 
 OPTICS = Optics(stray_per_pulse=0, pulse_fwhm_s=0, power_w=5.0)
@@ -47,8 +48,8 @@ def lit(photons, geometry, seed=0):
 
 def histograms(bench, exposure_ms, bins):
     """Counts (inputs, bins of 16 ps) of one measurement, by the C functions alone."""
-    simulator = HydraHarpSimulator(bench)
-    library = HHLib(simulator.functions)
+    simulator = HarpSimulator(bench)
+    library = HarpLibrary(simulator.functions, HYDRAHARP_400)
     library.open_device(0)
     library.initialize(0, 0, 0)
     library.calibrate(0)
@@ -57,7 +58,7 @@ def histograms(bench, exposure_ms, bins):
     bench.clock.sleep(exposure_ms / 1000)
     library.stop_meas(0)
     counts = np.zeros((library.get_num_of_input_channels(0), bins), np.uint32)
-    (buffer,) = histogram_buffers(1)
+    (buffer,) = histogram_buffers(1, 65536)
     for at_input, row in enumerate(counts):
         library.get_histogram(0, at_input, buffer)
         row[:] = np.frombuffer(buffer, np.uint32, bins)
@@ -89,8 +90,8 @@ def test_each_input_counts_the_transient_of_its_channels_spot(letters):
 def test_the_inputs_rates_are_those_of_the_channels(letters):
     geometry = BenchGeometry(channels=ROW)
     bench = lit(pixels(letters, geometry), geometry)
-    simulator = HydraHarpSimulator(bench)
-    library = HHLib(simulator.functions)
+    simulator = HarpSimulator(bench)
+    library = HarpLibrary(simulator.functions, HYDRAHARP_400)
     library.open_device(0)
     library.initialize(0, 0, 0)
     bench.clock.sleep(0.2)
@@ -158,8 +159,8 @@ def test_a_full_bin_of_one_input_stops_all_of_them():
 
     geometry = BenchGeometry(channels=(Channel(input=0), Channel(input=1)))
     bench = lit([Steady(100), Steady(40)], geometry)
-    simulator = HydraHarpSimulator(bench)
-    library = HHLib(simulator.functions)
+    simulator = HarpSimulator(bench)
+    library = HarpLibrary(simulator.functions, HYDRAHARP_400)
     library.open_device(0)
     library.initialize(0, 0, 0)
     library.calibrate(0)
@@ -168,7 +169,7 @@ def test_a_full_bin_of_one_input_stops_all_of_them():
     bench.clock.sleep(0.01)
     library.stop_meas(0)
     assert library.get_elapsed_meas_time(0) == pytest.approx(5.0)
-    (buffer,), counted = histogram_buffers(1), []
+    (buffer,), counted = histogram_buffers(1, 65536), []
     for at_input in (0, 1):
         library.get_histogram(0, at_input, buffer)
         counted.append(int(np.frombuffer(buffer, np.uint32).sum()))

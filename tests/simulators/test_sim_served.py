@@ -16,7 +16,7 @@ pytest.importorskip("termios", reason="pseudo-terminals are POSIX")
 
 from simulators.bench import MARK_S, Bench, Detections, Mark, Syncs
 from simulators.clock import BenchClock
-from simulators.wire.hydraharp import Timing
+from simulators.wire.harp import Timing
 from simulators.wire.served.change_log import ChangeLog
 from simulators.wire.served.detector import DetectorLine
 from simulators.wire.served.server import BenchServer

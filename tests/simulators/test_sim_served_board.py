@@ -17,7 +17,7 @@ from drivers.errors import DeviceNotFoundError, LimitError, LinkError, RefusedEr
 from rig.bench.reached import board_at
 from simulators.bench import Bench
 from simulators.wire.daq import STEP_V, DaqWiring, SimulatedBoard
-from simulators.wire.hydraharp import Timing
+from simulators.wire.harp import Timing
 from simulators.wire.served import NO_REQUEST
 from simulators.wire.served.board import BoardAnswers, ServedBoard
 from simulators.wire.served.server import BenchServer

@@ -4,9 +4,9 @@
 HANGING = """
 import ctypes, sys, time
 from rig.__main__ import main
-from simulators.wire.hydraharp import HydraHarpSimulator
+from simulators.wire.harp import HarpSimulator
 
-made = HydraHarpSimulator.__init__
+made = HarpSimulator.__init__
 
 
 def hanging(self, *arguments, **options):
@@ -22,7 +22,7 @@ def hanging(self, *arguments, **options):
     self.functions.HH_StartMeas = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)(start)
 
 
-HydraHarpSimulator.__init__ = hanging
+HarpSimulator.__init__ = hanging
 sys.argv[0] = "rig"
 main()
 """

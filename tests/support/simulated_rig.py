@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 
+from drivers.delayers.dg645 import Dg645, Dg645Settings
 from drivers.delayers.psd import PsdDelayer, PsdSettings
+from drivers.delayers.t560 import T560, T560Settings
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
@@ -15,6 +17,7 @@ from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
 from simulators.bench import Bench
+from simulators.wire.dg645 import Dg645Box
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.laser import Katana08Head, KatanaHead
 from simulators.wire.lines import LineFirmware
@@ -23,6 +26,7 @@ from simulators.wire.nkt import NktMainboard
 from simulators.wire.psd import PsdFirmware
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.spad import SpadInstrument
+from simulators.wire.t560 import T560Box
 from simulators.wire.usb import UsbBackend
 
 
@@ -100,6 +104,14 @@ class Rig:
         settings = PsdSettings(**settings_in(options, PsdSettings))
         address = self.plug_in("psd", PsdFirmware)
         return PsdDelayer(address, clock=self.bench.clock, settings=settings, **options)
+
+    def dg645(self, **options) -> Dg645:
+        settings = Dg645Settings(**{"pulse_width_s": 20e-9, "repetition_hz": 5e6, **options})
+        return Dg645(self.plug_in("dg645", Dg645Box), settings=settings)
+
+    def t560(self, **options) -> T560:
+        settings = T560Settings(**{"pulse_width_s": 15e-9, "repetition_hz": 10e6, **options})
+        return T560(self.plug_in("t560", T560Box), settings=settings)
 
     def unplug_all(self) -> None:
         self.unplugged = True

@@ -1,7 +1,9 @@
 """The wires of instruments that are simulated in this process."""
 
+from functools import partial
+
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from rig.devices.kinds import Wires
 from rig.model.config import RigConfig
 from simulators.bench import Bench
@@ -17,7 +19,7 @@ def wires_to(config: RigConfig, bench: Bench, instruments: SimulatedInstruments)
         detector=instruments.detector_url,
         delayer=instruments.delayer_url,
         usb_backend=instruments.usb_backend,
-        hhlib=lambda: HHLib(instruments.hhlib),
+        harp=partial(HarpLibrary, instruments.harp),
         daq=lambda device: board,
         clock=bench.clock,
         sync_hz=config.laser.repetition_hz,

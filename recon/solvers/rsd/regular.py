@@ -25,6 +25,7 @@ voxels of a plane are read at one moment, as in confocal data, the sum is taken 
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 from threading import Lock, local
 
@@ -129,9 +130,10 @@ class LatticePropagator(Propagator):
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
-        for index in range(len(self._walls)):
-            self._walls[index] = self._transform(index, cpu_count() or 1)
         self._threads = local()
+        with ThreadPoolExecutor(cpu_count() or 1) as threads:
+            for index, wall in enumerate(threads.map(self._transform, range(len(self._walls)))):
+                self._walls[index] = wall
 
     def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return the wall's transforms of what lattice points emit, for `show`.
@@ -290,13 +292,15 @@ class LatticePropagator(Propagator):
         """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""
         if index < len(self._walls):
             return self._walls[index]
-        return self._transform(index, 1)
+        return self._transform(index)
 
-    def _transform(self, index: int, threads: int) -> NDArray[np.complex64]:
-        """Put positions on the lattice, and transform."""
+    def _transform(self, index: int) -> NDArray[np.complex64]:
+        """Put positions on the lattice, and transform: along x only the rows that emit."""
         scale = np.float32(1 / (self._y.length * self._x.length))  # the inverse FFT's
-        wall = _put(self._aperture, self._emitted[index] * scale, self._y, self._x)
-        return c2c(wall, out=wall, nthreads=threads)
+        rows = _put(self._aperture, self._emitted[index] * scale, self._y, self._x)
+        wall = np.zeros((self._y.length, self._x.length), np.complex64)
+        wall[self._y.wall] = c2c(rows, axes=(1,), out=rows, nthreads=1)
+        return c2c(wall, axes=(0,), out=wall, nthreads=1)
 
     def _rows(self, work: Workspace) -> NDArray[np.complex64]:
         """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
@@ -350,13 +354,13 @@ def aperture(capture: Capture) -> Aperture:
 def _put(
     aperture: Aperture, emitted: NDArray[np.complex64], y: AxisPlan, x: AxisPlan
 ) -> NDArray[np.complex64]:
-    """Put what each position emits, (P,), on the lattice: (y.length, x.length)."""
+    """Put what each position emits, (P,), on the lattice's rows that emit: (rows, x.length)."""
     grid = np.zeros((aperture.y.count, aperture.x.count), np.complex64)
     np.add.at(grid.reshape(-1), aperture.row * aperture.x.count + aperture.column, emitted)
     grid = _spread(y, _spread(x, grid.T).T)
-    lattice = np.zeros((y.length, x.length), np.complex64)
-    lattice[np.ix_(y.wall, x.wall)] = grid
-    return lattice
+    rows = np.zeros((len(y.wall), x.length), np.complex64)
+    rows[:, x.wall] = grid
+    return rows
 
 
 def _take(

@@ -13,13 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
 from rig.calibrate.counting.afterpulses import USUAL_DECAY_S, Record, expected, fitted, fitted_alone
 from rig.calibrate.raw import Raw, origin, reading
-from rig.calibrate.routine import Routine, changed, recorded
+from rig.calibrate.routine import Routine, changed, histogram_limits, recorded
 from rig.model.calibrations.kinds import DarkRates
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -77,7 +76,7 @@ class DarkRoutine(Routine[DarkRates]):
         """Return a free-running detector, and bins over the whole time between slow pulses."""
         slow = changed(config, detector={"gated": False}, laser={"repetition_hz": self.repetition_hz})
         period_s = RigState(slow).sync_period_s
-        width_s = LIMITS.bin_width_covering(period_s, finest_s=64e-12)
+        width_s = histogram_limits(config).bin_width_covering(period_s, finest_s=64e-12)
         bins = int(np.ceil(period_s / width_s - 1e-6))
         return changed(slow, tcspc={"offset_s": 0.0, "bin_width_s": width_s, "bins": bins})
 

@@ -15,14 +15,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
 from rig.calibrate.gate.edge import MIDDLE, Edge, fitted_at, part_error
 from rig.calibrate.gate.sweep import Sweep, nearest_after_s, open_gate_bounces, read_sweep, smooth_arrivals
 from rig.calibrate.raw import origin, reading
-from rig.calibrate.routine import Routine, changed, histogram_settings, recorded
+from rig.calibrate.routine import Routine, changed, histogram_limits, histogram_settings, recorded
 from rig.calibrate.timing.peaks import FWHM_PER_SIGMA
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
@@ -75,7 +74,7 @@ class GateRoutine(Routine[GateOpening]):
     def setup(self, config: RigConfig) -> RigConfig:
         """Return a gated detector, and bins over the whole time between pulses."""
         period = RigState(config).sync_period_s
-        width_s = LIMITS.bin_width_covering(period, finest_s=8e-12)
+        width_s = histogram_limits(config).bin_width_covering(period, finest_s=8e-12)
         return changed(
             config,
             detector={"gated": True, "gate_delay_s": 0.0, "gate_width_s": period - CLOSED_S},

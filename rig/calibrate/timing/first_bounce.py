@@ -7,12 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from drivers.hydraharp.limits import LIMITS
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, require
 from rig.calibrate.raw import Raw
-from rig.calibrate.routine import K, Routine, changed, histogram_settings, recorded
+from rig.calibrate.routine import K, Routine, changed, histogram_limits, histogram_settings, recorded
 from rig.calibrate.timing import peaks
 from rig.errors import CalibrationError
 from rig.model.config import RigConfig
@@ -27,7 +26,8 @@ MAX_GATED_PER_PULSE = 0.2
 def free_running(config: RigConfig) -> RigConfig:
     """Return a configuration in which the detector runs free and the histogram holds the whole period."""
     period_s = 1 / config.laser.repetition_hz
-    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), LIMITS.max_bins)
+    most = histogram_limits(config).max_bins
+    bins = min(ceil(period_s / histogram_settings(config).bin_width_s - 1e-6), most)
     return changed(config, detector={"gated": False}, tcspc={"offset_s": 0.0, "bins": bins})
 
 

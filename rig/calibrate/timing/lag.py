@@ -13,7 +13,7 @@ from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
 from rig.calibrate.raw import Raw, origin, reading
-from rig.calibrate.routine import Routine, changed, recorded
+from rig.calibrate.routine import Routine, changed, histogram_limits, recorded
 from rig.calibrate.timing.first_bounce import first_bounces, free_running, mirror_rad
 from rig.errors import CalibrationError
 from rig.files.scan import ScanFile
@@ -268,7 +268,8 @@ class LagRoutine(Routine[MirrorLag]):
 
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the detector free running, and a mirror that is taken to follow at once."""
-        wide = changed(config, tcspc={"bin_width_s": BIN_WIDTH_S}, galvo={"lag_s": 0.0})
+        width_s = histogram_limits(config).bin_width_covering(0.0, finest_s=BIN_WIDTH_S)
+        wide = changed(config, tcspc={"bin_width_s": width_s}, galvo={"lag_s": 0.0})
         return free_running(wide)
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:

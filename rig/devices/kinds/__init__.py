@@ -11,7 +11,7 @@ from rig.devices.kinds.kind import Kind, Kinds
 from rig.devices.kinds.lasers import LASERS
 from rig.devices.kinds.point_clocks import POINT_CLOCKS
 from rig.devices.kinds.shutters import SHUTTERS
-from rig.devices.kinds.timing import TIMING, TimingKind, time_axis, timing_limits
+from rig.devices.kinds.timing import TIMING, Tagging, TimingKind, time_axis, timing_limits
 from rig.devices.kinds.wires import Wires
 from rig.model.config import RigConfig
 
@@ -25,6 +25,7 @@ __all__ = [
     "TIMING",
     "Kind",
     "Kinds",
+    "Tagging",
     "TimingKind",
     "Wires",
     "check_settings",

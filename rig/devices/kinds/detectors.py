@@ -59,7 +59,7 @@ def _ask_hold_off(operator: Operator, hold_off_s: float) -> None:
 
 def open_external_detector(config: ExternalDetectorConfig, wires: Wires) -> AbstractContextManager[GatedSpad]:
     """Return a detector that a person sets, to be entered."""
-    return DetectorByHand(config, wires.operator)
+    return DetectorByHand(config, wires.operator, delayed=wires.gate_delayed)
 
 
 DETECTORS: Kinds[Kind[GatedSpad]] = Kinds(

@@ -5,21 +5,24 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from drivers.hydraharp.device import HydraHarp
-from drivers.hydraharp.limits import LIMITS as HYDRAHARP_LIMITS
-from drivers.hydraharp.settings import HydraHarpSettings, Markers
-from drivers.hydraharp.stream import QUEUE_PIECES, HydraHarpStream
+from rig.devices.kinds.harps import check_harp, check_harp_tagger, family_of, open_harp, open_harp_tagger
 from rig.devices.kinds.kind import Kinds
 from rig.devices.kinds.wires import Wires
 from rig.devices.playback import Playback
+from rig.files.records import RecordedBy
 from rig.files.scan import ScanFile
-from rig.model.config import HydraHarpConfig, PlaybackConfig, RigConfig, TcspcConfig
+from rig.model.config import (
+    HarpConfig,
+    HydraHarp500Config,
+    HydraHarpConfig,
+    MultiHarpConfig,
+    PicoHarp330Config,
+    PlaybackConfig,
+    RigConfig,
+    TcspcConfig,
+    TimeHarp260Config,
+)
 from rig.model.devices import Tcspc, TimeTagger
-
-#: After a marker, others at the same input are glitches; half of the shortest tick that a mirror can follow.
-MARKER_HOLD_OFF_S = 20e-6
-#: Pieces of 10 ms by which a simulated instrument may be ahead of the program where its clock jumps.
-HURRIED_PIECES = 16
 
 
 class TimingLimits(Protocol):
@@ -45,6 +48,25 @@ class AnyExposure:
 
 
 @dataclass(frozen=True)
+class Tagging:
+    """A timing instrument that records each photon.
+
+    Attributes
+    ----------
+    open
+        Of the configuration and the wires; gives the instrument, to be entered.
+    check
+        Raises `drivers.errors.LimitError` unless its records can hold what is configured.
+    recorded_by
+        Of the section: what files of its records call it.
+    """
+
+    open: Callable[[RigConfig, Wires], AbstractContextManager[TimeTagger]]
+    check: Callable[[RigConfig], None]
+    recorded_by: Callable[[Any], RecordedBy]
+
+
+@dataclass(frozen=True)
 class TimingKind:
     """A kind of timing instrument.
 
@@ -54,10 +76,10 @@ class TimingKind:
         Its section of the configuration.
     open
         Of the configuration, the wires, and the step of the plan with which it begins.
-    open_tagger
+    tagging
         The same instrument, recording each photon; None where it cannot.
     limits
-        What it can be asked for.
+        Of the section: what it can be asked for.
     check
         Raises `drivers.errors.LimitError` unless it can be set as configured, and take the laser's pulses.
     time_axis
@@ -66,55 +88,26 @@ class TimingKind:
 
     section: type[TcspcConfig]
     open: Callable[[RigConfig, Wires, int], AbstractContextManager[Tcspc]]
-    open_tagger: Callable[[RigConfig, Wires], AbstractContextManager[TimeTagger]] | None
-    limits: TimingLimits
+    tagging: Tagging | None
+    limits: Callable[[Any], TimingLimits]
     check: Callable[[RigConfig], None]
     time_axis: Callable[[Any], tuple[int, float]]
 
 
-def open_hydraharp(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
-    """Return the HydraHarp, to be entered; it counts from any step on."""
-    return HydraHarp(wires.hhlib(), clock=wires.clock, **_harp(config))
-
-
-def open_hydraharp_tagger(config: RigConfig, wires: Wires) -> AbstractContextManager[TimeTagger]:
-    """Return the HydraHarp in time-tagged mode, to be entered."""
-    simulation = config.simulation
-    # where the clock jumps, the instrument must not run ahead of the program by more than a look at the light
-    hurried = simulation is not None and not simulation.real_time
-    return HydraHarpStream(
-        wires.hhlib(),
-        clock=wires.clock,
-        markers=Markers(hold_off_s=MARKER_HOLD_OFF_S),
-        queue_pieces=HURRIED_PIECES if hurried else QUEUE_PIECES,
-        **_harp(config),
+def _harp_kind(section: type[HarpConfig]) -> TimingKind:
+    return TimingKind(
+        section,
+        open_harp,
+        Tagging(open_harp_tagger, check_harp_tagger, _recorded_by),
+        lambda config: family_of(config).limits,
+        check_harp,
+        lambda config: (config.bins, config.bin_width_s),
     )
 
 
-def _harp(config: RigConfig) -> dict[str, Any]:
-    harp = config.tcspc
-    assert isinstance(harp, HydraHarpConfig)
-    return {
-        "serial": harp.serial,
-        "settings": HydraHarpSettings(
-            inputs=tuple(channel.input for channel in config.channels),
-            input_level_v=harp.input_level_v,
-            input_zero_cross_v=harp.input_zero_cross_v,
-            sync_level_v=harp.sync_level_v,
-            sync_zero_cross_v=harp.sync_zero_cross_v,
-            sync_divider=harp.sync_divider,
-            bin_width_s=harp.bin_width_s,
-            bins=harp.bins,
-            offset_s=harp.offset_s,
-        ),
-    }
-
-
-def check_hydraharp(config: RigConfig) -> None:
-    """Raise `LimitError` unless a HydraHarp can be set so, and take the laser's pulses."""
-    assert isinstance(config.tcspc, HydraHarpConfig)
-    _harp(config)
-    HYDRAHARP_LIMITS.check_sync_rate(config.laser.repetition_hz, config.tcspc.sync_divider)
+def _recorded_by(config: HarpConfig) -> RecordedBy:
+    family = family_of(config)
+    return RecordedBy(family.hardware, family.record_type, family.limits.base_ps * 1e-12)
 
 
 def open_playback(config: RigConfig, wires: Wires, first: int) -> AbstractContextManager[Tcspc]:
@@ -131,21 +124,25 @@ def _axis_of_file(config: PlaybackConfig) -> tuple[int, float]:
 
 TIMING: Kinds[TimingKind] = Kinds(
     "tcspc",
+    _harp_kind(HydraHarpConfig),
+    _harp_kind(MultiHarpConfig),
+    _harp_kind(PicoHarp330Config),
+    _harp_kind(TimeHarp260Config),
+    _harp_kind(HydraHarp500Config),
     TimingKind(
-        HydraHarpConfig,
-        open_hydraharp,
-        open_hydraharp_tagger,
-        HYDRAHARP_LIMITS,
-        check_hydraharp,
-        lambda config: (config.bins, config.bin_width_s),
+        PlaybackConfig,
+        open_playback,
+        None,
+        lambda config: AnyExposure(),
+        lambda config: None,
+        _axis_of_file,
     ),
-    TimingKind(PlaybackConfig, open_playback, None, AnyExposure(), lambda config: None, _axis_of_file),
 )
 
 
 def timing_limits(config: RigConfig) -> TimingLimits:
     """Return what the configured timing instrument can be asked for."""
-    return TIMING.of(config.tcspc).limits
+    return TIMING.of(config.tcspc).limits(config.tcspc)
 
 
 def time_axis(config: RigConfig) -> tuple[int, float]:

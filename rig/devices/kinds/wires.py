@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.daq.board import SharedBoard
-from drivers.hydraharp.library import HHLib
+from drivers.harp.family import Family
+from drivers.harp.library import HarpLibrary
 from rig.model.devices import Clock, Operator
 
 
@@ -20,12 +21,14 @@ class Wires:
         Sync pulses a second, which come to all that follows the laser.
     usb_backend
         Of pyusb; None for the system's.
-    hhlib
-        Gives the HydraHarp's library, when it is needed.
+    harp
+        Gives the library of a family of timing instruments, when it is needed.
     daq
         Gives the DAQ board of a name: always the same one, so that all devices on it share it.
     clock
         The time that all devices share.
+    gate_delayed
+        Whether a delayer triggers the detector's gate.
     operator
         Who sets by hand what has no data interface; None where nobody is there.
     """
@@ -33,11 +36,12 @@ class Wires:
     galvo: str
     laser: str
     usb_backend: object
-    hhlib: Callable[[], HHLib]
+    harp: Callable[[Family], HarpLibrary]
     daq: Callable[[str], SharedBoard]
     clock: Clock
     sync_hz: float
     detector: str = ""
     delayer: str = ""
     shutter: str = ""
+    gate_delayed: bool = False
     operator: Operator | None = None

@@ -12,14 +12,13 @@ from typing import Any, Protocol
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, DeviceNotFoundError, LinkError
-from drivers.hydraharp import constants as hh
-from drivers.hydraharp.errors import ErrorCode
-from drivers.hydraharp.library import HHLib
+from drivers.harp.library import HarpLibrary
 from drivers.lines.serial import SerialLine
 from drivers.lines.usb_finder import find_instrument
 from drivers.lines.usbtmc import UsbTmc
 from drivers.nkt.bus import NktBus
 from rig.devices.kinds import Wires
+from rig.devices.kinds.harps import family_of
 
 #: Longest wait for the first byte of an answer, and for another one after the last.
 WITHIN_S, QUIET_S = 0.6, 0.15
@@ -187,20 +186,22 @@ class Registers:
             bus.close()
 
 
-def ask_hydraharps(section: Any, wires: Wires) -> Iterator[Exchange]:
-    """Ask all HydraHarps that can be opened, without initializing them, which would reset their settings.
+def ask_harps(section: Any, wires: Wires) -> Iterator[Exchange]:
+    """Ask all instruments of a family that can be opened, without initializing them, which resets them.
 
     Raises
     ------
     DeviceNotFoundError
         If none can be opened.
     """
-    library = wires.hhlib()
-    yield Exchange("HH_GetLibraryVersion", library.get_library_version())
+    family = family_of(section)
+    library = wires.harp(family)
+    yield Exchange(f"{family.prefix}_GetLibraryVersion", library.get_library_version())
     found = 0
-    for index in range(hh.MAX_DEVICES):
-        opened = _tried(f"HH_OpenDevice({index})", partial(library.open_device, index), private=True)
-        if opened.problem == ErrorCode.DEVICE_OPEN_FAIL.name:  # nothing is there
+    for index in range(family.devices):
+        question = f"{family.prefix}_OpenDevice({index})"
+        opened = _tried(question, partial(library.open_device, index), private=True)
+        if opened.problem == "DEVICE_OPEN_FAIL":  # nothing is there
             continue
         yield opened
         if opened.answer is None:
@@ -212,20 +213,20 @@ def ask_hydraharps(section: Any, wires: Wires) -> Iterator[Exchange]:
             library.close_device(index)
     if not found:
         raise DeviceNotFoundError(
-            "HydraHarp", f"open it through {library.name}", "none can be opened", "Check power and cable."
+            family.name, f"open it through {library.name}", "none can be opened", "Check power and cable."
         )
 
 
-def _uninitialized(library: HHLib, index: int) -> Iterator[Exchange]:
+def _uninitialized(library: HarpLibrary, index: int) -> Iterator[Exchange]:
     questions: tuple[tuple[str, Callable[[int], object]], ...] = (
-        ("HH_GetHardwareInfo", library.get_hardware_info),
-        ("HH_GetFeatures", library.get_features),
-        ("HH_GetBaseResolution", library.get_base_resolution),
-        ("HH_GetNumOfInputChannels", library.get_num_of_input_channels),
-        ("HH_GetFlags", library.get_flags),
+        ("GetHardwareInfo", library.get_hardware_info),
+        ("GetFeatures", library.get_features),
+        ("GetBaseResolution", library.get_base_resolution),
+        ("GetNumOfInputChannels", library.get_num_of_input_channels),
+        ("GetFlags", library.get_flags),
     )
     for name, ask in questions:
-        yield _tried(f"{name}({index})", partial(_as_text, ask, index))
+        yield _tried(f"{library.family.prefix}_{name}({index})", partial(_as_text, ask, index))
 
 
 def _as_text(ask: Callable[[int], object], index: int) -> str:

@@ -73,6 +73,11 @@ def _answered(question: str, fits: Callable[[str], bool]) -> Callable[[Answers],
     return judge
 
 
+def _refused(question: str, code_name: str) -> Callable[[Answers], Verdict]:
+    """Return a judge: the question is refused with this code."""
+    return lambda answers: _confirmed_if(answers[question].problem == code_name)
+
+
 def _form(question: str, pattern: str) -> Callable[[Answers], Verdict]:
     """Return a judge: the whole answer has this form."""
     return _answered(question, lambda answer: re.fullmatch(pattern, answer) is not None)
@@ -401,14 +406,23 @@ FACTS: tuple[Fact, ...] = (
         "TDIV",
         _form("TDIV", r"[\d,]+(\.\d*)?"),
     ),
-    Fact(
-        "hydraharp-not-initialized",
-        "tcspc",
-        "hydraharp",
-        "Between HH_OpenDevice and HH_Initialize questions are refused as -22, NOT_INITIALIZED (the header "
-        "has the code; nobody has told when it comes).",
-        "HH_GetFeatures(0)",
-        lambda answers: _confirmed_if(answers["HH_GetFeatures(0)"].problem == "NOT_INITIALIZED"),
+    *(
+        Fact(
+            f"{kind}-not-initialized",
+            "tcspc",
+            kind,
+            f"Between {prefix}_OpenDevice and {prefix}_Initialize questions are refused as -22, "
+            "NOT_INITIALIZED (the header has the code; nobody has told when it comes).",
+            f"{prefix}_GetFeatures(0)",
+            _refused(f"{prefix}_GetFeatures(0)", "NOT_INITIALIZED"),
+        )
+        for kind, prefix in (
+            ("hydraharp", "HH"),
+            ("multiharp", "MH"),
+            ("picoharp330", "PH330"),
+            ("timeharp260", "TH260"),
+            ("hydraharp500", "HH500"),
+        )
     ),
     *(
         Fact(

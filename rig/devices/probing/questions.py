@@ -16,7 +16,7 @@ from rig.devices.probing.asking import (
     Registers,
     TextLine,
     ask_board,
-    ask_hydraharps,
+    ask_harps,
 )
 
 #: By section and kind. A kind without an entry is told as one that cannot be asked: devices without a data
@@ -113,7 +113,11 @@ QUESTIONS: dict[tuple[str, str], Asking] = {
         b"\r",
         ("ID", "ASET", "BSET", "CSET", "DSET", "TRIGGER", "TLEVEL", "TDIV"),
     ),
-    ("tcspc", "hydraharp"): ask_hydraharps,
+    ("tcspc", "hydraharp"): ask_harps,
+    ("tcspc", "multiharp"): ask_harps,
+    ("tcspc", "picoharp330"): ask_harps,
+    ("tcspc", "timeharp260"): ask_harps,
+    ("tcspc", "hydraharp500"): ask_harps,
     ("point_clock", "daq"): ask_board,
     ("shutter", "daq"): ask_board,
 }

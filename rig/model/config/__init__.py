@@ -13,6 +13,15 @@ from rig.model.config.delayers import (
 )
 from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
+from rig.model.config.harps import (
+    EitherTriggerConfig,
+    HarpConfig,
+    HydraHarp500Config,
+    HydraHarpConfig,
+    MultiHarpConfig,
+    PicoHarp330Config,
+    TimeHarp260Config,
+)
 from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.reading import built_in, built_in_with, load, recorded
@@ -20,7 +29,7 @@ from rig.model.config.rig import RigConfig
 from rig.model.config.section import DeviceSection, Point
 from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
 from rig.model.config.simulation import FaultsConfig, SimulationConfig
-from rig.model.config.timing import HydraHarpConfig, PlaybackConfig, TcspcConfig
+from rig.model.config.timing import PlaybackConfig, TcspcConfig
 from rig.model.config.use import CalibrationConfig
 
 __all__ = [
@@ -32,19 +41,24 @@ __all__ = [
     "DetectorConfig",
     "DeviceSection",
     "Dg645Config",
+    "EitherTriggerConfig",
     "ExternalDelayerConfig",
     "ExternalDetectorConfig",
     "ExternalLaserConfig",
     "FaultsConfig",
     "GalvoConfig",
+    "HarpConfig",
+    "HydraHarp500Config",
     "HydraHarpConfig",
     "Id120Config",
     "Katana08Config",
     "KatanaConfig",
     "LaserConfig",
     "MpdConfig",
+    "MultiHarpConfig",
     "NktConfig",
     "OptotuneConfig",
+    "PicoHarp330Config",
     "PlaybackConfig",
     "Point",
     "PsdConfig",
@@ -54,6 +68,7 @@ __all__ = [
     "SimulationConfig",
     "T560Config",
     "TcspcConfig",
+    "TimeHarp260Config",
     "built_in",
     "built_in_with",
     "load",

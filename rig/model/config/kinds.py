@@ -15,12 +15,19 @@ from rig.model.config.delayers import (
 )
 from rig.model.config.detectors import DetectorConfig, ExternalDetectorConfig, Id120Config, MpdConfig
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
+from rig.model.config.harps import (
+    HydraHarp500Config,
+    HydraHarpConfig,
+    MultiHarpConfig,
+    PicoHarp330Config,
+    TimeHarp260Config,
+)
 from rig.model.config.installed import InstalledKind, installed, names
 from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import DeviceSection
 from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
-from rig.model.config.timing import HydraHarpConfig, PlaybackConfig, TcspcConfig
+from rig.model.config.timing import PlaybackConfig, TcspcConfig
 from rig.model.quantities import FROM_RECORD
 
 
@@ -129,5 +136,14 @@ ROLES = {
     "delayer": ByKind("delayer", DelayerConfig, PsdConfig, Dg645Config, T560Config, ExternalDelayerConfig),
     "point_clock": ByKind("point_clock", PointClockConfig, DaqClockConfig),
     "shutter": ByKind("shutter", ShutterConfig, DaqShutterConfig, SerialShutterConfig),
-    "tcspc": ByKind("tcspc", TcspcConfig, HydraHarpConfig, PlaybackConfig),
+    "tcspc": ByKind(
+        "tcspc",
+        TcspcConfig,
+        HydraHarpConfig,
+        MultiHarpConfig,
+        PicoHarp330Config,
+        TimeHarp260Config,
+        HydraHarp500Config,
+        PlaybackConfig,
+    ),
 }

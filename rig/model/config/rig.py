@@ -13,13 +13,14 @@ from rig.model.config.detectors import (
     MpdConfig,
 )
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
+from rig.model.config.harps import HarpConfig, HydraHarpConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.lasers import ExternalLaserConfig, KatanaConfig, LaserConfig
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import Section
 from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
 from rig.model.config.simulation import SimulationConfig
-from rig.model.config.timing import HydraHarpConfig, TcspcConfig, TimingConfig
+from rig.model.config.timing import TcspcConfig, TimingConfig
 from rig.model.config.use import CalibrationConfig, CamerasConfig, ScanConfig
 
 
@@ -124,7 +125,7 @@ class RigConfig(Section):
         """What speaks for darkness when the light was put out, in words."""
         if not isinstance(self.laser, ExternalLaserConfig):
             return "read back twice"
-        return "by its shutter" if self.shutter else "switched off by hand"
+        return "by its shutter" if self.shutter else "as far as a person has said"
 
     @property
     def unverified(self) -> tuple[str, ...]:
@@ -171,7 +172,7 @@ class RigConfig(Section):
     @property
     def served(self) -> bool:
         """Whether the photons are those of a simulated bench that another process serves."""
-        return isinstance(self.tcspc, HydraHarpConfig) and self.tcspc.address is not None
+        return isinstance(self.tcspc, HarpConfig) and self.tcspc.address is not None
 
     @property
     def rehearsed(self) -> bool:

@@ -64,9 +64,9 @@ class FaultsConfig(Section):
     largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
     """Where a bin of the timing instrument is full."""
     sync_pulse_v: Volts = Field(0.3, ge=0)
-    """Height of the laser's sync pulses; at a higher tcspc.sync_level none is seen."""
+    """Depth of the laser's sync pulses, which are negative; a tcspc.sync_level beyond it is not passed."""
     input_pulse_v: Volts = Field(0.3, ge=0)
-    """Height of the detector's pulses; at a higher tcspc.input_level none is seen."""
+    """Depth of the detector's pulses, which are negative; a tcspc.input_level beyond it is not passed."""
     line_noise_v: Volts = Field(2e-3, ge=0)
     """Noise of both lines, root mean square, which a level near zero counts."""
 

@@ -27,7 +27,7 @@ from typing import Any, Self
 import numpy as np
 
 from simulators.bench import Bench, Channel, Detections, Mark, Syncs
-from simulators.wire.hydraharp import Nonlinearity, Pulses, Timing
+from simulators.wire.harp import Nonlinearity, Pulses, Timing
 from simulators.wire.served import NO_REQUEST
 
 #: Longest first line of a request or answer: the samples of 100,000 ticks of a DAQ board, see `board`.
@@ -145,7 +145,7 @@ class _ServedClock:
 
 
 class ServedBench:
-    """A bench in another process; satisfies `simulators.wire.hydraharp.discriminators.MeasuredBench`.
+    """A bench in another process; satisfies `simulators.wire.harp.discriminators.MeasuredBench`.
 
     Every method raises ConnectionError if the server is gone or talks nonsense.
 
