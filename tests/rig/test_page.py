@@ -2,12 +2,14 @@
 
 import base64
 import gzip
+import io
 import json
 import re
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from rig.errors import UsageError
 from rig.exporters import export, page
@@ -131,50 +133,68 @@ def test_what_a_volume_lacks_is_left_out(tmp_path, changes):
     assert facts["shown_m"][1] > facts["shown_m"][0]
 
 
+def driven(path, steps):
+    """Return a page's elements after steps, JavaScript, were taken once all was shown."""
+    path.write_text(path.read_text("utf-8").replace("</body>", ONCE_SHOWN % steps), "utf-8")
+    return browser.became(path)
+
+
+ONCE_SHOWN = """<script>
+const kept = document.documentElement.dataset;
+const wait = setInterval(() => {
+  if (!kept.shown) return;
+  clearInterval(wait);
+  %s
+}, 50);
+</script></body>"""
+
+PICTURE = """
+  look("wall");
+  set("mode", "maximum");
+  set("colours", "amplitude");
+  drawVolume(camera());
+  kept.picture = element("volume").toDataURL();
+"""
+
+
 @in_a_browser
 def test_a_browser_shows_the_blob_where_it_is(tmp_path):
     _, path = written(tmp_path)
-    shown = browser.screenshot(path, "#view=wall&mode=maximum&colours=amplitude")
-    above = shown[:560]  # the pictures below have black grounds, too
-    rows, columns = np.nonzero(above.max(axis=2) < 0.01)
-    view = np.array([columns.min(), columns.max() + 1]), np.array([rows.min(), rows.max() + 1])
-    bright = (above[..., 0] > 0.7) & (above[..., 2] < 0.5)  # orange and yellow
-    rows, columns = np.nonzero(bright)
+    elements = driven(path, PICTURE)
+    assert browser.attribute(elements, "data-shown") == "volume"
+    picture = base64.b64decode(browser.attribute(elements, "data-picture").split(",")[1])
+    shown = imread(io.BytesIO(picture))
+    rows, columns = np.nonzero((shown[..., 0] > 0.7) & (shown[..., 2] < 0.5))  # orange and yellow
     assert len(rows) > 30
+    assert shown[0, 0, :3].max() == 0
     facts = json.loads(Parts(path.read_text("utf-8")).texts["facts"])
     # what the camera shows: the wall and the volume, 1.83 m x 1.3 m (half a voxel more than its centres),
     # from the wall to the farthest depth shown
     sides_m = np.array([1.83, 1.3, facts["shown_m"][1]])
-    metres_per_pixel = np.linalg.norm(sides_m) / min(np.ptp(view[0]), np.ptp(view[1]))
-    x_m = -(columns.mean() + 0.5 - view[0].mean()) * metres_per_pixel
-    y_m = -(rows.mean() + 0.5 - view[1].mean()) * metres_per_pixel
+    metres_per_pixel = np.linalg.norm(sides_m) / min(shown.shape[:2])
+    x_m = -(columns.mean() + 0.5 - shown.shape[1] / 2) * metres_per_pixel
+    y_m = -(rows.mean() + 0.5 - shown.shape[0] / 2) * metres_per_pixel
     assert (x_m, y_m) == pytest.approx(BLOB_M[:2], abs=0.02)  # less than a voxel
 
 
-DRIVE = """<script>
-const press = (key, target = document.body) =>
-  target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-const wait = setInterval(() => {
-  if (!document.documentElement.dataset.shown) return;
-  clearInterval(wait);
+KEYS = """
+  const press = (key, target = document.body) =>
+    target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   const steps = [];
   const keep = (name) => steps.push([name, { ...state }]);
   keep("begun");
   for (const key of ["1", "m", "c", "]", ".", "+"]) { press(key); keep(key); }
   press("ArrowLeft"); keep("elsewhere");
-  press("ArrowLeft", document.getElementById("lines")); keep("ArrowLeft");
-  document.documentElement.dataset.steps = JSON.stringify(steps);
-  document.documentElement.dataset.read = reading(47, 30);
-}, 50);
-</script></body>"""
+  press("ArrowLeft", element("lines")); keep("ArrowLeft");
+  kept.steps = JSON.stringify(steps);
+  kept.read = reading(47, 30);
+"""
 
 
 @in_a_browser
 def test_keys_turn_zoom_and_change_what_is_shown(tmp_path):
     _, path = written(tmp_path)
-    path.write_text(path.read_text("utf-8").replace("</body>", DRIVE), "utf-8")
-    elements = browser.became(path)
-    assert browser.attribute(elements, "data-shown") == "volume"
+    elements = driven(path, KEYS)
     steps = dict(json.loads(browser.attribute(elements, "data-steps")))
     assert (steps["begun"]["yaw"], steps["begun"]["pitch"], steps["begun"]["mode"]) == (35, 20, "surface")
     assert (steps["1"]["yaw"], steps["1"]["pitch"]) == (0, 0)

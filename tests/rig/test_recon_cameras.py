@@ -85,6 +85,17 @@ def test_a_transient_camera_makes_a_video(rig, scan, tmp_path, over):
         assert (film.n_frames, film.info["duration"], film.info["loop"]) == (26, 100, 0)
 
 
+def test_a_page_comes_with_the_image(rig, scan, tmp_path):
+    done = rig("recon", scan, "--page", "point.html", *AROUND)
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["page"] == "point.html"
+    assert told["origin"]["positions"] == 480
+    text = (tmp_path / "point.html").read_text("utf-8")
+    assert "480 positions" in text
+    assert '"wall_known": true' in text
+
+
 def test_all_depths_go_to_the_file(rig, scan):
     moments = ("--frames", "1.5ns:4ns:0.5ns", "--all-depths", "--over", "max")
     told = json.loads(rig("recon", scan, "--camera", "transient", *moments, *AROUND, "--out", "all.h5").out)
@@ -106,6 +117,9 @@ def test_all_depths_go_to_the_file(rig, scan):
         (("--cycles", "1.1"), "a pulse has 1.2 to 10000"),
         (("--camera", "transient", "--video", "a.avi"), "must be .gif or .mp4"),
         (("--camera", "transient", "--frames", "2ns:1ns:1ns"), "moments must ascend"),
+        (("--camera", "transient", "--page", "a.html"), "a film has no page"),
+        (("--page", "a.txt"), "must be .html or .htm"),
+        (("--image", "a.avi"), "'.avi' is not one of"),
         (("--camera", "transient", "--frames", "2ns"), "--frames 2ns:20ns:0.2ns"),
     ],
 )
