@@ -192,8 +192,8 @@ function drawLines(seen) {
   for (const x of [near[0], far[0]]) {
     for (const y of [near[1], far[1]]) stroke([[x, y, 0], [x, y, near[2]]], 1, 0.3, [4, 4]);
   }
-  const [x, y] = flat([b, d, 0]);
-  write(facts.wall_known ? "relay wall" : "plane of the wall", x, y - 12, "left");
+  const [x, y] = flat([b, d, 0]), name = facts.wall_known ? "relay wall" : "plane of the wall";
+  write(name, Math.max(x, pen.measureText(name).width + 4), y - 10, "right");
   drawAxes(near, far, flat, write, stroke);
   const length = round(0.13 * wide * seen.perPixel), pixels = length / seen.perPixel;
   pen.fillStyle = ink;
