@@ -40,7 +40,8 @@ def exposures(
 ) -> None:
     """Draw front views of named volumes, and if asked a row of their depth maps below.
 
-    `names` is the scene whose things are named in the first depth map. Each title tells how like a volume is to the first one of its wavelength: the cosine between amplitudes.
+    `names` is the scene whose things are named in the first depth map. Each title tells how like a volume is
+    to the first one of its wavelength: the cosine between amplitudes.
     """
     like: dict[float, NDArray[np.float32]] = {}
     lines, columns = len(rows) * (2 if depths else 1), max(map(len, rows))
@@ -97,7 +98,9 @@ def errors(volumes: Mapping[str, tuple[Path, str]], picture: Path) -> None:
         volume, axes = read_volume(path), panels[:, column]
         assert volume.depth_m is not None
         front = front_view(_amplitude(volume))
-        lit = draw_front(axes[0], front / front.max(), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, Normalize(0, 1))
+        lit = draw_front(
+            axes[0], front / front.max(), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, Normalize(0, 1)
+        )
         axes[0].set_title(name, size=11)
         error_mm = 1e3 * (volume.depth_m - true_depth(truth, volume.x_m, volume.y_m))
         scale = Normalize(-LARGEST_MM, LARGEST_MM)
