@@ -1,13 +1,12 @@
-"""A gated single-photon detector with the command set of the ID Quantique ID120, over USBTMC.
+"""The ID Quantique ID120, a single-photon detector that runs freely, over USBTMC.
 
-``*IDN?``, ``INFO:``, ``BIAS:VOLTAGE``, ``BIAS:ERROR_STATUS?`` and ``REG:`` are the ID120's own (source: a
-published driver; not yet run on the hardware). No public command set of a fast-gated detector was found,
-therefore the gating commands in `GATE_EXTENSION` and ``GATE:MODE`` are named by us, in the
-ID120's manner.
+Source of all commands: one published driver; not yet run by us on the hardware. It has no gate that a public
+command sets. UNCONFIRMED: the unit of ``DEADTIME:TIME`` (ns here; that driver calls it microseconds, for a
+range of 40 to 1 000 000 in steps of 40), the form in which ranges are told, and what ``REG:STATE?`` says.
 """
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import isfinite, nan
 from types import TracebackType
 from typing import Any, Self
@@ -29,55 +28,29 @@ ID120 = (0x1DDC, 0x0330)
 
 BEWARE = "Treat the detector as BIASED: switch it off by hand."
 
+#: Units of ``DEADTIME:TIME`` a second: UNCONFIRMED.
+DEAD_TIME_PER_S = 1e9
+
 #: So often the bias is taken away before the detector is said to be biased.
 DISABLE_TRIES = 3
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A setting of the gate: its commands, and how many of its units make one SI unit."""
-
-    name: str
-    command: str
-    capability: str
-    units_per_si: float
-
-
-#: Named by us, not by ID Quantique.
-GATE_EXTENSION = (
-    Quantity("gate_delay_s", "GATE:DELAY", "GATE:DELAY_CAPABILITY?", 1e12),
-    Quantity("gate_width_s", "GATE:WIDTH", "GATE:WIDTH_CAPABILITY?", 1e12),
-    Quantity("hold_off_s", "HOLDOFF:TIME", "HOLDOFF:CAPABILITY?", 1e9),
-    Quantity("excess_bias_v", "BIAS:EXCESS", "BIAS:EXCESS_CAPABILITY?", 1e3),
-)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Id120Settings:
-    """Everything that is set on connecting. Which values are possible, only the instrument itself tells.
+    """What is set on connecting. Which values are possible, only the instrument itself tells.
 
     Attributes
     ----------
-    gated
-        True: sensitive only inside the gate, which follows the sync input. False: free running.
-    gate_delay_s, gate_width_s
-        Opening edge after the sync pulse, and how long the gate stays open.
     hold_off_s
-        Time after a detection during which the detector stays off.
-    excess_bias_v
-        Bias above breakdown.
+        Dead time: so long after a detection the detector stays off.
     """
 
-    gated: bool = True
-    gate_delay_s: float = 0.0
-    gate_width_s: float = 40e-9
-    hold_off_s: float = 100e-9
-    excess_bias_v: float = 5.0
+    hold_off_s: float = 120e-9
 
 
 @dataclass(frozen=True)
 class Range:
-    """What the instrument allows for one of its settings, in SI units."""
+    """What the instrument allows for its dead time [s]."""
 
     low: float
     high: float
@@ -85,10 +58,9 @@ class Range:
 
 
 class Id120Spad:
-    """A gated detector; a context manager that leaves it without bias.
+    """An ID120; a context manager that leaves it without bias.
 
-    Connecting leaves it without bias too, and sets the gate. The limits are the instrument's own, see
-    `range_of`.
+    Connecting leaves it without bias too, and sets the dead time, within the instrument's own limits.
 
     Parameters
     ----------
@@ -105,7 +77,8 @@ class Id120Spad:
     enable_timeout_s
         Longest wait for the bias.
     timeout_s
-        Longest wait for one transfer.
+        Longest wait for one transfer. The published driver waits up to 20 s; there is no light without an
+        answer in 4 s.
 
     Attributes
     ----------
@@ -124,7 +97,7 @@ class Id120Spad:
         settings: Id120Settings | None = None,
         expected_identity: str = "ID120",
         enable_timeout_s: float = 10.0,
-        timeout_s: float = 1.0,
+        timeout_s: float = 5.0,
     ) -> None:
         self.name = f"SPAD {serial}" if serial else "SPAD"
         self.identity = ""
@@ -132,7 +105,6 @@ class Id120Spad:
         self._backend = backend
         self._clock = clock
         self._settings = settings or Id120Settings()
-        self._mode = "EXT" if self._settings.gated else "FREE"
         self._expected_identity = expected_identity
         self._enable_timeout_s = enable_timeout_s
         self._timeout_s = timeout_s
@@ -147,7 +119,7 @@ class Id120Spad:
             self._link = link
             self._identify()
             self.disable()
-            self._configure()
+            self.set_hold_off(self._settings.hold_off_s)
         except BaseException as problem:
             leave([self._close, link.close], problem)
             raise
@@ -159,12 +131,12 @@ class Id120Spad:
         leave([self.disable, self._close], problem)
 
     def enable(self) -> None:
-        """Bias the detector and open the configured gate; return when both are confirmed.
+        """Bias the detector; return when that is confirmed.
 
         Raises
         ------
         RefusedError
-            The bias did not come, or is faulty, or the gate is not as configured. The detector was disabled.
+            The bias did not come, or is faulty. The detector was disabled.
         LinkError, ProtocolError
             No answer, or none that makes sense. The detector was told to go off.
         """
@@ -179,9 +151,6 @@ class Id120Spad:
                 raise self._refused("run", f"it does not after {self._enable_timeout_s:g} s")
             if self._flag("BIAS:ERROR_STATUS?"):
                 raise self._refused("hold its bias", "it reports a bias error")
-            mode = self._ask("GATE:MODE?")
-            if mode != self._mode:
-                raise self._refused(f"gate in mode {self._mode}", f"it is in mode {mode}")
         except BaseException as problem:
             leave([self.disable], problem)
             raise
@@ -217,63 +186,69 @@ class Id120Spad:
             raise interrupted
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
-        """Move the gate: opening edge after the sync pulse, and how long it stays open.
+        """Refuse: it has no gate.
 
         Raises
         ------
         LimitError
-            One of them is outside the instrument's range; nothing was sent.
-        RefusedError
-            The instrument kept another value.
-        LinkError, ProtocolError
-            No answer, or none that makes sense.
+            Always; nothing was sent.
         """
-        self._set({"gate_delay_s": delay_s, "gate_width_s": width_s})
+        raise LimitError(
+            self.name, "open a gate", "it runs freely", "Nothing was sent. Use a detector that gates."
+        )
 
     def set_hold_off(self, hold_off_s: float) -> None:
         """Set the time after a detection during which the detector stays off.
 
         Raises
         ------
-        LimitError, RefusedError, LinkError, ProtocolError
-            As for `set_gate`.
-        """
-        self._set({"hold_off_s": hold_off_s})
-
-    def range_of(self, setting: str) -> Range:
-        """Return what the instrument allows for one of the settings in `GATE_EXTENSION`.
-
-        Unconfirmed: the form of the answer; lowest, highest and step are taken from it in this order.
-
-        Raises
-        ------
+        LimitError
+            It is outside the instrument's range; nothing was sent.
+        RefusedError
+            The instrument kept another value.
         LinkError, ProtocolError
             No answer, or none that makes sense.
         """
-        quantity = next(one for one in GATE_EXTENSION if one.name == setting)
-        answer = self._ask(quantity.capability)
+        allowed = self._dead_times()
+        slack_s = 0.5 / DEAD_TIME_PER_S  # what rounding to the wire's unit may add
+        if not isfinite(hold_off_s) or not allowed.low - slack_s <= hold_off_s <= allowed.high + slack_s:
+            raise LimitError(
+                self.name,
+                f"set a dead time of {hold_off_s:g} s",
+                f"its range is {allowed.low:g} to {allowed.high:g} s",
+                "It was not sent. Correct detector.hold_off.",
+            )
+        value = round(hold_off_s * DEAD_TIME_PER_S)
+        self._tell(f"DEADTIME:TIME {value}")
+        kept = self._number("DEADTIME:TIME?")
+        if abs(kept - value) > allowed.step * DEAD_TIME_PER_S:
+            raise self._refused(f"set DEADTIME:TIME {value}", f"it kept {kept:g}")
+
+    def _dead_times(self) -> Range:
+        """Ask for the range; lowest, highest and step are taken from the answer in this order."""
+        question = "DEADTIME:CAPABILITY?"
+        answer = self._ask(question)
         numbers = [float(text) for text in re.findall(r"[-+]?\d+(?:\.\d+)?", answer)]
         if len(numbers) not in (2, 3) or not all(map(isfinite, numbers)) or numbers[0] > numbers[1]:
-            raise self._nonsense(quantity.capability, answer)
+            raise self._nonsense(question, answer)
         low, high, step = (*numbers, 1.0)[:3]
-        unit = quantity.units_per_si
-        return Range(low / unit, high / unit, step / unit)
+        return Range(low / DEAD_TIME_PER_S, high / DEAD_TIME_PER_S, step / DEAD_TIME_PER_S)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """Return product, gate, hold-off, bias, temperature and state as read back."""
-        settings: dict[str, str | int | float | bool] = {
+        """Return product, hold-off, bias, temperature and state as read back."""
+        return {
             "identity": self.identity,
             "product": self._ask("INFO:PRODUCT_NAME?"),
             "serial_number": self._ask("INFO:PRODUCT_SERIAL_NUMBER?"),
             "firmware": self._ask("INFO:FIRMWARE_VERSION?"),
-            "gated": self._ask("GATE:MODE?") == "EXT",
+            "gated": False,
+            "hold_off_s": self._number("DEADTIME:TIME?") / DEAD_TIME_PER_S,
             "bias_v": self._number("BIAS:VOLTAGE?") / 1e6,
             "temperature_c": self._number("REG:MEASURED_TEMP?") / 1e3,
             "running": self._flag("REG:RUN?"),
+            "bias_error": self._flag("BIAS:ERROR_STATUS?"),
+            "state": self._ask("REG:STATE?"),
         }
-        for quantity in GATE_EXTENSION:
-            settings[quantity.name] = self._number(f"{quantity.command}?") / quantity.units_per_si
-        return settings
 
     def _identify(self) -> None:
         identity = self._ask("*IDN?")
@@ -285,39 +260,6 @@ class Id120Spad:
                 "Another instrument was found: name the detector's serial number in the configuration.",
             )
         self.identity = identity
-
-    def _configure(self) -> None:
-        """Set the gate as wanted, and verify it."""
-        wanted = asdict(self._settings)
-        self._set({quantity.name: wanted[quantity.name] for quantity in GATE_EXTENSION})
-        self._tell(f"GATE:MODE {self._mode}")
-        mode = self._ask("GATE:MODE?")
-        if mode != self._mode:
-            raise self._refused(f"gate in mode {self._mode}", f"it is in mode {mode}")
-
-    def _set(self, wanted: dict[str, float]) -> None:
-        """Check all values against the instrument's limits, then set and verify each."""
-        quantities = [quantity for quantity in GATE_EXTENSION if quantity.name in wanted]
-        ranges = [self._require_within_range(quantity, wanted[quantity.name]) for quantity in quantities]
-        for quantity, allowed in zip(quantities, ranges, strict=True):
-            value = round(wanted[quantity.name] * quantity.units_per_si)
-            self._tell(f"{quantity.command} {value}")
-            kept = self._number(f"{quantity.command}?")
-            if abs(kept - value) > allowed.step * quantity.units_per_si:
-                raise self._refused(f"set {quantity.command} {value}", f"it kept {kept:g}")
-
-    def _require_within_range(self, quantity: Quantity, wanted: float) -> Range:
-        """Return the instrument's range, after refusing what is outside of it."""
-        allowed = self.range_of(quantity.name)
-        slack = 0.5 / quantity.units_per_si  # what rounding to the wire's unit may add
-        if not isfinite(wanted) or not allowed.low - slack <= wanted <= allowed.high + slack:
-            raise LimitError(
-                self.name,
-                f"set {quantity.name} = {wanted:g}",
-                f"its range is {allowed.low:g} to {allowed.high:g}",
-                "It was not sent. Correct the configuration.",
-            )
-        return allowed
 
     def _tell(self, command: str) -> None:
         self._connected().write(command.encode("ascii") + b"\n")
@@ -358,9 +300,7 @@ class Id120Spad:
             link.close()
 
     def _refused(self, asked: str, answered: str) -> RefusedError:
-        return RefusedError(
-            self.name, asked, answered, "Check its temperature, supply and sync cable; connect anew."
-        )
+        return RefusedError(self.name, asked, answered, "Check its temperature and supply; connect anew.")
 
     def _nonsense(self, question: str, answer: str) -> ProtocolError:
         return ProtocolError(

@@ -141,6 +141,8 @@ class LightState:
         True: sensitive only inside the gate. False: free running.
     gate_delay_s, gate_width_s
         When the gate is half open after the sync pulse, at the detector; the time until it is half closed.
+    gate_every
+        The gate opens for the first of so many sync pulses.
     hold_off_s
         Time after a detection during which the detector stays off.
     attenuation
@@ -163,6 +165,7 @@ class LightState:
     gated: bool = False
     gate_delay_s: float = 0.0
     gate_width_s: float = 40e-9
+    gate_every: int = 1
     hold_off_s: float = 100e-9
     attenuation: float = 1.0
     blocked: bool = False
@@ -174,6 +177,22 @@ class LightState:
     def sync_hz(self) -> float:
         """Sync pulses a second; the laser gives them only while it emits."""
         return self.repetition_hz if self.emitting else 0.0
+
+    @property
+    def of_open_gates(self) -> "LightState":
+        """The same with only those pulses for which the gate opens; what the others send is not seen.
+
+        A gate that opens periods later is as good as one that opens for a later pulse.
+        """
+        if not self.gated or self.gate_every == 1:
+            return self
+        return replace(
+            self,
+            power=self.power / self.gate_every,
+            repetition_hz=self.repetition_hz / self.gate_every,
+            gate_delay_s=self.gate_delay_s % (1 / self.repetition_hz),
+            gate_every=1,
+        )
 
     @property
     def sensitive(self) -> bool:
@@ -292,9 +311,17 @@ class _Stretch:
 
     def drawn(self, photons: Photons, rng: np.random.Generator) -> Detections:
         """Draw what a channel detects."""
+        light = self.light.of_open_gates
         if isinstance(self.spot_m, Track):
-            return photons.detections_along(self.spot_m, self.light, rng)
-        return photons.detections(self.spot_m, self.light, self.duration_s, rng)
+            found = photons.detections_along(self.spot_m, light, rng)
+        else:
+            found = photons.detections(self.spot_m, light, self.duration_s, rng)
+        if light is self.light:
+            return found
+        # each is timed from the pulse before it, whether a gate opened for that one or not
+        later = np.floor(found.time_s * self.light.repetition_hz)
+        pulse = found.pulse * self.light.gate_every + later.astype(np.int64)
+        return Detections(pulse, found.time_s - later / self.light.repetition_hz)
 
 
 def _drawn(
@@ -493,7 +520,7 @@ class Bench:
         """Return the expected detections a second of a channel, by its number, in the present state."""
         with self._lock:
             position, light = self.position_rad, self.light
-        return self.photons[channel].rate_hz(self.geometry.laser_spot_m(position), light)
+        return self.photons[channel].rate_hz(self.geometry.laser_spot_m(position), light.of_open_gates)
 
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times, the mirror and all switches followed.

@@ -30,6 +30,9 @@ EDGES = {"rising": 1, "falling": 2}
 SINGLE_SHOT = 5
 POLARITIES = {"negative": 0, "positive": 1}
 
+#: UNCONFIRMED: how fast triggers may come that are divided.
+DIVIDERS, FASTEST_DIVIDED_HZ = (1, 2**30 - 1), 100e6
+
 AMPLITUDE_V = (0.5, 5.0)
 TRIGGER_LEVEL_V = (-3.5, 3.5)
 
@@ -74,8 +77,8 @@ class Dg645Settings:
         What a gate pulse is like; amplitude into 50 ohm.
     trigger_edge, trigger_level_v
         Which edge of the sync pulse triggers it, and where.
-    repetition_hz
-        Sync pulses a second.
+    repetition_hz, divider
+        Sync pulses a second; a gate pulse is given for the first of so many.
 
     Raises
     ------
@@ -90,6 +93,12 @@ class Dg645Settings:
     trigger_edge: Literal["rising", "falling"] = "rising"
     trigger_level_v: float = 0.5
     repetition_hz: float
+    divider: int = 1
+
+    @property
+    def triggers_hz(self) -> float:
+        """Sync pulses a second that trigger it."""
+        return self.repetition_hz / self.divider
 
     def __post_init__(self) -> None:
         if objection := self.objection(0.0):
@@ -113,7 +122,11 @@ class Dg645Settings:
         ):
             if not (isfinite(value) and low <= value <= high):
                 return f"its {what} goes from {low:g} to {high:g} V"
-        return RANGE.objection(delay_s, self.pulse_width_s, self.repetition_hz)
+        if not DIVIDERS[0] <= self.divider <= DIVIDERS[1]:
+            return f"it divides triggers by {DIVIDERS[0]} to {DIVIDERS[1]}"
+        if self.repetition_hz > FASTEST_DIVIDED_HZ:
+            return f"it divides triggers of up to {FASTEST_DIVIDED_HZ / 1e6:g} MHz"
+        return RANGE.objection(delay_s, self.pulse_width_s, self.triggers_hz)
 
 
 class Dg645(TextDelayer):
@@ -133,7 +146,7 @@ class Dg645(TextDelayer):
         line = SerialLine(
             address, device="delay generator", baudrate=BAUD, terminator=b"\r\n", timeout_s=timeout_s
         )
-        super().__init__(line, RANGE, width_s=settings.pulse_width_s, repetition_hz=settings.repetition_hz)
+        super().__init__(line, RANGE, width_s=settings.pulse_width_s, repetition_hz=settings.triggers_hz)
         self._settings = settings
         self._output, self._begins, self._ends = OUTPUTS[settings.output]
 
@@ -151,6 +164,7 @@ class Dg645(TextDelayer):
             "positive": bool(self._ask_whole(f"LPOL?{self._output}")),
             "trigger_source": source,
             "trigger_level_v": self._ask_number("TLVL?"),
+            "divider": self._ask_whole("PRES?0") if self._ask_whole("ADVT?") else 1,
             "inhibit": self._ask_whole("INHB?"),
             "enabled": source in EDGES.values(),
         }
@@ -185,14 +199,16 @@ class Dg645(TextDelayer):
         return kept_s
 
     def _prepare(self) -> None:
-        """Set pulse and trigger: no burst, and each trigger counts."""
+        """Set pulse and trigger: no burst, and each trigger counts, or the first of so many."""
         wanted, output = self._settings, self._output
         self._tell(f"DLAY {self._ends},{self._begins},{wanted.pulse_width_s:.12f}")
         reference, width_s = self._ask_delay(self._ends)
         if reference != self._begins or abs(width_s - wanted.pulse_width_s) > RANGE.step_s:
             raise self._kept(f"give pulses of {wanted.pulse_width_s:g} s", f"{width_s:g} s")
         self._set("BURM", "0")
-        self._set("ADVT", "0")
+        if wanted.divider > 1:
+            self._set("PRES", "0", f"{wanted.divider}")
+        self._set("ADVT", "1" if wanted.divider > 1 else "0")
         self._set("LOFF", f"{output}", "0.00")
         self._set("LAMP", f"{output}", f"{wanted.amplitude_v:.2f}")
         self._set("LPOL", f"{output}", f"{POLARITIES[wanted.polarity]}")

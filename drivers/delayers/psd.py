@@ -41,6 +41,8 @@ SHORT_NS, ROUNDED_BY_NS, LONGEST_PART = 5, 4, 0.8
 TRIGGER_V = (-2.0, 2.0)
 TRIGGER_STEP_V = 0.01
 
+DIVIDERS = (1, 999)
+
 POLL_S = 0.01
 
 #: So often the output is switched off before it is said to be on.
@@ -74,20 +76,24 @@ class PsdSettings:
         Level at the input at which a pulse counts; None leaves what is set at the unit.
     repetition_hz
         Pulses a second that come to the input.
+    divider
+        A pulse is sent for the first of so many.
 
     Raises
     ------
     LimitError
-        No such level is possible.
+        No such level or divider is possible.
     """
 
     trigger_level_v: float | None = None
     repetition_hz: float = 10e6
+    divider: int = 1
 
     @property
     def longest_ns(self) -> int:
         """The longest pulse that is asked for."""
-        return max(min(WIDTHS_NS[1], int(LONGEST_PART * 1e9 / self.repetition_hz)), WIDTHS_NS[0])
+        period_ns = 1e9 * self.divider / self.repetition_hz
+        return max(min(WIDTHS_NS[1], int(LONGEST_PART * period_ns)), WIDTHS_NS[0])
 
     def __post_init__(self) -> None:
         level = self.trigger_level_v
@@ -96,6 +102,13 @@ class PsdSettings:
                 "PSD delayer",
                 f"set a trigger level of {level:g} V",
                 f"it takes {TRIGGER_V[0]:g} to {TRIGGER_V[1]:g} V",
+                "Nothing was sent. Correct the configuration.",
+            )
+        if not DIVIDERS[0] <= self.divider <= DIVIDERS[1]:
+            raise LimitError(
+                "PSD delayer",
+                f"send a pulse for the first of {self.divider}",
+                f"it takes {DIVIDERS[0]} to {DIVIDERS[1]}",
                 "Nothing was sent. Correct the configuration.",
             )
 
@@ -141,7 +154,7 @@ class PsdDelayer:
             self._identify()
             self._connected = True
             self.disable()
-            self._set("SV", 1)
+            self._set("SV", self._settings.divider)
             if self._settings.trigger_level_v is not None:
                 self._set("SH", round(self._settings.trigger_level_v / TRIGGER_STEP_V) * 10)
         except BaseException as problem:

@@ -22,6 +22,8 @@ BAUD = 38400
 RANGE = DelayRange(longest_s=10.0, step_s=10e-12, rearm_s=60e-9, fastest_hz=16e6)
 SHORTEST_PULSE_S = 2e-9
 TRIGGER_LEVEL_V = (0.25, 3.3)
+#: UNCONFIRMED: by how much it divides at most.
+LARGEST_DIVIDER = 999
 
 CHANNELS = ("A", "B", "C", "D")
 POLARITIES = {"positive": "POS", "negative": "NEG"}
@@ -57,8 +59,8 @@ class T560Settings:
         What a gate pulse is like; its level is fixed.
     trigger_edge, trigger_level_v
         Which edge of the sync pulse triggers it, and where.
-    repetition_hz
-        Sync pulses a second.
+    repetition_hz, divider
+        Sync pulses a second; a gate pulse is given for the first of so many.
 
     Raises
     ------
@@ -72,6 +74,12 @@ class T560Settings:
     trigger_edge: Literal["rising", "falling"] = "rising"
     trigger_level_v: float = 1.25
     repetition_hz: float
+    divider: int = 1
+
+    @property
+    def triggers_hz(self) -> float:
+        """Sync pulses a second that trigger it."""
+        return self.repetition_hz / self.divider
 
     def __post_init__(self) -> None:
         if objection := self.objection(0.0):
@@ -94,7 +102,9 @@ class T560Settings:
             return f"its trigger level goes from {low:g} to {high:g} V"
         if not self.pulse_width_s >= SHORTEST_PULSE_S:
             return f"its shortest pulse lasts {SHORTEST_PULSE_S * 1e9:g} ns"
-        return RANGE.objection(delay_s, self.pulse_width_s, self.repetition_hz)
+        if not 1 <= self.divider <= LARGEST_DIVIDER:
+            return f"it divides triggers by 1 to {LARGEST_DIVIDER}"
+        return RANGE.objection(delay_s, self.pulse_width_s, self.triggers_hz)
 
 
 class T560(TextDelayer):
@@ -114,7 +124,7 @@ class T560(TextDelayer):
         line = SerialLine(
             address, device="delay generator", baudrate=BAUD, terminator=b"\r\n", timeout_s=timeout_s
         )
-        super().__init__(line, RANGE, width_s=settings.pulse_width_s, repetition_hz=settings.repetition_hz)
+        super().__init__(line, RANGE, width_s=settings.pulse_width_s, repetition_hz=settings.triggers_hz)
         self._settings = settings
         self._output = settings.output
 
@@ -130,6 +140,7 @@ class T560(TextDelayer):
             "positive": channel.polarity == "POS",
             "trigger": self._ask("TRIGGER"),
             "trigger_level_v": self._ask_number("TLEVEL"),
+            "divider": round(self._divider()),
             "enabled": channel.on,
         }
 
@@ -170,13 +181,13 @@ class T560(TextDelayer):
         trigger = self._ask("TRIGGER")
         if EDGES[wanted.trigger_edge] not in re.findall(r"[A-Z]+", trigger.upper()):
             raise self._kept(f"trigger by the {wanted.trigger_edge} edge", repr(trigger[:80]))
-        if (divided := self._ask_number("TDIV")) not in (0, 1):
-            raise RefusedError(
-                self.name,
-                "give a gate pulse at each trigger",
-                f"it divides triggers by {divided:g}",
-                "Set its TDIV to 0 with the vendor's program.",
-            )
+        if self._divider() != wanted.divider:
+            self._tell(f"TDIV {wanted.divider}")
+            if (divider := self._divider()) != wanted.divider:
+                raise self._kept(f"divide triggers by {wanted.divider}", f"{divider:g}")
+
+    def _divider(self) -> float:
+        return max(1.0, self._ask_number("TDIV"))  # 0 divides as 1 does
 
     def _ends_s(self) -> dict[str, float]:
         """Return when the pulses of this output, and of others that are on, end."""

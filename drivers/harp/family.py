@@ -118,7 +118,8 @@ class Family:
     errors, warnings, flags
         Names of the error codes without their prefix; what the bits of its warnings and flags mean.
     hardware, record_type
-        How files of records call the instrument, and the type of its T3 records in them.
+        How files of records call the instrument (UNCONFIRMED but for the HydraHarp 400), and the type of its
+        T3 records in them.
     model
         The only model that is meant, as the instrument says it; empty where all are.
     fifo_records

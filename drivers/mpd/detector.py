@@ -236,7 +236,10 @@ class MpdSpad:
 
     def _identify(self) -> None:
         try:
-            self._status()
+            try:
+                self._status()
+            except ProtocolError:  # what a program that was killed left half said has spoiled the question
+                self._status()
         except DeviceError as problem:
             raise DeviceNotFoundError(
                 self.name,

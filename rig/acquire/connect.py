@@ -187,6 +187,7 @@ def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires
                 daq=lambda device: board,
                 clock=bench.clock,
                 sync_hz=config.laser.repetition_hz,
+                gate_hz=config.gate_hz,
                 detector=instruments.detector_url,
                 delayer=instruments.delayer_url,
                 shutter=instruments.shutter_url,

@@ -31,7 +31,7 @@ def examine(config: RigConfig, folder: Path) -> list[Finding]:
     findings = [*_software(), _disk(folder)]
     findings += [Finding("set by hand", "warning", sentence) for sentence in config.unverified]
     if not config.simulated:
-        findings += [*_ports(config), *_boards(config), _detector(config), _timing_library(config)]
+        findings += [*_ports(config), *_boards(config), *_detector(config), _timing_library(config)]
     return findings
 
 
@@ -98,13 +98,20 @@ def _served(what: str, address: str) -> Finding:
     return Finding(what, "missing", "nothing is there", remedy)
 
 
-def _detector(config: RigConfig) -> Finding:
+def _detector(config: RigConfig) -> list[Finding]:
+    """Look for a detector that has no serial port."""
+    if isinstance(config.detector, Id120Config):
+        return [_on_usb(config.detector)]
+    if "detector" in config.serial_addresses:
+        return []
     if isinstance(config.detector, ExternalDetectorConfig):
-        return Finding("detector", "ok", "no data interface: a person is asked")
-    if not isinstance(config.detector, Id120Config):
-        return Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")
-    if config.detector.address:
-        return _served(f"served detector at {config.detector.address}", config.detector.address)
+        return [Finding("detector", "ok", "no data interface: a person is asked")]
+    return [Finding("detector", "ok", f"{config.detector.kind}: it is tried when a scan opens it")]
+
+
+def _on_usb(detector: Id120Config) -> Finding:
+    if detector.address:
+        return _served(f"served detector at {detector.address}", detector.address)
 
     from drivers.errors import DeviceError
     from drivers.id120 import ID120
@@ -112,7 +119,7 @@ def _detector(config: RigConfig) -> Finding:
 
     what = f"detector on USB ({ID120[0]:04x}:{ID120[1]:04x})"
     try:
-        device = find_instrument("detector", vendor_product=ID120, serial=config.detector.serial)
+        device = find_instrument("detector", vendor_product=ID120, serial=detector.serial)
     except DeviceError as error:
         return Finding(what, "missing", error.answered, error.remedy)
     if (device.idVendor, device.idProduct) != ID120:

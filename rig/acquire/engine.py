@@ -7,6 +7,8 @@ from datetime import datetime
 from functools import partial
 from typing import cast
 
+import numpy as np
+
 from drivers.errors import DeviceError, LimitError
 from drivers.leaving import leave
 from rig.acquire import sync
@@ -17,6 +19,7 @@ from rig.acquire.events import (
     Consumer,
     Ended,
     Event,
+    Grown,
     LightChanged,
     LineDone,
     Noticed,
@@ -29,6 +32,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
+from rig.files.scan import MOST_PAIRS
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,
@@ -51,6 +55,9 @@ from rig.model.sweep import Trajectories
 #: Wait after light or bias changed before count rates are read: the instrument renews them every 100 ms, and
 #: the vendor's demos (HHLib 3.0) wait 400 ms after a change.
 RATE_SETTLING_S = 0.4
+
+#: In which a detector has counted how often its gate opens (unconfirmed).
+GATE_SETTLING_S = 2.0
 
 #: An exposure with more than this left is cut when a stop is asked for; a shorter one is finished.
 WORTH_CUTTING_S = 0.3
@@ -172,7 +179,7 @@ class ScanEngine:
         during: BaseException | None = None
         try:
             self._run_passes()
-            if self._done == len(self._plan):
+            if self._done == len(self._plan) and not (self._plan.endless and self._should_stop()):
                 outcome, reason = Outcome.COMPLETE, "all positions measured"
             else:
                 outcome, reason = Outcome.INTERRUPTED, self._stopped_by
@@ -191,18 +198,33 @@ class ScanEngine:
 
     def _run_passes(self) -> None:
         for number, one in enumerate(self._plan.passes):
-            steps = self._plan.range_of_pass(number)
-            if self._done >= steps.stop:
+            if self._done >= self._plan.range_of_pass(number).stop and not self._grow():
                 continue  # measured earlier
             if self._should_stop():
                 return
             self._set_up(one)
             if not self._lit:
                 self._light_up(number)
-            self._expose(steps)
-            if self._done < steps.stop:
+            self._expose(self._plan.range_of_pass(number))
+            while self._done == len(self._plan) and not self._should_stop() and self._grow():
+                self._expose(self._plan.range_of_pass(number))
+            if self._done < self._plan.range_of_pass(number).stop:
                 return
         self._set_hold_off_back()
+
+    def _grow(self) -> bool:
+        """Plan more frames, if they go on until they are stopped; return whether there are more."""
+        if not self._plan.endless:
+            return False
+        longer = self._plan.longer(MOST_PAIRS // len(self._state.channels))
+        if longer is None:
+            at = len(self._plan) - 1
+            self._tell(Noticed("a scan file holds no more frames than these: the scan ends here", at, at))
+            return False
+        of_a_frame = self._angles_rad[: len(self._plan) // self._plan.frames]
+        self._tell(Grown(longer))
+        self._plan, self._angles_rad = longer, np.tile(of_a_frame, (longer.frames, 1))
+        return True
 
     def _set_up(self, one: Pass) -> None:
         """Set the rig as a pass wants it; in the dark, if anything has to change."""
@@ -262,12 +284,24 @@ class ScanEngine:
         self._vigil.require_bearable(rates)
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
-        settings = devices.read_back()
-        sync.require_gate(settings["spad"], self._state.config.laser.repetition_hz)
+        settings = self._with_its_gate_seen()
         warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
         self._tell(Ready(pass_index, rates, warnings, settings))
         self._tell(PhaseChanged(Phase.EXPOSING))
+
+    def _with_its_gate_seen(self) -> dict[str, Settings]:
+        """Read everything back, once more where the detector has not counted the laser's pulses yet."""
+        config = self._state.config
+        settings = self._devices.read_back()
+        try:
+            sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        except RefusedError:
+            self._wait(GATE_SETTLING_S)
+            self._devices.laser.beat(ASKING_LEASE_S)
+            settings = self._devices.read_back()
+            sync.require_gate(settings["spad"], config.gate_hz, config.laser.repetition_hz)
+        return settings
 
     def _expose(self, steps: range) -> None:
         self._vouched_s, self._vouched = self._devices.clock.now_s(), self._done

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.devices import Exposure, Rates, Settings
-from rig.model.plan import Step
+from rig.model.plan import ScanPlan, Step
 
 
 class Phase(Enum):
@@ -155,6 +155,13 @@ class Recorded:
 
 
 @dataclass(frozen=True)
+class Grown:
+    """More frames are planned, of a scan that goes on until it is stopped. ``plan`` is the new one."""
+
+    plan: ScanPlan
+
+
+@dataclass(frozen=True)
 class Ended:
     """The scan is over and the laser is dark.
 
@@ -171,5 +178,7 @@ class Ended:
     reason: str
 
 
-Event = PhaseChanged | Ready | StepDone | StepCut | LineDone | LightChanged | Noticed | Recorded | Ended
+Event = (
+    PhaseChanged | Ready | StepDone | StepCut | LineDone | LightChanged | Noticed | Recorded | Grown | Ended
+)
 Consumer = Callable[[Event], None]

@@ -10,6 +10,7 @@ from typing import IO, Self
 from rig.acquire.events import (
     Ended,
     Event,
+    Grown,
     LightChanged,
     LineDone,
     Noticed,
@@ -84,12 +85,13 @@ class ScanLog:
                 self._warn(step.index, exposure.warnings)
             case StepCut(step=step, exposure=exposure):
                 self._say(f"position {step.index} was cut after {exposure.live_time_s:g} s")
-            case LightChanged():
-                self._say(event.words)
-            case Noticed(sentence=sentence, first=first, last=last):
-                self._say(f"positions {first} to {last}: {sentence}")
+            case LightChanged() | Noticed():
+                self._say(_in_words(event))
             case LineDone(steps_done=done):
                 self._say(f"{done} of {len(self._plan)} positions measured")
+            case Grown(plan=plan):
+                self._plan = plan
+                self._say(f"{plan.frames} frames are planned now")
             case Ended(outcome=outcome, steps_done=done, reason=reason):
                 self._end_of_warnings(set())
                 self._say(f"{outcome.value} after {done} of {len(self._plan)} positions: {reason}")
@@ -113,3 +115,9 @@ class ScanLog:
             when = datetime.now(UTC).isoformat(timespec="milliseconds")
             with suppress(OSError, ValueError):
                 self._file.write(f"{when} {' '.join(what.split())}\n")
+
+
+def _in_words(event: LightChanged | Noticed) -> str:
+    if isinstance(event, LightChanged):
+        return event.words
+    return f"positions {event.first} to {event.last}: {event.sentence}"

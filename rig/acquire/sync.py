@@ -30,13 +30,15 @@ def none_came(settings: Settings) -> str:
     )
 
 
-def require_gate(detector: Settings, repetition_hz: float) -> None:
+def require_gate(detector: Settings, expected_hz: float, repetition_hz: float) -> None:
     """Refuse a gate that does not follow the laser, where the detector tells how often it opens.
 
     Parameters
     ----------
     detector
         Its settings, as read back while the laser emits.
+    expected_hz
+        How often it is to open a second.
     repetition_hz
         Pulses a second of the laser.
 
@@ -48,12 +50,13 @@ def require_gate(detector: Settings, repetition_hz: float) -> None:
     gate_hz = detector.get("gate_rate_hz")
     if gate_hz is None or not detector.get("gated"):
         return
-    if isclose(float(gate_hz), repetition_hz, rel_tol=AS_SET):
+    if isclose(float(gate_hz), expected_hz, rel_tol=AS_SET):
         return
+    divided = "" if expected_hz == repetition_hz else f", {show(expected_hz, 'Hz')} after delayer.divider"
     raise RefusedError(
-        f"the detector's gate opens {show(float(gate_hz), 'Hz')}, and the laser is set to "
-        f"{show(repetition_hz, 'Hz')}: check the cable from the laser's sync output to the gate, the "
-        "thresholds of detector and delayer, and the delayer's output"
+        f"the detector's gate opens at {show(float(gate_hz), 'Hz')}, and the laser is set to "
+        f"{show(repetition_hz, 'Hz')}{divided}: check the cable from the laser's sync output to the gate, "
+        "the thresholds of detector and delayer, and the delayer's output"
     )
 
 

@@ -307,7 +307,7 @@ def _fastest_hz(config: RigConfig) -> float:
     hold_off_s = max(config.detector.hold_off_s, 1e-9)
     if not config.detector.gated:
         return 1 / hold_off_s
-    pulses_hz = config.laser.repetition_hz
+    pulses_hz = config.gate_hz
     return pulses_hz / (1 + ceil(hold_off_s * pulses_hz - 1e-6))  # a hold-off of one period closes one gate
 
 

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 from rich.text import Text
 
-from rig.acquire.events import Ended, Event, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import Ended, Event, Grown, LightChanged, Noticed, PhaseChanged, Ready, StepDone
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
@@ -155,13 +155,7 @@ class ScanProgress:
         """Show what happened."""
         match event:
             case PhaseChanged(phase=phase):
-                self._phase = phase.value
-                if err.is_terminal:
-                    self._start_bar()
-                    self._draw(0 if phase.value == "aiming" else None)
-                else:
-                    say(phase.value)
-                self._since_s = time.monotonic()
+                self._show_phase(phase.value)
             case Ready(rates=rates, warnings=warnings):
                 say(f"sync {show(rates.sync_hz, 'Hz')}, {show(rates.input_hz, 'counts/s')}")
                 for sentence in warnings:
@@ -177,8 +171,20 @@ class ScanProgress:
                 self._photons += exposure.photons
                 self._live_time_s += exposure.live_time_s
                 self._advance(step.index + 1)
+            case Grown(plan=plan):
+                self._positions = len(plan)
+                self._bar.update(self._task, total=self._positions)
             case Ended():
                 self._stop_bar()
+
+    def _show_phase(self, phase: str) -> None:
+        self._phase = phase
+        if err.is_terminal:
+            self._start_bar()
+            self._draw(0 if phase == "aiming" else None)
+        else:
+            say(phase)
+        self._since_s = time.monotonic()
 
     def _start_bar(self) -> None:
         self._bar.start()

@@ -41,10 +41,14 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+#: What is said in place of a number of frames.
+UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
-    int | None,
+    str | None,
     typer.Option(
-        metavar="N", min=1, help="How often the whole grid is scanned, for a video. [dim]\\[1][/dim]"
+        metavar=f"N|{UNTIL_STOPPED}",
+        help="How often the whole grid is scanned, for a video; or frame after frame until Ctrl-C, or a RULE "
+        "of --until. [dim]\\[1][/dim]",
     ),
 ]
 Until = Annotated[

@@ -31,6 +31,7 @@ def resume(
     """
     from rig.acquire import acquisition
     from rig.acquire.preflight import check
+    from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
     from rig.commands.running import Onlookers, ending, run
@@ -39,6 +40,8 @@ def resume(
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
+    if plan.endless:
+        console.say(f"{scan} has no last frame: frames go on until they are stopped.")
     others = Onlookers(ending(until, plan, scan) if until else None, live)
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:

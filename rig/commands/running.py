@@ -111,6 +111,9 @@ def run(
     if until and result.ended.outcome is Outcome.INTERRUPTED and result.ended.reason == until.reason():
         console.say(f"Ended as asked: {until.reason()}. {_safe(target, config)}")
         return
+    if plan.endless and result.ended.outcome is Outcome.INTERRUPTED:
+        console.say(f"Ended as asked: {result.ended.reason}. {_safe(target, config)}")
+        return
     if result.ended.outcome is not Outcome.COMPLETE:
         raise InterruptedScanError(f"{target}: the scan was stopped. {_safe(target, config)}")
 
@@ -187,13 +190,13 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
         )
         return
     rate_hz = result.photons / result.live_time_s if result.live_time_s else 0.0
-    frames = plan.passes[0].frames
-    whole = result.ended.steps_done * frames // len(plan)
+    measured, frames = result.ended.steps_done, plan.frames
+    whole, planned = measured * frames // len(plan), "" if plan.endless else f" of {len(plan):,}"
     console.print_facts(
         str(target),
         {
-            "positions": f"{result.ended.steps_done:,} of {len(plan):,}",
-            **({"frames": f"{whole} of {frames}"} if frames > 1 else {}),
+            "positions": f"{measured:,}{planned}",
+            **({"frames": f"{whole:,}" if plan.endless else f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{result.photons:,} ({show(rate_hz, 'photons/s')})",
             "size": f"{target.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),

@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Frames, Grid, Live, Mode, Order, Ptu, Seed, Spacing, Until
+from rig.commands.options import (
+    UNTIL_STOPPED,
+    AsJson,
+    Config,
+    Frames,
+    Grid,
+    Live,
+    Mode,
+    Order,
+    Ptu,
+    Seed,
+    Spacing,
+    Until,
+)
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
@@ -127,7 +140,7 @@ def scan(
         exposure_s=parse(exposure, "time") if exposure else None,
         order=order.in_plan,
         motion=mode.value,
-        frames=frames,
+        **_frames(frames, mode),
     )
     _check_film(plan, live, fresh_to, video)
     end = ending(until, plan) if until else None
@@ -137,6 +150,10 @@ def scan(
     if ptu and not plan.continuous:
         raise UsageError(
             "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
+    if ptu and plan.endless:
+        raise UsageError(
+            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
         )
     found = check(plan, state, target.parent)
     if config is None:
@@ -164,6 +181,27 @@ def scan(
         needed,
         others,
     )
+
+
+def _frames(text: str | None, mode: Mode) -> dict[str, object]:
+    """Read the option --frames, as the plan has it."""
+    from rig.errors import UsageError
+    from rig.model.plan import FIRST_FRAMES
+
+    if text is None:
+        return {}
+    if text.strip() != UNTIL_STOPPED:
+        if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
+            raise UsageError(
+                f"'{text}' is no number of frames; write one from 1 on, e.g. --frames 10, or "
+                f"--frames {UNTIL_STOPPED}"
+            )
+        return {"frames": int(text)}
+    if mode is not Mode.CONTINUOUS:
+        raise UsageError(
+            f"--frames {UNTIL_STOPPED} needs --mode continuous; add it, or give a number of frames"
+        )
+    return {"frames": FIRST_FRAMES, "until_stopped": True}
 
 
 def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path | None) -> None:
@@ -274,7 +312,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
         return
     width_m, height_m = grid.area_m
     frame_s = found.duration_s / one.frames
-    frames = {"frames": f"{one.frames} of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"}
+    each = f"of {len(grid.spots_m):,} positions, ~{show_duration(frame_s)} each"
+    frames = {"frames": f"until stopped, {each}" if plan.endless else f"{one.frames} {each}"}
     lines_apart = f", lines {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     channels = len(state.channels)
     console.print_facts(

@@ -81,6 +81,7 @@ def _wires(config: RigConfig, clock: Clock | None = None) -> Wires:
         daq=daq,
         clock=clock or SystemClock(),
         sync_hz=config.laser.repetition_hz,
+        gate_hz=config.gate_hz,
         detector=config.detector.address or "",
         delayer=(config.delayer.address if config.delayer else None) or "",
         shutter=(config.shutter.address if config.shutter else None) or "",

@@ -63,6 +63,35 @@ def unmark(file: h5py.File, first: int) -> None:
     file["transients/live_time_s"][first:] = np.nan
 
 
+def grow(file: h5py.File, plan: str) -> None:
+    """Let a file have the frames of a longer plan: the positions of the first once more, not measured.
+
+    Parameters
+    ----------
+    file
+        Of a scan whose frames go on until it is stopped.
+    plan
+        The longer plan, as JSON.
+    """
+    transients, start = file["transients"], file["start"].attrs
+    steps = len(transients["done"])
+    before, frames = (json.loads(one)["passes"][0]["frames"] for one in (start["plan"], plan))
+    size = steps // before
+    channels = (len(transients["photon_offset"]) - 1) // steps
+    for name in ("laser_m", "mirror_rad"):
+        positions = file["geometry"].get(name)
+        if positions is not None:
+            of_a_frame = positions[:size]
+            positions.resize(frames * size, axis=0)
+            for first in range(steps, frames * size, size):
+                positions[first : first + size] = of_a_frame
+    for name in ("done", "live_time_s", "step_checksum"):
+        transients[name].resize((frames * size,))
+    transients["live_time_s"][steps:] = np.nan
+    transients["photon_offset"].resize((frames * size * channels + 1,))
+    start["plan"] = plan
+
+
 def write_devices(file: h5py.File, devices: Mapping[str, Settings], pass_index: int) -> None:
     """Write what each device said before a pass, in place of what was there."""
     if pass_index:

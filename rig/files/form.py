@@ -175,7 +175,8 @@ class Form(ABC):
         """Return the sum of the photons of the first steps."""
 
 
-def create_marks(transients: h5py.Group, steps: int) -> None:
+def create_marks(transients: h5py.Group, steps: int, *, grows: bool = False) -> None:
     """Make the datasets of a new scan file that say which steps are measured, and for how long."""
-    transients.create_dataset("done", data=np.zeros(steps, bool))
-    transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"))
+    may = {"maxshape": (None,)} if grows else {}
+    transients.create_dataset("done", data=np.zeros(steps, bool), **may)
+    transients.create_dataset("live_time_s", data=np.full(steps, np.nan, "<f4"), **may)

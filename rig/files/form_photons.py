@@ -61,6 +61,7 @@ class PhotonForm(Form):
         self._channels = (len(self._offsets) - 1) // self.steps
         self.shape = (self._channels, int(transients.attrs["bins"]))
         self._size = self._photons.chunks[0]
+        self.grows = self._offsets.maxshape == (None,)
         self._offset = np.zeros(self.steps * self._channels + 1, np.int64)
         self.sums = Sums(np.zeros(0, np.uint32), np.zeros(self.steps, np.uint32))
         self.at = Gathered(0, np.zeros(2 * self._size, self._photons.dtype))
@@ -70,16 +71,18 @@ class PhotonForm(Form):
         """Make the datasets of ``/transients`` in a new scan file."""
         steps, channels, bins = description.steps, description.channel_count, description.bins
         _create_photons(transients, "<u2" if bins <= 2**16 else "<u4", CHUNK_PHOTONS)
-        transients["photon_offset"] = np.zeros(steps * channels + 1, "<u8")
-        create_marks(transients, steps)
-        _create_sums(transients, steps)
+        grows = description.plan is not None and description.plan.endless
+        _create_offsets(transients, steps * channels, grows=grows)
+        create_marks(transients, steps, grows=grows)
+        _create_sums(transients, steps, grows=grows)
 
     @staticmethod
     def copy_empty(old: h5py.Group, new: h5py.Group) -> None:
         """Make the form's datasets as in another scan file, without photons."""
         _create_photons(new, old["photons"].dtype, old["photons"].chunks[0])
-        new["photon_offset"] = np.zeros_like(old["photon_offset"][()])
-        _create_sums(new, len(old["done"]))
+        grows = old["photon_offset"].maxshape == (None,)
+        _create_offsets(new, len(old["photon_offset"]) - 1, grows=grows)
+        _create_sums(new, len(old["done"]), grows=grows)
         for name in PhotonForm.DATASETS:
             new[name].attrs.update(old[name].attrs)
 
@@ -193,6 +196,19 @@ class PhotonForm(Form):
         """Return whether so many photons are gathered that it is time to write them."""
         return bool(self._end(appended) - self.at.first >= GATHERED_CHUNKS * self._size)
 
+    def _ends_with(self, steps: int) -> bool:
+        """Return whether these steps are all that there will ever be."""
+        return steps == self.steps and not self.grows
+
+    def grow(self) -> None:
+        """Take the steps that were added to the file."""
+        steps = len(self._step_sums)
+        offset = np.zeros(steps * self._channels + 1, np.int64)
+        offset[: len(self._offset)] = self._offset
+        sums = np.zeros(steps, np.uint32)
+        sums[: self.steps] = self.sums.steps
+        self.steps, self._offset, self.sums = steps, offset, self.sums._replace(steps=sums)
+
     def _end(self, steps: int) -> int:
         """Return how many photons the first steps have."""
         return int(self._offset[steps * self._channels])
@@ -203,7 +219,7 @@ class PhotonForm(Form):
     def due(self, written: int, appended: int, *, last: bool) -> bool:
         """Return whether a chunk is whole, or the end has come."""
         whole = self._end(appended) - self.at.first >= self._size
-        return last or whole or (appended == self.steps and written < appended)
+        return last or whole or (self._ends_with(appended) and written < appended)
 
     def packed(self, journaled: int, appended: int, live_time_s: NDArray[np.float32]) -> Chunk:
         """Return the steps that the journal does not hold yet."""
@@ -215,7 +231,7 @@ class PhotonForm(Form):
         """Write the chunks that are whole; at the end all, with the size of the whole."""
         left = self._write_chunks(appended)
         end = self._end(appended)
-        whole = last or appended == self.steps
+        whole = last or self._ends_with(appended)
         if whole:
             # before its photons: HDF5 packs a chunk anew that is cut
             self._photons.resize((end,))
@@ -304,7 +320,7 @@ class PhotonForm(Form):
         self.sums = self.sums._replace(chunks=chunks)
         self.at = Gathered(end, self.at.bins)
         self.at, within = self.before(measured)
-        return measured if measured == self.steps else within
+        return measured if self._ends_with(measured) else within
 
     def restore(self, chunk: Chunk, rows: int) -> None:
         """Write the first steps of a chunk."""
@@ -341,9 +357,15 @@ def _create_photons(transients: h5py.Group, dtype: object, size: int) -> None:
     )
 
 
-def _create_sums(transients: h5py.Group, steps: int) -> None:
+def _create_offsets(transients: h5py.Group, pairs: int, *, grows: bool) -> None:
+    may = {"maxshape": (None,)} if grows else {}
+    transients.create_dataset("photon_offset", data=np.zeros(pairs + 1, "<u8"), **may)
+
+
+def _create_sums(transients: h5py.Group, steps: int, *, grows: bool) -> None:
+    may = {"maxshape": (None,)} if grows else {}
     transients.create_dataset("checksum", (0,), "<u4", maxshape=(None,), chunks=(_CHUNK_SUMS,))
-    transients["step_checksum"] = np.zeros(steps, "<u4")
+    transients.create_dataset("step_checksum", data=np.zeros(steps, "<u4"), **may)
 
 
 def _chunk(

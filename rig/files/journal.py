@@ -44,6 +44,7 @@ class Kind(IntEnum):
     EVENT = 5  #: JSON: a row of the table of events, and which
     WITHDRAWN = 6  #: JSON: the step from which on all are taken back
     STOP = 7  #: JSON: the closing record
+    GROWN = 8  #: JSON: a longer plan, with more frames
 
 
 @dataclass(frozen=True)

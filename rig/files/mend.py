@@ -81,6 +81,8 @@ def rebuild(journal: Journal, target: Path) -> None:
     (head,) = [record for record in records if record.kind is Kind.HEAD]
     target.write_bytes(journal.payload(head))
     with content.written(target) as file:
+        if grown := [record for record in records if record.kind is Kind.GROWN]:
+            content.grow(file, journal.said(grown[-1]))
         form, measured = forms.of_file(file)(file), 0
         for record, rows in _measured(journal, records):
             chunk = Chunk.from_bytes(journal.payload(record))

@@ -44,7 +44,8 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
     if description.imported:
         file["start"].attrs["imported"] = json.dumps(description.imported)
     geometry = file.create_group("geometry")
-    geometry["laser_m"] = np.asarray(description.laser_m, "<f8")
+    may = {"maxshape": (None, None)} if description.plan is not None and description.plan.endless else {}
+    geometry.create_dataset("laser_m", data=np.asarray(description.laser_m, "<f8"), **may)
     geometry["detector_m"] = np.asarray(description.detector_m, "<f8").reshape(-1, channels, 3)
     if description.delays is not None:
         geometry.attrs["laser_head_m"] = np.asarray(description.delays.laser_head_m, "<f8")
@@ -54,7 +55,7 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
         delay_s = np.asarray(description.delay_s, "<f8").reshape(steps, -1)
         geometry["delay_s"] = np.broadcast_to(delay_s, (steps, channels))
     if description.mirror_rad is not None:
-        geometry["mirror_rad"] = np.asarray(description.mirror_rad, "<f8")
+        geometry.create_dataset("mirror_rad", data=np.asarray(description.mirror_rad, "<f8"), **may)
     _write_channels(file, description)
     documents = state.calibrations.documents() if state else {}
     if documents:

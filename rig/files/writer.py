@@ -25,6 +25,7 @@ from rig.files.form_photons import PhotonForm
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
 from rig.files.start import start_of, utc_now
+from rig.model.plan import ScanPlan
 
 Status = Literal["complete", "interrupted", "failed"]
 
@@ -218,6 +219,32 @@ class ScanWriter:
             self._require_space()
             self._keep()
             self._form.turn(self.appended)
+
+    def grow(self, plan: ScanPlan) -> None:
+        """Take more frames, of a plan that goes on until it is stopped.
+
+        Raises
+        ------
+        ValueError
+            If the file was not made for such a plan.
+        DataFileError
+            If the file cannot be written.
+        """
+        assert self._file is not None
+        if not isinstance(self._form, PhotonForm) or not self._form.grows:
+            raise ValueError(f"{self.path} was made for {self.steps} steps: it cannot grow")
+        said = plan.model_dump_json()
+        broken, self._broken = self._broken, True  # a file that has grown in part is made from the journal
+        with self._writing():
+            if self._journal is not None:
+                self._journal.say(Kind.GROWN, said)
+                self._journal.sync()
+            content.grow(self._file, said)
+            self._file.flush()
+            self._form.grow()
+            self._live = np.append(self._live, np.full(self._form.steps - self.steps, np.nan, "<f4"))
+            self.steps = self._form.steps
+        self._broken = broken
 
     def note(self, sentence: str, first: int, last: int, kind: str = "warning") -> None:
         """Note what happened at some steps; it is kept with the next checkpoint.

@@ -18,7 +18,7 @@ from rig.light.dark import make_dark
 from rig.light.guard import Lost
 from rig.light.guarded import FIRST_LEASE_S, in_words, raise_lost
 from rig.light.words import from_words
-from rig.model.config import RigConfig
+from rig.model.config import ExternalLaserConfig, RigConfig
 from rig.model.devices import Settings
 
 #: Longest wait for an answer of the guard: a laser takes up to 10 s to light, and several tries to go dark.
@@ -251,8 +251,8 @@ class GuardedElsewhere:
             _in_time(safe, 3.0)
         sentence = (
             f"\nrig: a device's library, a disk or the terminal has not returned for {HANGS_S:.0f} s. "
-            "The guard has put the laser out, and the program ends here. Lines that were finished are safe; "
-            "switch the timing instrument off and on, and go on with rig resume.\n"
+            f"{_what_the_guard_did(self._config)}, and the program ends here. Lines that were finished are "
+            "safe; switch the timing instrument off and on, and go on with rig resume.\n"
         )
         _in_time(lambda: os.write(2, sentence.encode()), 1.0)  # the terminal may be what hangs
         os._exit(3)
@@ -265,6 +265,13 @@ class GuardedElsewhere:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(2.0)
             self._hearing.join(2.0)
+
+
+def _what_the_guard_did(config: RigConfig) -> str:
+    """Return what is true of the light when the program has not said in time that all is well."""
+    if isinstance(config.laser, ExternalLaserConfig) and config.shutter is None:
+        return "No program can put this laser out: TREAT IT AS EMITTING, switch it off by hand, now"
+    return "The guard has put the laser out"
 
 
 def _start() -> "subprocess.Popen[str]":

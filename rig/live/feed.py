@@ -16,7 +16,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from rig.acquire.events import Ended, Event, LightChanged, LineDone, Noticed, PhaseChanged, Ready, StepDone
+from rig.acquire.events import (
+    Ended,
+    Event,
+    Grown,
+    LightChanged,
+    LineDone,
+    Noticed,
+    PhaseChanged,
+    Ready,
+    StepDone,
+)
 from rig.files.description import ScanDescription
 from rig.live.messages import PLAIN, Begun, Block, BlockBuilder, Film, Gap, Message
 
@@ -187,7 +197,7 @@ class LiveFeed:
                     self._noticed[sentence] = Noticed(sentence, first, step.index)
             case LineDone():
                 self._flush()
-            case PhaseChanged() | Ready() | LightChanged() | Noticed():
+            case PhaseChanged() | Ready() | LightChanged() | Noticed() | Grown():
                 self._flush()
                 self._outbox.put(event)
             case Ended():

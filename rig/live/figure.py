@@ -130,7 +130,7 @@ class LiveFigure:
         now_s = seen.newest_s if np.isfinite(seen.newest_s) else datetime.now().timestamp()
         self._when.set_text(datetime.fromtimestamp(now_s).strftime("%d %b %Y, %H:%M:%S"))
         self._how_far.set_text(_how_far(seen, self._subject))
-        self._bar_done.set_width(seen.measured / self._subject.steps)
+        self._bar_done.set_width(0 if self._subject.endless else seen.measured / self._subject.steps)
         self._tell_light(seen)
         self._warnings.set_text("\n".join(_short(one) for one in _warnings(seen)))
         self._draw_counts(seen.photons)
@@ -272,6 +272,8 @@ def _in_squares(
 def _how_far(seen: Seen, subject: Subject) -> str:
     """Say how far the scan is, and when it will end."""
     told = [f"{seen.measured:,} of {subject.steps:,} positions ({seen.measured / subject.steps:.0%})"]
+    if subject.endless:
+        told = [f"{seen.measured:,} positions, {seen.measured // subject.frame_steps:,} frames until stopped"]
     if seen.lost:
         told.append("the program that scans is gone")
     elif seen.ended is not None:

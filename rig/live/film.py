@@ -182,7 +182,7 @@ class Filming:
         lifted = compensate_falloff(found.intensity, found.grid.z_m, found.falloff_power)
         front = front_view(lifted)
         self._fronts.append((frame.number, front))
-        of = f" of {self._subject.frames}"
+        of = "" if self._subject.endless else f" of {self._subject.frames}"
         self.title = f"frame {frame.number + 1}{of}"
         self._write(frame.number, np.sqrt(front))
         late_s = time() - frame.when_s

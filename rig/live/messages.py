@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.acquire.events import Ended, LightChanged, Noticed, PhaseChanged, Ready
+from rig.acquire.events import Ended, Grown, LightChanged, Noticed, PhaseChanged, Ready
 from rig.files.description import ScanDescription
 from rig.model.devices import Exposure
 from rig.model.photons import TaggedExposure
@@ -101,7 +101,7 @@ class Gap:
     stop: int
 
 
-Told = PhaseChanged | Ready | LightChanged | Noticed | Ended
+Told = PhaseChanged | Ready | LightChanged | Noticed | Grown | Ended
 Message = Begun | Block | Gap | Told
 
 

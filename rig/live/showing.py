@@ -35,8 +35,8 @@ WINDOWS = ("macosx", "qtagg", "tkagg", "gtk4agg", "gtk3agg", "wxagg")
 class News(Protocol):
     """Something that can be waited for."""
 
-    def wait(self, timeout: float) -> object:
-        """Wait until it is there, or for so many seconds."""
+    def wait(self, timeout: float) -> bool:
+        """Wait until it is there, or for so many seconds; return whether it is."""
         ...
 
     def clear(self) -> None:
@@ -72,7 +72,7 @@ class Showing:
         self._lateness = Lateness(known.state.subject)
         planned_s = begun.description.plan.exposure_total_s if begun.description.plan else 0.0
         self._dated_s = max(DATED_S, planned_s / DATED_MOST)
-        self._next_dated_s = time.monotonic() + self._dated_s
+        self._next_dated_s, self._kept = time.monotonic() + self._dated_s, 0
         self._window = _window() if begun.window else None
         if self._window is None:
             figure = Figure(dpi=DPI)
@@ -103,9 +103,13 @@ class Showing:
         self._live.update(seen)
         if self._window is not None:
             self._window.canvas.draw_idle()
-        self._write(self._folder / NEWEST)
+        if not self._write(self._folder / NEWEST):
+            return
         self._lateness.drawn(seen, time.time())
         if last or time.monotonic() >= self._next_dated_s:
+            self._kept += 1
+            if self._kept % DATED_MOST == 0:  # of a scan that takes longer than was planned
+                self._dated_s *= 2
             self._next_dated_s = time.monotonic() + self._dated_s
             self._keep(self._folder / f"{datetime.now():%Y%m%d-%H%M%S}.png")
 
@@ -114,18 +118,20 @@ class Showing:
         with suppress(OSError), appearing(path) as partial:
             shutil.copyfile(self._folder / NEWEST, partial)
 
-    def _write(self, path: Path) -> None:
-        """Write the picture; one that cannot be written is missed, and told once."""
+    def _write(self, path: Path) -> bool:
+        """Write the picture, and return whether it is there; one that is missed is told once."""
         try:
             self._folder.mkdir(exist_ok=True)
             save(self._live.figure, path)
+            return True
         except (DataFileError, UsageError, OSError) as error:
             if not self._failed:
                 say(f"trouble {error}; pictures are missed")
             self._failed = True
+            return False
 
     def _wait(self, duration_s: float) -> None:
-        """Wait for a while, or until the scan is over, and look after the window meanwhile."""
+        """Wait for a while, or until there are news, and look after the window meanwhile."""
         until_s = time.monotonic() + duration_s
         if self._window is None:
             self._known.news.wait(duration_s)
@@ -136,7 +142,9 @@ class Showing:
                 self._window.canvas.flush_events()
             except Exception:  # each kit has its own for a window that is gone
                 self._close()
-            time.sleep(PUMP_S)
+            if self._known.news.wait(PUMP_S):
+                self._known.news.clear()
+                return
 
     def _close(self) -> None:
         """Go on without a window."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from recon.accumulate import Picture
 from recon.capture import Capture
-from rig.acquire.events import Ended, LightChanged, Noticed, PhaseChanged, Ready
+from rig.acquire.events import Ended, Grown, LightChanged, Noticed, PhaseChanged, Ready
 from rig.files.description import ScanDescription
 from rig.image.until import expected, rounds_of
 from rig.live.messages import Block, Gap, Message
@@ -41,8 +41,9 @@ class Subject:
         The scan file's name, the rig's, exposure and order of the steps, and how the mirror moves.
     steps, channels
         How many there are.
-    frames, frame_s
-        How often all positions are visited, and how long that takes each time, as the plan has it.
+    frames, frame_s, endless
+        How often all positions are visited, how long that takes each time, as the plan has it, and whether
+        more frames are added until somebody stops the scan.
     laser_m
         (P, 3) laser spot of each step of a frame.
     capture
@@ -67,6 +68,7 @@ class Subject:
     channels: int
     frames: int
     frame_s: float
+    endless: bool
     laser_m: NDArray[np.float64]
     capture: Capture
     rounds: tuple[int, ...]
@@ -100,6 +102,7 @@ class Subject:
             channels=description.channel_count,
             frames=frames,
             frame_s=duration_s / frames,
+            endless=plan.endless,
             laser_m=laser_m,
             capture=capture,
             rounds=rounds_of(plan) if len(plan.passes) == 1 else (description.steps,),
@@ -265,6 +268,8 @@ class LiveState:
                 self._light = message
             case Noticed():
                 self._warn(message)
+            case Grown(plan=plan):
+                self._grow(len(plan))
             case Ended(steps_done=trusted):
                 self._ended = message
                 back = np.flatnonzero(self._here[trusted:]) + trusted
@@ -276,6 +281,11 @@ class LiveState:
         self._warnings[said.sentence] = replace(said, first=min(before.first, said.first))
         while len(self._warnings) > WARNINGS:
             del self._warnings[next(iter(self._warnings))]
+
+    def _grow(self, steps: int) -> None:
+        """Take more frames."""
+        more = np.zeros(steps - len(self._here), bool)
+        self._here, self.missing = (np.concatenate([one, more]) for one in (self._here, self.missing))
 
     def _count(self, block: Block) -> None:
         """Add the photons of a block."""
@@ -326,7 +336,7 @@ class LiveState:
         with self._lock:
             measured = int(np.count_nonzero(self._here | self.missing))
             left_s = None
-            if self._paced:
+            if self._paced and not self.subject.endless:
                 passed_s = self._newest_s - self._first_s
                 left_s = passed_s / self._paced * (self.subject.steps - measured)
             moments_s, photons_per_s = self._history.curve()

@@ -29,6 +29,8 @@ HALVINGS = 3
 SETTLING_CONSTANTS = 9.2
 #: More steps than this are no scan, but a slip in typing or a damaged file.
 MAX_STEPS = 5_000_000
+#: A scan whose frames go on until it is stopped begins with so many, and gets so many more at once at most.
+FIRST_FRAMES, MORE_FRAMES = 2, 64
 
 
 class _Part(BaseModel):
@@ -202,6 +204,8 @@ class Pass(_Part):
     """step: the mirror comes to rest at each position. continuous: it never stops along a line."""
     frames: int = Field(1, ge=1)
     """How often all positions are visited."""
+    until_stopped: bool = False
+    """Whether more frames are added when these are measured, until somebody stops the scan."""
     gate_s: tuple[float, float] | None = None
     """Opening edge of the gate after the sync pulse, and its width."""
     hold_off_s: float | None = None
@@ -259,6 +263,8 @@ class ScanPlan(_Part):
         places = sum(one.positions.places * one.frames for one in self.passes)
         if places > MAX_STEPS:
             raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
+        if any(one.until_stopped for one in self.passes) and not (len(self.passes) == 1 and self.continuous):
+            raise ValueError("frames go on until they are stopped in a continuous scan of one pass alone")
         if len({one.motion for one in self.passes}) > 1:
             raise ValueError("the mirror stops at each position in all passes or in none")
         return self
@@ -267,6 +273,26 @@ class ScanPlan(_Part):
     def frames(self) -> int:
         """How often all positions are visited; 1 of a plan of several passes, which differ."""
         return self.passes[0].frames if len(self.passes) == 1 else 1
+
+    @property
+    def endless(self) -> bool:
+        """Whether frames go on until somebody stops the scan; as many as are planned now can be seen here."""
+        return self.passes[0].until_stopped
+
+    def longer(self, most_steps: int) -> "ScanPlan | None":
+        """Return the plan with more frames: twice as many, or `MORE_FRAMES`; None where no more fit.
+
+        Parameters
+        ----------
+        most_steps
+            How many steps it may have.
+        """
+        one = self.passes[0]
+        fitting = min(most_steps, MAX_STEPS) // len(one.positions.spots_m)
+        frames = min(2 * one.frames, one.frames + MORE_FRAMES, fitting)
+        if frames <= one.frames:
+            return None
+        return ScanPlan(passes=(one.model_copy(update={"frames": frames}),))
 
     @property
     def continuous(self) -> bool:

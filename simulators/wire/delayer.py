@@ -47,11 +47,11 @@ class DelayerFirmware(LineFirmware):
         """Do what a command says, and return what is answered, terminators included."""
         raise NotImplementedError
 
-    def move_gate(self, *, on: bool, delay_s: float) -> None:
-        """Let the gate open a delay after each sync pulse, or never."""
+    def move_gate(self, *, on: bool, delay_s: float, every: int = 1) -> None:
+        """Let the gate open a delay after each sync pulse, or after the first of so many, or never."""
         wanted: dict[str, bool | float] = {"triggered": on}
         if on:
-            wanted["gate_delay_s"] = self._insertion_delay_s + delay_s
+            wanted |= {"gate_delay_s": self._insertion_delay_s + delay_s, "gate_every": every}
         changed = {name: value for name, value in wanted.items() if getattr(self._bench.light, name) != value}
         if changed:
             self._bench.change_light(**changed)

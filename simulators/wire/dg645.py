@@ -15,7 +15,12 @@ from simulators.wire.delayer import DelayerFirmware
 #: Smallest and largest value of the settings that have no index.
 PLAIN = {"TSRC": (0, 6), "TLVL": (-3.5, 3.5), "ADVT": (0, 1), "BURM": (0, 1), "INHB": (0, 5)}
 #: The same of those of the outputs T0, AB, CD, EF and GH, and where they begin.
-OF_OUTPUT = {"LAMP": (0.5, 5.0, 2.5), "LOFF": (-3.0, 3.0, 0.0), "LPOL": (0, 1, 1)}
+OF_OUTPUT = {
+    "LAMP": (0.5, 5.0, 2.5),
+    "LOFF": (-3.0, 3.0, 0.0),
+    "LPOL": (0, 1, 1),
+    "PRES": (1, 2**30 - 1, 1),  # of the trigger input in place of T0
+}
 VOLTS = ("TLVL", "LAMP", "LOFF")
 
 LONGEST_S = 2000.0
@@ -132,7 +137,8 @@ class Dg645Box(DelayerFirmware):
         return b""
 
     def _act(self) -> None:
-        self.move_gate(on=self._plain["TSRC"] in (1, 2), delay_s=self._since_t0_s(2))
+        every = int(self._of_output["PRES"][0]) if self._plain["ADVT"] else 1
+        self.move_gate(on=self._plain["TSRC"] in (1, 2), delay_s=self._since_t0_s(2), every=every)
 
 
 def _number(text: str) -> float:

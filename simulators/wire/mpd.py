@@ -20,7 +20,7 @@ _SETTING = re.compile(r"(TO|TS)([0-9]{1,9})|(FR|GM)")
 
 
 class MpdModule(LineFirmware):
-    """The detector as bytes in and bytes out; it begins free running.
+    """The detector as bytes in and bytes out; it begins gated, as it was left.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class MpdModule(LineFirmware):
         self.gate_hz: float | None = None
         self.drop_answers = 0
         self._bench = bench
-        self._wanted = {"FR": 1, "TO": 40_000, "TS": 0}
+        self._wanted = {"FR": 0, "TO": 40_000, "TS": 0}
         self._set = dict(self._wanted)
         delay_s = bench.light.gate_delay_s if gate_delay_s is None else gate_delay_s
         bench.change_light(biased=biased, hold_off_s=hold_off_s, gate_delay_s=delay_s)
@@ -116,7 +116,7 @@ class MpdModule(LineFirmware):
 
     def _state(self) -> list[str]:
         now, light = self._set, self._bench.light
-        rate_hz = light.sync_hz if light.triggered else 0.0
+        rate_hz = light.sync_hz / light.gate_every if light.triggered else 0.0
         rate_hz = rate_hz if self.gate_hz is None else self.gate_hz
         return [
             f"VPOL{int(light.biased)}", f"FR{now['FR']}", f"ERR{self.error}", "VT100", "SE1",

@@ -100,6 +100,6 @@ class PsdFirmware(LineFirmware):
     def _act(self) -> None:
         """Bring the bench's gate to the state of the settings."""
         delay_s = (1000 * self._set["SP"] + self._set["SD"]) / 1e12
-        triggered, light = bool(self._set["EO"]), self._bench.light
-        if (light.gate_delay_s, light.triggered) != (delay_s, triggered):
-            self._bench.change_light(gate_delay_s=delay_s, triggered=triggered)
+        triggered, every, light = bool(self._set["EO"]), self._set["SV"], self._bench.light
+        if (light.gate_delay_s, light.triggered, light.gate_every) != (delay_s, triggered, every):
+            self._bench.change_light(gate_delay_s=delay_s, triggered=triggered, gate_every=every)

@@ -1,8 +1,8 @@
-"""The firmware of a gated ID120-like detector, biasing and gating the bench's detector.
+"""The firmware of an ID120, which biases the bench's detector, without a gate.
 
-Source of the ID120's own commands: a published driver. The gating commands are an extension named by us.
-Unconfirmed, and so choices made here: the texts of ``*IDN?``, ``INFO:`` and ``REG:STATE?``, that a range is
-answered as ``low,high,step``, and that an unknown command is not answered.
+Source: a published driver. UNCONFIRMED, and so choices made here: the texts of ``*IDN?``, ``INFO:`` and
+``REG:STATE?``, that a range is answered as ``low,high,step``, that the dead time is in nanoseconds, and that
+an unknown command is not answered.
 """
 
 import re
@@ -14,15 +14,10 @@ from simulators.wire.lines import LineFirmware
 #: Settings in their own units: lowest, highest, step, and the value after power-on.
 RANGES = {
     "THRESHOLD:VOLTAGE": (0, 1_047_000, 500, 100_000),  # uV
-    "DEADTIME:TIME": (40, 1_000_000, 40, 40),
+    "DEADTIME:TIME": (40, 1_000_000, 40, 40),  # ns
     "BIAS:VOLTAGE": (0, 250_000_000, 80_000, 155_040_000),  # uV
     "COUNTERS:INTEGRATION_TIME": (200, 100_000, 200, 1_000),  # ms
     "REG:TEMP_SET_POINT": (-50_000, -10_000, 1_000, -40_000),  # milli-degrees C
-    # From here on: the gating extension.
-    "GATE:DELAY": (0, 1_000_000, 10, 0),  # ps
-    "GATE:WIDTH": (500, 1_000_000, 10, 40_000),  # ps
-    "HOLDOFF:TIME": (40, 100_000, 1, 100),  # ns
-    "BIAS:EXCESS": (0, 7_000, 10, 5_000),  # mV
 }
 
 #: Under which name the range of a setting is asked for.
@@ -32,17 +27,12 @@ CAPABILITIES = {
     "BIAS:CAPABILITY": "BIAS:VOLTAGE",
     "COUNTERS:INTEGRATION_TIME_CAPABILITY": "COUNTERS:INTEGRATION_TIME",
     "REG:TEMP_SET_POINT_CAPABILITY": "REG:TEMP_SET_POINT",
-    "GATE:DELAY_CAPABILITY": "GATE:DELAY",
-    "GATE:WIDTH_CAPABILITY": "GATE:WIDTH",
-    "HOLDOFF:CAPABILITY": "HOLDOFF:TIME",
-    "BIAS:EXCESS_CAPABILITY": "BIAS:EXCESS",
 }
 
 #: Words that a setting takes, and the one after power-on.
 WORDS = {
     "OUTPUT1:POLARITY": (("POSITIVE", "NEGATIVE"), "POSITIVE"),
     "OUTPUT2:POLARITY": (("POSITIVE", "NEGATIVE"), "POSITIVE"),
-    "GATE:MODE": (("FREE", "EXT"), "FREE"),
     "REG:RUN": (("TRUE", "FALSE"), "FALSE"),
 }
 
@@ -53,7 +43,7 @@ class SpadInstrument:
     Parameters
     ----------
     bench
-        Its detector is biased and gated, its clock is followed.
+        Its detector is biased, its clock is followed.
     serial_number
         The USB serial number.
 
@@ -96,7 +86,6 @@ class SpadInstrument:
             "COUNTERS:DETECTION_FREQ": lambda: f"{self._count_rate_hz():.0f}",
             "REG:MEASURED_TEMP": lambda: str(self._numbers["REG:TEMP_SET_POINT"]),
             "REG:STATE": lambda: "RUNNING" if self._bench.light.biased else "OFF",
-            "GATE:RATE": lambda: f"{self._gate_rate_hz():.0f}",
         }
         self._act()
 
@@ -141,10 +130,8 @@ class SpadInstrument:
         numbers, light = self._numbers, self._bench.light
         wanted: dict[str, bool | float] = {
             "biased": self._words["REG:RUN"] == "TRUE" and not self.bias_error,
-            "gated": self._words["GATE:MODE"] == "EXT",
-            "gate_delay_s": numbers["GATE:DELAY"] / 1e12,
-            "gate_width_s": numbers["GATE:WIDTH"] / 1e12,
-            "hold_off_s": numbers["HOLDOFF:TIME"] / 1e9,
+            "gated": False,
+            "hold_off_s": numbers["DEADTIME:TIME"] / 1e9,
         }
         changed = {name: value for name, value in wanted.items() if getattr(light, name) != value}
         if changed:
@@ -153,9 +140,6 @@ class SpadInstrument:
     def _count_rate_hz(self) -> float:
         """Return what all channels together count."""
         return sum(self._bench.count_rate_hz(number) for number in range(len(self._bench.photons)))
-
-    def _gate_rate_hz(self) -> float:
-        return self._bench.sync_rate_hz() if self._words["GATE:MODE"] == "EXT" else 0.0
 
 
 #: A detector on USB, or one on a serial line.

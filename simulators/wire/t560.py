@@ -159,4 +159,5 @@ class T560Box(DelayerFirmware):
 
     def _act(self) -> None:
         output = self._outputs["A"]
-        self.move_gate(on=output.on and self._trigger in ("POS", "NEG"), delay_s=output.delay_s)
+        on = output.on and self._trigger in ("POS", "NEG")
+        self.move_gate(on=on, delay_s=output.delay_s, every=max(1, int(self._numbers["TDIV"])))

@@ -47,8 +47,14 @@ LASERS = {
     "nkt": {"kind": "nkt", "level_percent": 100},
 }
 
-#: Words by which a laser that may emit, and a detector that may be biased, are told.
-EMITTING, BIASED = "EMITTING", "BIASED"
+#: The sections of each kind of detector; one that runs freely bears little light.
+DETECTORS = {
+    "mpd": {"detector": {"kind": "mpd"}},
+    "id120": {"detector": {"kind": "id120"}, "laser": {"power_setpoint": 0.01}},
+}
+
+#: Words that tell of a laser that may emit, and of a detector that may detect, or of its delayer.
+EMITTING, SENSITIVE = "EMITTING", ("BIASED", "gate as OPEN")
 
 #: Calls of the timing instrument's library that say that all is well and leave no trace if they did nothing.
 UNSEEN = "tcspc"
@@ -82,7 +88,12 @@ class Outcome:
     def told(self) -> bool:
         """Whether whatever was left on was told."""
         light = not self.end.emitting or EMITTING in self.end.said
-        return light and (not self.end.biased or BIASED in self.end.said)
+        return light and (not self.end.sensitive or self.detector_told)
+
+    @property
+    def detector_told(self) -> bool:
+        """Whether a person was told of the detector."""
+        return any(words in self.end.said for words in SENSITIVE)
 
 
 class Attacked:
@@ -94,11 +105,13 @@ class Attacked:
         For scan files.
     laser
         Kind of laser.
+    detector
+        Kind of detector.
     """
 
-    def __init__(self, folder: Path, laser: str = "katana") -> None:
+    def __init__(self, folder: Path, laser: str = "katana", detector: str = "mpd") -> None:
         self._folder = folder
-        self._config = tiny_config({"laser": LASERS[laser]})
+        self._config = tiny_config({"laser": LASERS[laser], **DETECTORS[detector]})
         self._plan = tiny_plan(self._config)
         tap = Tap()
         reference = folder / "reference.h5"
@@ -158,7 +171,7 @@ def _read(path: Path) -> Kept | str:
 
 
 HEADER = (
-    "fault", "runs", "exit 0 / 3 / 4 / 6 / 1 / 130", "laser on", "of these told", "detector biased",
+    "fault", "runs", "exit 0 / 3 / 4 / 6 / 1 / 130", "laser on", "of these told", "detector sensitive",
     "of these told", "unreadable", "wrong", "resume not equal",
 )  # fmt: skip
 
@@ -168,15 +181,15 @@ def row(name: str, outcomes: Iterable[Outcome]) -> tuple[str, ...]:
     every = list(outcomes)
     codes = Counter(one.end.code for one in every)
     lit = [one for one in every if one.end.emitting]
-    biased = [one for one in every if one.end.biased]
+    sensitive = [one for one in every if one.end.sensitive]
     return (
         name,
         str(len(every)),
         " / ".join(str(codes[code]) for code in (0, 3, 4, 6, 1, 130)),
         str(len(lit)),
         str(sum(EMITTING in one.end.said for one in lit)),
-        str(len(biased)),
-        str(sum(BIASED in one.end.said for one in biased)),
+        str(len(sensitive)),
+        str(sum(one.detector_told for one in sensitive)),
         str(sum(one.file == "unreadable" for one in every)),
         str(sum(one.wrong > 0 for one in every)),
         str(sum(one.resumed != "equal" for one in every)),
@@ -205,9 +218,10 @@ def main() -> None:
     parser.add_argument("faults", nargs="*", help=f"by default all: {', '.join(FAULTS)}")
     parser.add_argument("--every", type=int, default=1, help="try each so many exchanges")
     parser.add_argument("--laser", choices=list(LASERS), default="katana", help="kind of laser")
+    parser.add_argument("--detector", choices=list(DETECTORS), default="mpd", help="kind of detector")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        attacked = Attacked(Path(folder), given.laser)
+        attacked = Attacked(Path(folder), given.laser, given.detector)
         by_device = Counter(device for device, _ in attacked.exchanges)
         counted = ", ".join(f"{number} {device}" for device, number in by_device.items())
         print(f"{len(attacked.exchanges)} exchanges: {counted}\n")

@@ -18,6 +18,7 @@ from rig.__main__ import exit_code, told
 from rig.acquire.acquisition import Watch, record
 from rig.acquire.connect import devices_on
 from rig.acquire.events import Event, Outcome
+from rig.bench.gates import detector_head, gate_delayer
 from rig.bench.simulated import laser_head, simulated_bench
 from rig.devices.kinds import Wires
 from rig.files.scan import ScanFile
@@ -30,7 +31,8 @@ from simulators.wire.daq import SimulatedBoard
 from simulators.wire.galvo import GalvoBoard
 from simulators.wire.harp import HarpSimulator
 from simulators.wire.laser_head import LaserHead
-from simulators.wire.spad import SpadInstrument
+from simulators.wire.lines import LineFirmware
+from simulators.wire.spad import DetectorInstrument, SpadInstrument
 
 _numbers = count(1)
 
@@ -53,15 +55,16 @@ class AttackedRig:
     bench: Bench
     galvo: GalvoBoard
     laser: LaserHead
-    spad: SpadInstrument
+    spad: DetectorInstrument
+    delayer: LineFirmware | None
     harp: HarpSimulator
     usb: TappedUsb
     wires: Wires
     addresses: dict[str, str]
 
     def unplug(self, name: str) -> None:
-        """Pull a plug: ``galvo``, ``laser`` or ``spad``."""
-        if name == "spad":
+        """Pull a plug: ``galvo``, ``laser``, ``spad`` or ``delayer``."""
+        if name == "spad" and isinstance(self.spad, SpadInstrument):
             self.usb.unplug(self.spad)
         else:
             protocol_attacked.detach(self.addresses[name])
@@ -76,26 +79,34 @@ def attacked_rig(
     rendered = simulated_bench_of(config)
     clock = BenchClock(real_time=real_time)
     bench = Bench(rendered.photons, rendered.geometry, seed=rendered.seed, clock=clock)
-    galvo, laser, spad = GalvoBoard(bench), laser_head(config)(bench), SpadInstrument(bench)
-    harp, usb = HarpSimulator(bench), TappedUsb([spad], tap)
+    galvo, laser = GalvoBoard(bench), laser_head(config)(bench)
+    head, delays = detector_head(config), gate_delayer(config)
+    assert head is not None
+    spad, delayer = head(bench), delays(bench) if delays else None
+    harp = HarpSimulator(bench)
+    usb = TappedUsb([spad] if isinstance(spad, SpadInstrument) else [], tap)
     name = str(next(_numbers))
     addresses = {
         device: protocol_attacked.attach(name, device, firmware, bench.clock, tap)
-        for device, firmware in (("galvo", galvo), ("laser", laser))
+        for device, firmware in (("galvo", galvo), ("laser", laser), ("spad", spad), ("delayer", delayer))
+        if isinstance(firmware, LineFirmware)
     }
     library = TappedLibrary(harp.functions, tap)
     board = SharedBoard(SimulatedBoard(bench))
     wires = Wires(
         galvo=addresses["galvo"],
         laser=addresses["laser"],
+        detector=addresses.get("spad", ""),
+        delayer=addresses.get("delayer", ""),
         usb_backend=usb,
         harp=partial(HarpLibrary, library),
         daq=lambda _: board,
         clock=bench.clock,
         sync_hz=config.laser.repetition_hz,
+        gate_hz=config.gate_hz,
     )
     try:
-        yield AttackedRig(bench, galvo, laser, spad, harp, usb, wires, addresses)
+        yield AttackedRig(bench, galvo, laser, spad, delayer, harp, usb, wires, addresses)
     finally:
         for address in addresses.values():
             protocol_attacked.detach(address)
@@ -124,15 +135,15 @@ class End:
         The kind of error, empty for none.
     said
         What a person reads: the message, and what was noticed.
-    emitting, biased
-        The bench's state: whether light leaves the laser, whether the detector has its bias.
+    emitting, sensitive
+        The bench's state: whether light leaves the laser, whether the detector detects any.
     """
 
     code: int
     error: str
     said: str
     emitting: bool
-    biased: bool
+    sensitive: bool
 
 
 def scan(
@@ -154,7 +165,7 @@ def scan(
     except Exception as error:
         code, kind, said = exit_code(error) or 1, type(error).__name__, told(error)
     light = rig.bench.light
-    return End(code, kind, said, light.emitting, light.biased)
+    return End(code, kind, said, light.emitting, light.sensitive)
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ class Run:
     hit: str
     lit: bool = False
     dark_s: float | None = None
-    unbiased_s: float | None = None
+    closed_s: float | None = None
     end_s: float = 0.0
     code: int | None = None
     resumed: str = ""
@@ -154,15 +154,15 @@ class Bench:
         time.sleep(random.uniform(0, 2.0) if lit else random.uniform(0, 1.1 * self.whole_s))
         run = Run(name)
         hit_unix_s = time.time()
-        was_on = self._last("laser emission"), self._last("detector bias")
+        was_on = self._last("laser emission"), self._last("detector sensitive")
         with suppress(ProcessLookupError):
             HITS[name](random, program)
         self._judge_end(run, program)
         run.end_s = time.time() - hit_unix_s
-        self._wait(lambda: self._last("laser emission") == self._last("detector bias") == "0")
+        self._wait(lambda: self._last("laser emission") == self._last("detector sensitive") == "0")
         run.lit = ("laser emission", "1") in self._since(before)
         for what, attribute, on in zip(
-            ("laser emission", "detector bias"), ("dark_s", "unbiased_s"), was_on, strict=True
+            ("laser emission", "detector sensitive"), ("dark_s", "closed_s"), was_on, strict=True
         ):
             if self._last(what) != "0":
                 run.wrong.append(f"{what} left on")
@@ -262,16 +262,16 @@ def bench(mode: str = "step") -> Iterator[Bench]:
 def table(runs: list[Run]) -> str:
     """Return what became of them, a row for each way to hit."""
     rows = [
-        "| hit | runs | with light | light left on | bias left on | to dark: median, longest [s] "
-        "| bias off: longest [s] | to the end: longest [s] | exit codes | resumed | anything else wrong |",
+        "| hit | runs | with light | light left on | detector left open | to dark: median, longest [s] "
+        "| closed: longest [s] | to the end: longest [s] | exit codes | resumed | anything else wrong |",
         "|" + " --- |" * 11,
     ]
     for name in [hit for hit in HITS if any(run.hit == hit for run in runs)]:
         mine = [run for run in runs if run.hit == name]
         dark = [run.dark_s for run in mine if run.dark_s is not None]
-        unbiased = [run.unbiased_s for run in mine if run.unbiased_s is not None]
+        closed = [run.closed_s for run in mine if run.closed_s is not None]
         wrong = [what for run in mine for what in run.wrong]
-        left = [wrong.count(f"{what} left on") for what in ("laser emission", "detector bias")]
+        left = [wrong.count(f"{what} left on") for what in ("laser emission", "detector sensitive")]
         codes = sorted({str(run.code) for run in mine})
         resumed = ", ".join(
             f"{sum(run.resumed == how for run in mine)} {how}" for how in sorted({r.resumed for r in mine})
@@ -279,7 +279,7 @@ def table(runs: list[Run]) -> str:
         cells = [
             name, len(mine), sum(run.lit for run in mine), *left,
             f"{median(dark):.2f}, {max(dark):.2f}" if dark else "-",
-            f"{max(unbiased):.2f}" if unbiased else "-",
+            f"{max(closed):.2f}" if closed else "-",
             f"{max(run.end_s for run in mine):.1f}", " ".join(codes), resumed,
             sum("left on" not in what for what in wrong),
         ]  # fmt: skip

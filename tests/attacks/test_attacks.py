@@ -27,6 +27,8 @@ def test_spoiled_input_is_read_or_refused_in_words(name):
         (wire.read_galvo, wire.GALVO),
         (wire.read_laser, wire.LASER),
         (wire.read_spad, (wire.SPAD, None)),
+        (wire.read_mpd, wire.MPD),
+        (wire.read_psd, wire.PSD),
         (wire.read_harp, {"writes": wire.HARP, "codes": {}}),
         (wire.read_stream, {"writes": wire.HARP, "codes": {}}),
         (texts.read_quantity, ("10ms", "time")),

@@ -1,4 +1,4 @@
-"""A short pass of faults at exchanges with devices: at the end it is dark, unbiased, told and right."""
+"""A short pass of faults at exchanges with devices: at the end it is dark, closed, told and right."""
 
 from collections import Counter
 
@@ -33,7 +33,7 @@ def test_a_fault_at_any_exchange(attacked, name):
         assert one.told, one
         if not fault.lasting:
             assert not one.end.emitting, one
-            assert not one.end.biased, one
+            assert not one.end.sensitive, one
         assert one.end.code in ((130,) if fault.kind == "interrupt" else (0, 3, 4)), one
         assert one.file != "unreadable", one
         if not (silent and lies(one)):
@@ -60,7 +60,7 @@ def test_a_fault_at_any_exchange_with_another_laser(other_laser, name):
 
 def test_faults_reach_all_wires(attacked):
     devices = Counter(device for device, _ in attacked.exchanges)
-    assert set(devices) == {"galvo", "laser", "spad", "tcspc"}
+    assert set(devices) == {"galvo", "laser", "spad", "delayer", "tcspc"}
     assert min(devices.values()) > 50
 
 
@@ -73,8 +73,33 @@ def test_a_library_that_says_all_is_well_and_does_nothing_is_found_out(attacked,
     assert one.resumed == "equal"
 
 
-def test_a_garbled_transfer_does_not_leave_the_bias_on(attacked):
-    writes = [number for number, (_, name) in enumerate(attacked.exchanges) if name == "bulk_write"]
-    for at in writes[-4:]:  # the last of them take the bias away
+@pytest.mark.parametrize("device", ["spad", "delayer"])
+def test_a_garbled_command_does_not_leave_the_gate_open(attacked, device):
+    writes = [number for number, seen in enumerate(attacked.exchanges) if seen == (device, "write")]
+    for at in writes[-4:]:  # the last of them close it
         one = attacked.outcome(Fault("flip"), at)
-        assert not one.end.biased, one
+        assert not one.end.sensitive, one
+
+
+@pytest.fixture(scope="module")
+def on_usb(tmp_path_factory):
+    return Attacked(tmp_path_factory.mktemp("id120"), detector="id120")
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_at_any_exchange_with_a_detector_on_usb(on_usb, name):
+    at = [number for number, (device, _) in enumerate(on_usb.exchanges) if device == "spad"]
+    for number in at[NEXT * list(FAULTS).index(name) :: EVERY]:
+        one = on_usb.outcome(FAULTS[name], number)
+        assert one.told, one
+        assert FAULTS[name].lasting or not one.end.sensitive, one
+        assert one.end.code in ((130,) if FAULTS[name].kind == "interrupt" else (0, 3, 4)), one
+        assert one.wrong == 0, one
+        assert one.resumed == "equal", one
+
+
+def test_a_garbled_transfer_does_not_leave_the_bias_on(on_usb):
+    writes = [number for number, (_, name) in enumerate(on_usb.exchanges) if name == "bulk_write"]
+    for at in writes[-4:]:  # the last of them take the bias away
+        one = on_usb.outcome(Fault("flip"), at)
+        assert not one.end.sensitive, one

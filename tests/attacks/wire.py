@@ -17,6 +17,7 @@ from usb.core import USBError, USBTimeoutError
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
 from drivers.delayers.dg645 import Dg645, Dg645Settings
+from drivers.delayers.psd import PsdDelayer
 from drivers.delayers.t560 import T560, T560Settings
 from drivers.errors import DeviceError
 from drivers.harp.device import Harp
@@ -28,6 +29,7 @@ from drivers.id120 import Id120Spad
 from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
+from drivers.mpd.detector import MpdSpad
 from drivers.nkt.laser import NktLaser
 from drivers.nkt.settings import NktSettings
 from drivers.optotune import OptotuneMirror
@@ -78,15 +80,9 @@ MEASURED_LASER: Table = {
 SPAD: Table = {
     "*IDN?": [b"ID Quantique,ID120\n"],
     "REG:RUN?": [b"FALSE\n", b"TRUE\n", b"TRUE\n", b"FALSE\n"],
-    "GATE:MODE?": [b"EXT\n"],
-    "GATE:DELAY_CAPABILITY?": [b"0 1000000 1\n"],
-    "GATE:DELAY?": [b"0\n"],
-    "GATE:WIDTH_CAPABILITY?": [b"500 1000000\n"],
-    "GATE:WIDTH?": [b"40000\n"],
-    "HOLDOFF:CAPABILITY?": [b"40 100000\n"],
-    "HOLDOFF:TIME?": [b"100\n"],
-    "BIAS:EXCESS_CAPABILITY?": [b"0 10000\n"],
-    "BIAS:EXCESS?": [b"5000\n"],
+    "DEADTIME:CAPABILITY?": [b"40 1000000 40\n"],
+    "DEADTIME:TIME?": [b"120\n"],
+    "REG:STATE?": [b"OFF\n"],
     "BIAS:ERROR_STATUS?": [b"FALSE\n"],
     "BIAS:VOLTAGE?": [b"40000000\n"],
     "REG:MEASURED_TEMP?": [b"-40000\n"],
@@ -96,13 +92,35 @@ SPAD: Table = {
 }
 
 
+CLOSED = b"VPOL1#FR0#ERR0#VT100#SE1#TS0#GF0#TO10000#TK2530#HO27#CT150#CE82#CC228#"
+OPEN = CLOSED.replace(b"TO10000", b"TO40000")
+MPD: Table = {
+    "AQ;DC#": [CLOSED, CLOSED, CLOSED, OPEN, OPEN, CLOSED],
+    "TS0;GM;AD#": [b"TS0#"],
+    "TO10000;AD#": [b"TO10000#"],
+    "TO40000;AD#": [b"TO40000#"],
+}
+PSD: Table = {
+    "EM0#": [b"EM0#0#"],
+    "EM1#": [b"1#"],
+    "RMD#": [b"49090#"],
+    "RP#": [b"1#", b"11#"],
+    "RD#": [b"0#", b"20500#"],
+    "EO0#": [b"0#"],
+    "EO1#": [b"1#"],
+    "SV1#": [b"1#"],
+    "SP10#": [b"11#"],
+    "SD20500#": [b"20500#"],
+}
+
+
 def spoiled(random: Random, good: Table) -> Table:
     """Return a table of answers of which some are spoiled."""
     table = {question: list(said) for question, said in good.items()}
     for question in random.sample(sorted(table), random.randint(1, 3)):
         at = random.randrange(len(table[question]))
         said = table[question][at]
-        end = b"\r\n" if said.endswith(b"\r\n") else b"\n"
+        end = next(end for end in (b"\r\n", b"#", b"\n", b"") if said.endswith(end)) or b"\n"
         number = random.choice(NUMBERS).encode()
         table[question][at] = random.choice(
             [
@@ -260,6 +278,23 @@ def read_spad(given: tuple[Table, int | None]) -> None:
         spad.settings()
 
 
+def read_mpd(said: Table) -> None:
+    """Connect, open the gate, ask for the settings."""
+    answers["mpd"] = deepcopy(said)
+    with MpdSpad("noise://mpd", clock=StepClock(), timeout_s=0.01) as detector:
+        detector.enable()
+        detector.settings()
+
+
+def read_psd(said: Table) -> None:
+    """Connect, set a delay, switch the output on, ask for the settings."""
+    answers["psd"] = deepcopy(said)
+    with PsdDelayer("noise://psd", clock=StepClock(), timeout_s=0.01) as delayer:
+        delayer.set_delay(31.5e-9)
+        delayer.enable()
+        delayer.settings()
+
+
 #: What a good HydraHarp writes into the pointers of its functions.
 HARP: dict[str, tuple[Any, ...]] = {
     "HH_GetLibraryVersion": ("3.0",),
@@ -362,6 +397,8 @@ ATTACKS = (
     delayer("dg645", Dg645Box, Dg645, Dg645Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
     delayer("t560", T560Box, T560, T560Settings(pulse_width_s=20e-9, repetition_hz=5e6)),
     Attack("detector", spad, read_spad, (DeviceError,)),
+    Attack("mpd", lambda random: spoiled(random, MPD), read_mpd, (DeviceError,)),
+    Attack("psd", lambda random: spoiled(random, PSD), read_psd, (DeviceError,)),
     Attack("hydraharp", harp, read_harp, (DeviceError,)),
     Attack("hydraharp stream", harp, read_stream, (DeviceError,)),
 )

@@ -412,6 +412,19 @@ def test_a_caller_who_takes_nothing_ends_the_stream(monkeypatch):
     ).tolist()
 
 
+def test_as_many_records_wait_as_there_is_memory_for(monkeypatch):
+    """One read of a MultiHarp can bring a million: it is not the number of pieces that fills the computer."""
+    monkeypatch.setattr("drivers.harp.reader.QUEUE_RECORDS", 25_000)
+    whole = records_of(random_bench(1e6))
+    _, stream = tagged(random_bench(1e6))
+    with stream:
+        stream.start(0.2)
+        time.sleep(0.3)
+        waiting = stream._reader._pieces.qsize()
+        assert 2 <= waiting <= 4  # pieces of some 10,000, and of overflows
+        assert np.array_equal(joined(list(stream.pieces())), whole)
+
+
 def test_a_clock_that_stands_still_waits_for_its_caller(monkeypatch):
     monkeypatch.setattr("drivers.harp.reader.PATIENCE_S", 0.05)
     whole = records_of(random_bench(1e6))

@@ -187,12 +187,24 @@ def test_channels_that_are_delayed_from_each_other_are_added_up():
             delayer.enable()
 
 
-def test_a_t560_that_divides_its_triggers_is_not_enabled():
-    with on_bench("t560") as (delayer, firmware, _):
+def test_a_t560_that_divides_its_triggers_is_set_right():
+    with on_bench("t560") as (delayer, firmware, bench):
         firmware.receive(b"TDIV 4\r")
         delayer.set_delay(0.0)
-        with pytest.raises(RefusedError, match="divides triggers by 4"):
-            delayer.enable()
+        delayer.enable()
+        assert bench.light.gate_every == 1
+        assert delayer.settings()["divider"] == 1
+
+
+def test_a_fast_laser_triggers_it_through_its_divider(name):
+    """80 MHz are more than both take; of every eighth pulse the gate has 100 ns, of every sixteenth 200."""
+    with on_bench(name, repetition_hz=80e6, divider=16, pulse_width_s=10e-9) as (delayer, _, bench):
+        delayer.set_delay(20e-9)
+        delayer.enable()
+        assert bench.light.gate_every == 16
+        assert delayer.settings()["divider"] == 16
+        with pytest.raises(LimitError, match="to be ready for the next one"):
+            delayer.set_delay(190e-9)
 
 
 def test_a_t560_that_does_not_say_what_it_is_is_known_by_its_channels():
@@ -212,6 +224,9 @@ def test_a_t560_that_does_not_say_what_it_is_is_known_by_its_channels():
         (DG645, {"polarity": "up"}, "polarity"),
         (DG645, {"repetition_hz": 10e6}, "to be ready for the next one it has to end within 0 ns at 10 MHz"),
         (DG645, {"repetition_hz": 11e6}, "up to 10 MHz"),
+        (DG645, {"repetition_hz": 120e6, "divider": 100}, "divides triggers of up to 100 MHz"),
+        (DG645, {"divider": 0}, "divides triggers by 1 to"),
+        (T560_AT, {"divider": 1000}, "divides triggers by 1 to 999"),
         (DG645, {"pulse_width_s": 0.0}, "pulses last"),
         (T560_AT, {"trigger_level_v": 5.0}, "trigger level goes from 0.25 to 3.3 V"),
         (T560_AT, {"output": "E"}, "outputs are A, B, C, D"),

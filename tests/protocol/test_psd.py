@@ -190,6 +190,20 @@ def test_a_pulse_leaves_room_before_the_next(rig, repetition_hz, longest_ns):
             one.set_delay(longest_ns * 1e-9 + 10e-12)
 
 
+def test_a_fast_laser_goes_through_its_divider(rig):
+    with rig.psd(repetition_hz=80e6, divider=8) as one:
+        one.set_delay(60e-9)
+        one.enable()
+        assert rig.bench.light.gate_every == 8
+        assert one.settings()["pulse_width_s"] <= 0.8 * 8 / 80e6 + 2e-9  # the unit's rounding
+
+
+@pytest.mark.parametrize("divider", [0, 1000])
+def test_a_divider_that_is_not_possible_is_refused_without_a_delayer(divider):
+    with pytest.raises(LimitError, match="it takes 1 to 999"):
+        PsdSettings(divider=divider)
+
+
 def test_connecting_and_leaving_switch_the_output_off(rig):
     with rig.psd() as one:
         assert not rig.bench.light.triggered

@@ -16,15 +16,12 @@ from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
 
 
-def test_connecting_sets_the_gate_and_leaves_no_bias(rig):
+def test_connecting_sets_the_dead_time_and_leaves_no_bias(rig):
     rig.instrument.receive(b"REG:RUN TRUE\n")
-    with rig.spad(gate_delay_s=21e-9, gate_width_s=30e-9, hold_off_s=150e-9):
+    with rig.spad(hold_off_s=160e-9):
         light = rig.bench.light
-        assert not light.biased
-        assert light.gated
-        assert (light.gate_delay_s, light.gate_width_s, light.hold_off_s) == pytest.approx(
-            (21e-9, 30e-9, 150e-9), rel=1e-12
-        )
+        assert (light.biased, light.gated) == (False, False)
+        assert light.hold_off_s == pytest.approx(160e-9, rel=1e-12)
 
 
 def test_enabled_disabled_and_left(rig):
@@ -40,11 +37,22 @@ def test_enabled_disabled_and_left(rig):
     spad.disable()
 
 
-def test_free_running(rig):
-    with rig.spad(gated=False) as spad:
+def test_it_runs_freely_and_has_no_gate(rig):
+    with rig.spad() as spad:
         spad.enable()
         assert (rig.bench.light.biased, rig.bench.light.gated) == (True, False)
         assert spad.settings()["gated"] is False
+        with pytest.raises(LimitError, match=r"open a gate, but it runs freely.*Nothing was sent"):
+            spad.set_gate(30e-9, 40e-9)
+
+
+def test_its_state_is_asked_so_that_a_change_is_noticed(rig):
+    with rig.spad() as spad:
+        assert (spad.settings()["state"], spad.settings()["bias_error"]) == ("OFF", False)
+        spad.enable()
+        assert spad.settings()["state"] == "RUNNING"
+        rig.bench.change_light(biased=False)
+        assert spad.settings()["state"] == "OFF"
 
 
 def test_no_bias_is_left_after_an_exception(rig):
@@ -58,22 +66,11 @@ def test_no_bias_is_left_after_an_exception(rig):
     assert not rig.bench.light.biased
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"gate_delay_s": 1.1e-6},
-        {"gate_delay_s": -1e-9},
-        {"gate_width_s": 0.4e-9},
-        {"gate_width_s": float("nan")},
-        {"hold_off_s": 39e-9},
-        {"excess_bias_v": 7.1},
-    ],
-)
-def test_the_instruments_own_limits_are_kept_before_anything_is_set(rig, wrong):
-    asked = {"gate_delay_s": 21e-9, **wrong}
-    with pytest.raises(LimitError, match=next(iter(wrong))), rig.spad(**asked):
+@pytest.mark.parametrize("wrong_s", [39e-9, 1.1e-3, -1e-9, float("nan"), float("inf")])
+def test_the_instruments_own_limits_are_kept_before_anything_is_set(rig, wrong_s):
+    with pytest.raises(LimitError, match=r"range is 4e-08 to 0\.001 s"), rig.spad(hold_off_s=wrong_s):
         pytest.fail("accepted")
-    assert rig.bench.light.gate_delay_s == 0.0
+    assert rig.bench.light.hold_off_s == 40e-9
 
 
 def test_a_bias_error_is_refused_and_the_bias_removed(rig):
@@ -84,25 +81,22 @@ def test_a_bias_error_is_refused_and_the_bias_removed(rig):
         assert spad.settings()["running"] is False
 
 
-def test_the_instrument_says_what_it_can_be_set_to(rig):
-    """In SI units; a limit itself is taken, one step further is refused."""
+def test_a_limit_itself_is_taken(rig):
     with rig.spad() as spad:
-        hold_off = spad.range_of("hold_off_s")
-        assert (hold_off.low, hold_off.high, hold_off.step) == pytest.approx((40e-9, 100e-6, 1e-9))
-        spad.set_hold_off(hold_off.low)
+        spad.set_hold_off(40e-9)
         assert rig.bench.light.hold_off_s == pytest.approx(40e-9)
-        with pytest.raises(LimitError, match=r"hold_off_s = 3\.9e-08, but its range is 4e-08 to 0\.0001"):
-            spad.set_hold_off(hold_off.low - hold_off.step)
+        spad.set_hold_off(100e-9)  # between two steps
+        assert spad.settings()["hold_off_s"] == pytest.approx(80e-9)
 
 
 def test_a_lost_answer_is_told_and_the_next_question_works(rig):
     with rig.spad(timeout_s=2.0) as spad:
         rig.instrument.drop_answers = 1
         before_s = rig.bench.clock.now_s()
-        with pytest.raises(LinkError, match=r"'HOLDOFF:CAPABILITY\?', but nothing came in 2 s"):
-            spad.range_of("hold_off_s")
+        with pytest.raises(LinkError, match=r"'DEADTIME:CAPABILITY\?', but nothing came in 2 s"):
+            spad.set_hold_off(120e-9)
         assert rig.bench.clock.now_s() - before_s >= 2.0
-        assert spad.range_of("hold_off_s").low == pytest.approx(40e-9)
+        spad.set_hold_off(120e-9)
 
 
 def test_unplugged_in_the_middle(rig):

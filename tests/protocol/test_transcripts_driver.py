@@ -332,7 +332,7 @@ def test_laser_limits_are_those_of_its_model(wrong):
 def test_spad_session():
     message_script = framed(read_transcript("spad_session.txt"))
     backend = ScriptedUsb([*OPENING, *message_script])
-    with Id120Spad(backend=backend, clock=StepClock(), settings=Id120Settings(gate_delay_s=20e-9)) as spad:
+    with Id120Spad(backend=backend, clock=StepClock(), settings=Id120Settings(hold_off_s=120e-9)) as spad:
         assert spad.identity == "ID Quantique,ID120 simulated,SIM0001,1.0"
         spad.enable()
     backend.finish()

@@ -71,6 +71,7 @@ def at_the_bench(config, **habits):
             daq=lambda device: board,
             clock=bench.clock,
             sync_hz=config.laser.repetition_hz,
+            gate_hz=config.gate_hz,
             detector=instruments.detector_url,
             delayer=instruments.delayer_url,
             shutter=instruments.shutter_url,

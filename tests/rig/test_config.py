@@ -1,9 +1,12 @@
 """The configuration: the files that come with the program, and every way to get one wrong."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from drivers.errors import LimitError
+from rig.devices.kinds import check_settings
 from rig.errors import ConfigError
 from rig.model.config import built_in, built_in_with, load, recorded
 from rig.model.written import as_toml
@@ -107,7 +110,7 @@ def test_a_wrong_file_is_refused_in_words(tmp_path, text, told):
 
 @pytest.mark.parametrize("kind", ["katana", "katana-08hp", "nkt"])
 def test_a_power_that_is_not_said_is_the_lowest(tmp_path, kind):
-    text = f'[galvo]\naddress = "a"\n[laser]\naddress = "b"\nkind = "{kind}"\n'
+    text = f'[galvo]\naddress = "a"\n[laser]\naddress = "b"\nkind = "{kind}"\n[detector]\naddress = "c"\n'
     assert load(written(tmp_path, text)).laser.fraction_of_full == 0.0
 
 
@@ -138,6 +141,67 @@ def test_a_file_of_an_older_program_is_read_as_it_was_meant(tmp_path):
     [simulation]
     """
     assert load(written(tmp_path, older)) == load(written(tmp_path, newer))
+
+
+@pytest.mark.parametrize(
+    "detector",
+    [
+        'kind = "id120"\ngated = true',
+        'kind = "id120"\ngate_delay = "30ns"',
+        'serial = "1711007C030"\ngate_delay = "30ns"\nhold_off = "100ns"',
+        'excess_bias = "5V"',
+        'kind = "id120"\nexcess_bias = "5V"\ngated = false',
+    ],
+)
+@pytest.mark.parametrize("section", ["detector", "spad"])
+def test_an_id120_with_a_gate_gets_one_message_that_says_what_to_write(tmp_path, section, detector):
+    with pytest.raises(ConfigError) as caught:
+        load(written(tmp_path, f"[{section}]\n{detector}\n"))
+    message = str(caught.value)
+    assert message.count("\n") == 0
+    assert "detector.kind = 'mpd' (and a [delayer])" in message
+    assert "detector.kind = 'id120' without gated" in message
+
+
+def test_an_id120_that_runs_freely_is_read_and_written(tmp_path):
+    text = '[detector]\nkind = "id120"\nserial = "1"\nhold_off = "160ns"\n[simulation]\n'
+    config = load(written(tmp_path, text))
+    assert (config.detector.gated, config.detector.hold_off_s) == (False, 160e-9)
+    assert load(written(tmp_path, as_toml(config))) == config
+    gated = config.model_copy(update={"detector": config.detector.model_copy(update={"gated": True})})
+    with pytest.raises(LimitError, match=r"ID120: asked to be gated.*mpd \(with a \[delayer\]\), external"):
+        check_settings(gated)
+
+
+#: What an earlier program wrote of its detector.
+OLD_ID120 = {
+    "kind": "id120",
+    "serial": None,
+    "address": None,
+    "position_m": [0.15, 0.0, 2.5],
+    "gated": True,
+    "gate_delay_s": 33e-9,
+    "gate_width_s": 40e-9,
+    "hold_off_s": 1e-7,
+    "excess_bias_v": 5.0,
+    "max_count_rate_hz": None,
+}
+
+
+@pytest.mark.parametrize("names", [("detector", "kind"), ("spad", None)])
+def test_a_record_of_an_earlier_program_is_read_with_a_detector_that_there_is(names):
+    section, kind = names
+    detector = {key: value for key, value in OLD_ID120.items() if kind or key != "kind"}
+    table = {**json.loads(built_in().model_dump_json()), section: detector}
+    del table["delayer"]
+    if section == "spad":
+        del table["detector"]
+    config = recorded(json.dumps(table))
+    assert config == built_in_with({"detector": {"gate_delay": "33ns"}})
+    real = recorded(json.dumps({**table, "simulation": None, "galvo": {**table["galvo"], "address": "a"},
+                                "laser": {**table["laser"], "address": "b"}}))  # fmt: skip
+    assert (real.detector.kind, real.detector.gated, real.detector.gate_delay_s) == ("id120", True, 33e-9)
+    assert recorded(real.model_dump_json()) == real
 
 
 def test_what_a_scan_holds_is_read_back():

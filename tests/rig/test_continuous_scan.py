@@ -72,7 +72,7 @@ def test_a_scan_has_all_positions_with_their_photons(tmp_path):
         assert scan.tagged
         assert scan.status == "complete"
         assert scan.live_time_s == pytest.approx(2e-3, abs=2e-7)  # two sync pulses
-        assert {note.kind for note in scan.events} == {"light", "turns"}
+        assert {note.kind for note in scan.events} == {"light", "turns", "bias"}
         assert "point_clock" in scan.devices
     # Poisson, and 0.1 % for the light between positions, which changes smoothly
     expected = resting.sum()
@@ -155,7 +155,7 @@ def test_the_interlock_opens(tmp_path):
         )
         assert isinstance(error, DoubtError | DeviceError), error
         assert not rig.bench.light.emitting
-        assert not rig.bench.light.biased
+        assert not rig.bench.light.sensitive
     with ScanFile(tmp_path / "a.h5") as scan:
         assert scan.done.sum() <= 3 * COLUMNS
         assert scan.counts(range(scan.steps))[scan.done].sum(axis=(1, 2)).min(initial=99) > 20

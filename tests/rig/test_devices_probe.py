@@ -104,6 +104,7 @@ def wires_to(rig, at=None):
         detector=address,
         delayer=address,
         sync_hz=10e6,
+        gate_hz=10e6,
         usb_backend=rig.usb,
         harp=lambda family: HarpLibrary(HarpSimulator(rig.bench, simulated(family)).functions, family),
         daq=lambda device: board,
@@ -152,6 +153,7 @@ def real(rig_on_bench, **changes):
     sections = {
         "galvo": {"address": rig_on_bench.galvo_address},
         "laser": {"address": rig_on_bench.laser_address},
+        "detector": {"kind": "id120"},
         "tcspc": {"library": "/nowhere/hhlib.so"},
     }
     return RigConfig.model_validate({**sections, **changes})
@@ -200,7 +202,8 @@ def test_an_interrupt_keeps_what_was_asked(rig_on_bench, rig, tmp_path):
     protocol_sim.attach("test/laser", Interrupting(), rig_on_bench.bench.clock)
     config = tmp_path / "lab.toml"
     addresses = {"galvo": rig_on_bench.galvo_address, "laser": rig_on_bench.laser_address}
-    config.write_text("".join(f'[{name}]\naddress = "{at}"\n' for name, at in addresses.items()))
+    sections = [f'[{name}]\naddress = "{at}"\n' for name, at in addresses.items()]
+    config.write_text("".join([*sections, '[detector]\nkind = "id120"\n']))
     done = rig("devices", "probe", "--config", config, "--out", "seen")
     assert done.code == 130, done.err
     assert "> STATUS" in (tmp_path / "seen" / "transcript.txt").read_text()
@@ -218,6 +221,7 @@ def test_the_simulated_rig(rig, tmp_path):
         "galvo",
         "laser",
         "detector",
+        "delayer",
         "tcspc",
         "point_clock",
     ]
@@ -253,6 +257,7 @@ def test_served_devices_see_no_change(rig, tmp_path):
 def test_a_device_that_cannot_be_asked_is_exit_code_3(rig, tmp_path):
     (tmp_path / "lab.toml").write_text(
         '[galvo]\naddress = "/nowhere/ttyACM0"\n[laser]\naddress = "/nowhere/ttyUSB0"\n'
+        '[detector]\nkind = "id120"\n'
     )
     done = rig("devices", "probe", "--config", "lab.toml", "--out", "seen")
     assert done.code == 3

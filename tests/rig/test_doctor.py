@@ -33,16 +33,31 @@ def test_the_detector_is_looked_for_as_a_scan_would(monkeypatch, instruments, ve
     bus = UsbBackend([kind(Bench()) for kind in instruments])
     extra = SimpleNamespace(get_libusb1_backend=lambda: bus)
     monkeypatch.setitem(sys.modules, "libusb_package", extra)
-    config = RigConfig.model_validate({"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}})
+    config = RigConfig.model_validate(
+        {"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}, "detector": {"kind": "id120"}}
+    )
     (finding,) = [one for one in examine(config, Path()) if one.what.startswith("detector")]
     assert finding.verdict == verdict
     assert words in finding.found
     assert (finding.remedy == "") == (verdict == "ok")
 
 
+def test_ports_of_detector_and_delayer_are_looked_for():
+    ports = {"galvo": "sim://a", "laser": "sim://b", "detector": "/dev/nowhere", "delayer": "sim://d"}
+    config = RigConfig.model_validate({name: {"address": address} for name, address in ports.items()})
+    found = {one.what: one for one in examine(config, Path()) if one.what.startswith(("detector", "delayer"))}
+    assert list(found) == ["detector at /dev/nowhere", "delayer at sim://d"]
+    assert found["detector at /dev/nowhere"].verdict == "missing"
+
+
 def boards(galvo: dict, clock: str) -> list:
     config = RigConfig.model_validate(
-        {"galvo": galvo, "laser": {"address": "sim://b"}, "point_clock": {"device": clock}}
+        {
+            "galvo": galvo,
+            "laser": {"address": "sim://b"},
+            "detector": {"kind": "id120"},
+            "point_clock": {"device": clock},
+        }
     )
     return [one for one in examine(config, Path()) if one.what.startswith("DAQ board")]
 

@@ -105,7 +105,7 @@ def test_f02_a_closed_terminal_puts_the_light_out(bench, tmp_path):
         running.send_signal(signal.SIGHUP)
         assert running.wait(PATIENCE_S) == 6
     assert dark(bench)
-    assert bench.values("detector bias")[-1] == "0"
+    assert bench.values("detector sensitive")[-1] == "0"
 
 
 @posix
@@ -114,7 +114,7 @@ def test_f03_a_killed_program_leaves_no_light(bench, tmp_path):
         running.kill()
         running.wait(PATIENCE_S)
     wait_for(lambda: dark(bench))
-    wait_for(lambda: bench.values("detector bias")[-1] == "0")
+    wait_for(lambda: bench.values("detector sensitive")[-1] == "0")
 
 
 @posix
@@ -122,7 +122,7 @@ def test_f04_a_call_that_never_returns_ends_in_the_dark(bench, tmp_path):
     with scanning(bench, tmp_path, *LONG, program=(HANGING,)) as running:
         wait_for(lambda: dark(bench))
         assert running.wait(2 * PATIENCE_S) == 3
-    assert bench.values("detector bias")[-1] == "0"
+    assert bench.values("detector sensitive")[-1] == "0"
 
 
 @posix
@@ -137,7 +137,7 @@ def test_f05_interrupts_in_a_row_do_not_keep_the_light_on(bench, attacked, tmp_p
     for first in last[-40::13]:  # while the laser is made dark
         one = attacked.outcome(FAULTS["10 in a row"], first)
         assert not one.end.emitting, one
-        assert not one.end.biased, one
+        assert not one.end.sensitive, one
 
 
 @posix
@@ -160,7 +160,8 @@ def test_f07_which_library_is_loaded_is_not_taken_from_a_file(rig, tmp_path):
     with h5py.File("a.h5", "r+") as file:
         configuration = json.loads(file["start"].attrs["configuration"])
         configuration["simulation"] = None
-        configuration["galvo"]["address"] = configuration["laser"]["address"] = "/dev/rig-none"
+        for name in ("galvo", "laser", "detector", "delayer"):
+            configuration[name]["address"] = "/dev/rig-none"
         configuration["tcspc"]["library"] = str(tmp_path / "gift.so")
         file["start"].attrs["configuration"] = json.dumps(configuration)
         del file["stop"]
@@ -266,22 +267,23 @@ def test_f12_darkness_between_two_looks_is_noticed(tmp_path):
     assert end.code == 4 or any("sync was lost" in one for one in file.warnings)
 
 
-def test_f13_a_garbled_transfer_does_not_leave_the_bias_on(attacked):
-    writes = [number for number, (_, name) in enumerate(attacked.exchanges) if name == "bulk_write"]
+def test_f13_a_garbled_command_does_not_leave_the_gate_open(attacked):
+    at = enumerate(attacked.exchanges)
+    writes = [number for number, seen in at if seen in (("spad", "write"), ("delayer", "write"))]
     for first in writes[-6:]:
-        assert not attacked.outcome(Fault("flip"), first).end.biased
+        assert not attacked.outcome(Fault("flip"), first).end.sensitive
 
 
-def test_f14_too_much_light_takes_the_bias_away_and_bias_left_on_is_said(tmp_path):
+def test_f14_too_much_light_closes_the_detector_and_bias_left_on_is_said(tmp_path):
     with attacked_rig(CONFIG) as rig:
         plan = tiny_plan(CONFIG, columns=10, rows=10)
         shine = after(2, lambda: rig.bench.change_light(lamp_hz=1e9))
         end = scan(rig, CONFIG, plan, tmp_path / "a.h5", [shine])
-    assert (end.code, end.biased) == (4, False)
-    assert "Its bias is taken away" in end.said
+    assert (end.code, end.sensitive) == (4, False)
+    assert "ITS BIAS IT CANNOT: SWITCH IT OFF BY HAND, NOW" in end.said
     with attacked_rig(CONFIG) as rig:
         end = scan(rig, CONFIG, PLAN, tmp_path / "b.h5", [after(2, lambda: rig.unplug("spad"))])
-    assert end.biased
+    assert not end.sensitive  # the delayer no longer opens its gate
     assert "BIASED" in end.said
     assert "by hand" in end.said
     assert "BIASED" in log_of(tmp_path / "b.h5").read_text()

@@ -41,7 +41,7 @@ def lit(bench, tmp_path):
         if scan.poll() is None:
             scan.send_signal(signal.SIGCONT)
             scan.kill()
-    wait_for(lambda: bench.values("detector bias")[-1] == "0")
+    wait_for(lambda: bench.values("detector sensitive")[-1] == "0")
 
 
 def wait_for(happened):
@@ -61,7 +61,7 @@ def test_a_program_that_dies_leaves_laser_and_detector_off_and_can_be_resumed(
 ):
     lit.send_signal(getattr(signal, name))
     wait_for(lambda: dark(bench))
-    wait_for(lambda: bench.values("detector bias")[-1] == "0")
+    wait_for(lambda: bench.values("detector sensitive")[-1] == "0")
     assert lit.wait(PATIENCE_S) == -getattr(signal, name)
     assert b"LASER GUARD" in lit.stderr.read()  # said by the guard, which is the only one left to say it
     with ScanFile(tmp_path / "a.h5") as scan:
@@ -74,7 +74,7 @@ def test_a_program_that_is_asked_to_end_puts_the_light_out_itself(bench, lit, na
     lit.send_signal(getattr(signal, name))
     wait_for(lambda: dark(bench))
     assert lit.wait(PATIENCE_S) == 6
-    assert bench.values("detector bias")[-1] == "0"
+    assert bench.values("detector sensitive")[-1] == "0"
 
 
 def test_a_program_that_hangs_loses_the_light(bench, lit):
@@ -83,7 +83,7 @@ def test_a_program_that_hangs_loses_the_light(bench, lit):
     lit.send_signal(signal.SIGCONT)
     assert lit.wait(PATIENCE_S) == 4
     assert b"did not say in time" in lit.stderr.read()
-    assert bench.values("detector bias")[-1] == "0"
+    assert bench.values("detector sensitive")[-1] == "0"
 
 
 def test_a_guard_that_is_killed_takes_the_light_with_it(rig, bench, lit):
@@ -145,7 +145,7 @@ def test_a_call_of_a_vendor_that_never_returns_ends_the_program_in_the_dark(benc
             scan.send_signal(signal.SIGINT)  # which a call that never returns does not notice
         assert scan.wait(2 * PATIENCE_S) == 3
         assert b"has not returned" in scan.stderr.read()
-    assert bench.values("detector bias")[-1] == "0"
+    assert bench.values("detector sensitive")[-1] == "0"
 
 
 @pytest.mark.parametrize("name", ["Ctrl-C once", "the interlock opens"])

@@ -6,11 +6,12 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from drivers.errors import DeviceError, LimitError, RefusedError
-from rig.acquire.acquisition import Watch, record
+from rig.acquire.acquisition import Watch, acquire, interrupted, record, resume
 from rig.acquire.connect import devices_on
 from rig.acquire.events import Ended, Noticed, PhaseChanged
 from rig.bench.simulated import simulated_instruments
@@ -184,9 +185,58 @@ def test_what_a_person_has_not_set_ends_the_scan_before_there_is_light(tmp_path,
 def test_a_gate_that_does_not_follow_the_laser_is_noticed_in_the_light(tmp_path):
     with opened() as rig:
         rig.instruments.detector.gate_hz = 0.0
-        with pytest.raises(RigRefusedError, match=r"gate opens 0 Hz, and the laser is set to 10 MHz"):
+        with pytest.raises(RigRefusedError, match=r"gate opens at 0 Hz, and the laser is set to 10 MHz"):
             rig.scan(tmp_path)
         assert not rig.bench.light.emitting
+
+
+def test_a_gate_whose_rate_is_counted_late_is_waited_for(tmp_path):
+    """The detector counts the gate for a second before it tells another rate."""
+    with opened() as rig:
+        detector, since = rig.instruments.detector, []
+        detector.gate_hz = 0.0
+
+        def lit(now_s):
+            if rig.bench.light.emitting and not since:
+                since.append(now_s)
+
+        rig.bench.watchers.append(lit)
+        answer = detector.answer
+
+        def counted(line):
+            if since and rig.bench.clock.now_s() - since[0] > 1.0:
+                detector.gate_hz = None
+            return answer(line)
+
+        detector.answer = counted
+        with ScanFile(rig.scan(tmp_path)) as scan:
+            assert scan.done.all()
+
+
+def test_a_scan_of_an_earlier_program_is_read_and_taken_up_again(tmp_path):
+    """There the detector was an ID120 with commands for a gate; its photons are those of the MPD detector."""
+    config = configured()
+    whole, cut = tmp_path / "whole.h5", tmp_path / "cut.h5"
+    plan = plan_of(config)
+    for path in (whole, cut):
+        acquire(plan, RigState(config), path)
+    with h5py.File(cut, "r+") as file:
+        told = json.loads(file["start"].attrs["configuration"])
+        del told["delayer"]
+        told["detector"] |= {"kind": "id120", "serial": None, "excess_bias_v": 5.0}
+        file["start"].attrs["configuration"] = json.dumps(told)
+        file["devices/spad"].attrs["identity"] = "ID Quantique,ID120 simulated,SIM0001,1.0"
+        done = file["transients/done"][()]
+        done[3:] = False
+        file["transients/done"][...] = done
+        del file["stop"]
+    with ScanFile(cut) as scan:
+        assert (scan.config.detector.kind, scan.config.detector.gated) == ("mpd", True)
+    resume(*interrupted(cut), cut)
+    with ScanFile(cut) as found, ScanFile(whole) as wanted:
+        assert found.done.all()
+        steps = range(found.steps)
+        assert np.array_equal(found.counts(steps), wanted.counts(steps))
 
 
 @pytest.mark.parametrize(
@@ -288,13 +338,15 @@ def rig_command(folder, *arguments):
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=280)
 
 
-CONFIG = Path(__file__).parents[2] / "configs" / "mpd_psd.toml"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def test_the_example_scans_and_images(tmp_path):
-    """From the commented example to a picture that shows something in the right depth."""
-    assert load(CONFIG).simulated
-    scan = ["scan", "--config", CONFIG, "--grid", "24x18", "--spacing", "7cm", "--exposure", "10ms"]
+@pytest.mark.parametrize("name", ["mpd_psd", "mpd_dg645"])
+def test_the_example_scans_and_images(tmp_path, name):
+    """From the commented example to a picture."""
+    config = CONFIGS / f"{name}.toml"
+    assert load(config).simulated
+    scan = ["scan", "--config", config, "--grid", "24x18", "--spacing", "7cm", "--exposure", "10ms"]
     done = rig_command(tmp_path, *scan, "--out", "a.h5", "--json")
     assert done.returncode == 0, done.stderr
     assert "stays BIASED" in done.stderr

@@ -60,7 +60,7 @@ def test_a_hydraharp_that_goes_is_said_to_be_gone(tmp_path):
             rig.harp.connection.connected = False
 
         end = scanned(tmp_path, rig, Watcher(pull))
-    assert (end.code, end.emitting, end.biased) == (3, False, False)
+    assert (end.code, end.emitting, end.sensitive) == (3, False, False)
     assert "-10 (DEVICE_NOT_OPEN)" in end.said
     assert "The instrument is gone: check the USB cable and port" in end.said
     assert "calling program" not in end.said
@@ -79,7 +79,7 @@ def test_a_mirror_at_its_current_limit_ends_the_scan(tmp_path, bit, over):
                 rig.galvo.repair()
 
         end = scanned(tmp_path, rig, Watcher(overload))
-    assert (end.code, end.emitting, end.biased) == (3, False, False)
+    assert (end.code, end.emitting, end.sensitive) == (3, False, False)
     assert "output limit" in end.said
     assert "use smaller or slower steps" in end.said
 
@@ -89,7 +89,7 @@ def test_one_answer_of_the_mirror_that_is_lost_ends_no_scan_and_is_told(tmp_path
     with attacked_rig(CONFIG) as rig:
         watcher = Watcher(lambda: setattr(rig.galvo, damage, 1))
         end = scanned(tmp_path, rig, watcher)
-    assert (end.code, end.emitting, end.biased) == (0, False, False)
+    assert (end.code, end.emitting, end.sensitive) == (0, False, False)
     assert any("the mirror was steered a second time" in one for one in watcher.noticed)
     assert kept(tmp_path / "a.h5").done.all()
 
@@ -112,7 +112,7 @@ def test_one_answer_that_is_lost_during_a_long_exposure_ends_no_scan_and_is_told
         rig.galvo.answer = spoiled_once
         end = scanned(tmp_path, rig, watcher, plan=LONG)
         assert damaged
-    assert (end.code, end.emitting, end.biased) == (0, False, False), end.said
+    assert (end.code, end.emitting, end.sensitive) == (0, False, False), end.said
     assert [one for one in watcher.noticed if "the mirror was asked a second time" in one]
 
 
@@ -128,7 +128,7 @@ def test_a_wrong_level_of_the_sync_is_told_with_the_level(tmp_path, level, code,
     with attacked_rig(config) as rig:
         watcher = Watcher()
         end = scanned(tmp_path, rig, watcher, config)
-    assert (end.code, end.emitting, end.biased) == (code, False, False)
+    assert (end.code, end.emitting, end.sensitive) == (code, False, False)
     told = " ".join([end.said, *watcher.warnings])
     assert words in told
     assert f"{level[:-2]} mV" in told
@@ -139,6 +139,6 @@ def test_a_level_above_the_detector_s_pulses_is_told(tmp_path):
     with attacked_rig(config) as rig:
         watcher = Watcher()
         end = scanned(tmp_path, rig, watcher, config)
-    assert (end.emitting, end.biased) == (False, False)
+    assert (end.emitting, end.sensitive) == (False, False)
     assert any("No photons arrive: check the detector, its cable" in one for one in watcher.warnings)
     assert kept(tmp_path / "a.h5").counts.sum() == 0

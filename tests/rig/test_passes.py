@@ -62,6 +62,7 @@ def test_between_passes_the_rig_is_set_in_the_dark_and_only_if_something_changes
         ("prepare", Preparation.COVER, False, False),
         ("gate", 31.5e-9, 40e-9, False, False),  # as configured again
         ("hold-off", 90e-9, False, False),
+        ("hold-off", 100e-9, False, False),  # as it was, at the end
     ]
     assert [e.pass_index for e in events if isinstance(e, Ready)] == [0, 1, 3]
     assert [e.step.pass_index for e in events if isinstance(e, StepDone)] == [

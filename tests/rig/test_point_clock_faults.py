@@ -109,7 +109,7 @@ def test_a_board_that_is_unplugged_ends_the_scan_in_the_dark(tmp_path):
         scan_unplugged()
     (bench,) = benches
     assert not bench.light.emitting
-    assert not bench.light.biased
+    assert not bench.light.sensitive
     with ScanFile(tmp_path / "scan.h5") as scan:
         assert scan.status == "failed"
         assert not scan.done.all()
@@ -127,7 +127,7 @@ def test_a_plug_that_is_pulled_at_any_call_ends_in_the_dark(tmp_path, calls):
     assert "DAQ board Dev1" in told or calls > 15
     (bench,) = benches
     assert not bench.light.emitting
-    assert not bench.light.biased
+    assert not bench.light.sensitive
     if (path := tmp_path / "scan.h5").exists():
         with ScanFile(path) as scan:
             assert scan.status in ("failed", "complete")

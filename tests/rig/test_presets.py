@@ -88,7 +88,9 @@ def test_the_command_line_has_the_last_word_and_real_rigs_have_no_presets(rig, t
     assert (config.name, config.simulation.seed, config.scan.columns) == ("mine", 7, 20)
     assert (config.scan.exposure_s, config.simulation.scene) == (5e-3, "office")
     real = tmp_path / "real.toml"
-    real.write_text('[galvo]\naddress = "a"\n[laser]\naddress = "b"\n', encoding="utf-8")
+    real.write_text(
+        '[galvo]\naddress = "a"\n[laser]\naddress = "b"\n[detector]\naddress = "c"\n', encoding="utf-8"
+    )
     refused = rig("scan", "--config", real, "--preset", "office-1s", "--dry-run")
     assert refused.code == 2
     assert "names real devices" in refused.err

@@ -145,7 +145,8 @@ def test_an_unknown_key_is_named(rig, tmp_path):
 
 def test_a_missing_device_is_named_and_leaves_no_file(rig, tmp_path):
     (tmp_path / "hhlib.so").write_bytes(b"")
-    text = '[galvo]\naddress = "/dev/rig-no-such-port"\n[laser]\naddress = "/dev/rig-no-such-port"\n'
+    nowhere = 'address = "/dev/rig-no-such-port"'
+    text = f"[galvo]\n{nowhere}\n[laser]\n{nowhere}\n[detector]\n{nowhere}\n"
     Path("rig.toml").write_text(text)
     done = rig("scan", "--config", "rig.toml", "--out", "a.h5")
     assert done.code == 3
@@ -215,14 +216,16 @@ def as_of_a_real_rig(path, **of_harp):
     with h5py.File(path, "r+") as file:
         configuration = json.loads(file["start"].attrs["configuration"])
         configuration["simulation"] = None
-        configuration["galvo"]["address"] = configuration["laser"]["address"] = "/dev/of-the-file"
+        for name in ("galvo", "laser", "detector", "delayer"):
+            configuration[name]["address"] = "/dev/of-the-file"
         configuration["tcspc"] |= of_harp
         file["start"].attrs["configuration"] = json.dumps(configuration)
 
 
 HERE = (
     '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\npower_setpoint = 10\n'
-    '[tcspc]\nlibrary = "here.so"\n'
+    '[tcspc]\nlibrary = "here.so"\n[delayer]\naddress = "/dev/rig-none"\n'
+    '[detector]\naddress = "/dev/rig-none"\n'
 )
 
 
@@ -244,7 +247,7 @@ def test_which_library_and_which_ports_are_opened_is_never_taken_from_a_scan_fil
 def test_a_scan_is_not_resumed_with_other_settings(rig):
     stopped_scan(rig, "a.h5", lines=5)
     as_of_a_real_rig("a.h5", offset_s=29e-9)
-    Path("rig.toml").write_text(HERE + "[detector]\ngated = false\n")
+    Path("rig.toml").write_text(HERE + "gated = false\n")
     done = rig("resume", "a.h5", "--config", "rig.toml")
     assert done.code == 4
     assert "detector.gated is False, was True" in done.err

@@ -153,7 +153,8 @@ def test_a_scan_whose_file_is_deleted_ends_and_says_where_its_data_is(rig, tmp_p
 
 def test_a_scan_that_could_not_begin_says_that_nothing_was_measured(rig, tmp_path):
     Path("rig.toml").write_text(
-        '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\n[tcspc]\nlibrary = "no.so"\n'
+        '[galvo]\naddress = "/dev/rig-none"\n[laser]\naddress = "/dev/rig-none"\n'
+        '[detector]\naddress = "/dev/rig-none"\n[tcspc]\nlibrary = "no.so"\n'
     )
     done = rig("scan", "--config", "rig.toml", "--out", "a.h5")
     assert done.code == 3

@@ -33,7 +33,7 @@ class Lie:
                 self.begin()
             case StepDone(step=step) if step.index == self.ends - 1 and self.end:
                 self.end()
-            case Noticed():
+            case Noticed(kind="warning"):
                 self.noticed.append(event)
 
 
@@ -42,21 +42,20 @@ def lied_to(rig, target, begin, config=CONFIG, plan=PLAN, **options):
     lie = Lie(begin, **options)
     end = scan(rig, config, plan, target, [lie])
     assert not end.emitting
-    assert not end.biased
+    assert not end.sensitive
     return end, lie.noticed, kept(target)
 
 
 def fail_bias(rig):
-    rig.spad.bias_error = True
     rig.bench.change_light(biased=False)
 
 
 def open_gate(rig):
-    rig.spad.receive(b"GATE:MODE FREE\n")
+    rig.spad.receive(b"TS0;FR;AD#")
 
 
 def move_gate(rig):
-    rig.spad.receive(b"GATE:DELAY 20000\n")
+    rig.delayer.receive(b"SD9000#")
 
 
 #: Lies that end a scan, and the words that tell them.
@@ -93,7 +92,7 @@ def test_a_power_that_rises_tenfold_ends_the_scan(tmp_path):
     assert file.done.sum() == FIRST_IN_DOUBT
 
 
-def test_an_overload_takes_the_bias_away_at_once(tmp_path):
+def test_an_overload_closes_the_detector_at_once(tmp_path):
     plan = tiny_plan(CONFIG, columns=20, rows=10, exposure_s=1e-3)
     with attacked_rig(CONFIG) as rig:
         began_s = []
@@ -106,7 +105,7 @@ def test_an_overload_takes_the_bias_away_at_once(tmp_path):
         took_s = rig.bench.clock.now_s() - began_s[0]
     assert end.code == 4
     assert "may harm it" in end.said
-    assert "Its bias is taken away" in end.said
+    assert "SWITCH IT OFF BY HAND, NOW" in end.said
     assert file.done.sum() <= 20  # no line after the one in which it began
     assert took_s < 1  # two looks 0.2 s apart at most, and 0.4 s in which the sync's end is waited for
 

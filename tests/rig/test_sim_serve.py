@@ -72,11 +72,11 @@ def test_a_scan_is_told_in_the_log(rig, bench, tmp_path):
     assert [at for at, _, _ in changes] == sorted(at for at, _, _ in changes)
     switched = [(what, value) for _, what, value in changes if what != "galvo mirror"]
     assert switched == [
-        ("detector bias", "1"),
+        ("detector sensitive", "1"),
         ("laser power", "10.00"),
         ("laser emission", "1"),
         ("laser emission", "0"),
-        ("detector bias", "0"),
+        ("detector sensitive", "0"),
         ("laser power", "0.00"),
     ]
     lit = [what for _, what, _ in changes]
@@ -230,7 +230,9 @@ def test_a_server_that_goes_away_ends_a_scan_in_words(rig, tmp_path):
 
 
 def test_a_real_rig_is_not_served(rig):
-    Path("lab.toml").write_text('[galvo]\naddress = "/dev/ttyACM0"\n[laser]\naddress = "/dev/ttyUSB0"\n')
+    Path("lab.toml").write_text(
+        '[galvo]\naddress = "/dev/ttyACM0"\n[laser]\naddress = "/dev/ttyUSB0"\n[detector]\naddress = "c"\n'
+    )
     refused = rig("sim", "serve", "--config", "lab.toml")
     assert refused.code == 2
     assert "real devices" in refused.err

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from rig.acquire.doctor import examine
+from rig.commands.calibrate import ROUTINES
+from rig.devices.kinds import TIMING, time_axis, timing_limits
 from rig.errors import ConfigError
 from rig.files import ScanFile
 from rig.files.picoquant import read_head
@@ -292,10 +294,24 @@ def test_another_instrument_on_a_served_bench(rig, tmp_path):
 def test_the_doctor_looks_for_the_library_of_its_kind(monkeypatch, kind, name, variable):
     monkeypatch.setenv(variable, "/nowhere/lib.so")
     monkeypatch.setenv("HHLIB_PATH", "/elsewhere/hhlib.so")
-    config = RigConfig.model_validate(
-        {"galvo": {"address": "sim://a"}, "laser": {"address": "sim://b"}, "tcspc": {"kind": kind}}
-    )
+    ports = {name: {"address": f"sim://{name}"} for name in ("galvo", "laser", "detector")}
+    config = RigConfig.model_validate({**ports, "tcspc": {"kind": kind}})
     (finding,) = [one for one in examine(config, Path()) if one.what == f"{name} library"]
     assert finding.verdict == "missing"
     assert "/nowhere/lib.so" in finding.found
     assert variable in finding.remedy
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_calibrations_choose_bins_that_the_instrument_has(tmp_path, name):
+    """They cover the whole time between two pulses, of 100 ns and more, and no finer than need be."""
+    config = load(configured(tmp_path, name))
+    assert {"lag", "dark", "gate", "time-zero"} <= ROUTINES.keys()
+    for build in ROUTINES.values():
+        routine = build()
+        chosen = routine.setup(config)
+        TIMING.of(chosen.tcspc).check(chosen)
+        bins, width_s = time_axis(chosen)
+        timing_limits(chosen).check_histogram(bins, width_s)
+        if routine.tagged:
+            TIMING.of(chosen.tcspc).tagging.check(chosen)

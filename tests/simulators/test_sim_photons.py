@@ -1,13 +1,13 @@
 """What is detected: when, how often, and that it follows from the switches and the geometry."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import dist
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from simulators.bench import BenchGeometry, LightState
+from simulators.bench import Bench, BenchGeometry, LightState
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
 from simulators.optics.light import Optics
@@ -235,3 +235,29 @@ def test_speed_of_one_position(benchmark, photons):
     spots = iter((-0.4 + 1e-6 * i, 0.1, 0.0) for i in range(10**6))
     draw = rng()
     benchmark(lambda: photons.detections(next(spots), GATED, 1e-2, draw))
+
+
+@pytest.mark.parametrize("periods_later", [0, 1, 3])
+def test_a_gate_that_opens_for_every_fourth_pulse_sees_a_quarter_at_the_same_times(photons, periods_later):
+    """Without hold-off, since that lasts as long while gates come more seldom; 5 sigma of Poisson counts."""
+    at = replace(GATED, hold_off_s=0.0)
+    late_s = periods_later / at.repetition_hz
+    divided = replace(at, gate_every=4, gate_delay_s=at.gate_delay_s + late_s)
+    every, fourth = (_drawn_on_a_bench(photons, light, 1.0) for light in (at, divided))
+    assert len(fourth) == pytest.approx(len(every) / 4, abs=5 * np.sqrt(len(every) / 4 + len(every) / 16))
+    bins = np.linspace(30e-9, 80e-9, 26)
+    a, b = (np.histogram(one.time_s, bins)[0] for one in (every, fourth))
+    total, share = (a + b)[a + b > 20], len(fourth) / (len(every) + len(fourth))
+    chi = ((b[a + b > 20] - total * share) ** 2 / (total * share * (1 - share))).sum()
+    assert chi < chi2.ppf(1 - 1e-6, len(total) - 1)
+    assert (fourth.pulse % 4 == 0).all()
+    assert np.mean(every.pulse % 4 == 0) == pytest.approx(0.25, abs=5 * np.sqrt(0.19 / len(every)))
+
+
+def _drawn_on_a_bench(photons, light, duration_s):
+    bench = Bench([photons])
+    bench.change_light(**{field.name: getattr(light, field.name) for field in fields(light)})
+    (found,) = bench.detections(bench.clock.now_s(), bench.clock.now_s() + duration_s)
+    rate_hz = bench.count_rate_hz(0)
+    assert len(found) == pytest.approx(rate_hz * duration_s, rel=0.05)  # afterpulses are some 2 %
+    return found

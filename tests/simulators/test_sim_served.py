@@ -265,4 +265,5 @@ def test_only_changes_are_logged():
         "0.250 galvo mirror 0.100000 -0.200000\n",
         "0.250 laser emission 0\n",
         "0.250 detector bias 1\n",
+        "0.250 detector sensitive 1\n",
     ]

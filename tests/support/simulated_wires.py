@@ -23,4 +23,5 @@ def wires_to(config: RigConfig, bench: Bench, instruments: SimulatedInstruments)
         daq=lambda device: board,
         clock=bench.clock,
         sync_hz=config.laser.repetition_hz,
+        gate_hz=config.gate_hz,
     )

@@ -16,7 +16,7 @@ from rig.model.devices import GateDelayer
 
 def psd_settings(config: PsdConfig, sync_hz: float) -> PsdSettings:
     """Return how a Picosecond Delayer is set, or raise `drivers.errors.LimitError`."""
-    return PsdSettings(trigger_level_v=config.trigger_level_v, repetition_hz=sync_hz)
+    return PsdSettings(trigger_level_v=config.trigger_level_v, repetition_hz=sync_hz, divider=config.divider)
 
 
 def open_psd(config: PsdConfig, wires: Wires) -> AbstractContextManager[GateDelayer]:
@@ -34,6 +34,7 @@ def dg645_settings(config: Dg645Config, sync_hz: float) -> Dg645Settings:
         trigger_edge=config.trigger_edge,
         trigger_level_v=config.trigger_level_v,
         repetition_hz=sync_hz,
+        divider=config.divider,
     )
 
 
@@ -51,6 +52,7 @@ def t560_settings(config: T560Config, sync_hz: float) -> T560Settings:
         trigger_edge=config.trigger_edge,
         trigger_level_v=config.trigger_level_v,
         repetition_hz=sync_hz,
+        divider=config.divider,
     )
 
 

@@ -3,6 +3,7 @@
 from contextlib import AbstractContextManager
 from functools import partial
 
+from drivers.errors import LimitError
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.mpd.detector import PROGRAM, MpdSpad
 from drivers.mpd.settings import MpdSettings
@@ -14,19 +15,25 @@ from rig.model.devices import GatedSpad, Operator, Request
 from rig.model.quantities import show
 
 
+def id120_settings(config: Id120Config) -> Id120Settings:
+    """Return how an ID120 is set, or raise `drivers.errors.LimitError`."""
+    if config.gated:
+        raise LimitError(
+            "ID120",
+            "be gated",
+            "it has no gate that a public command sets",
+            "Nothing was sent. Kinds that gate: mpd (with a [delayer]), external (docs/detectors.md).",
+        )
+    return Id120Settings(hold_off_s=config.hold_off_s)
+
+
 def open_id120(config: Id120Config, wires: Wires) -> AbstractContextManager[GatedSpad]:
-    """Return the detector, to be entered."""
+    """Return an ID120, to be entered."""
     return Id120Spad(
         serial=config.serial,
         backend=wires.usb_backend,
         clock=wires.clock,
-        settings=Id120Settings(
-            gated=config.gated,
-            gate_delay_s=config.gate_delay_s,
-            gate_width_s=config.gate_width_s,
-            hold_off_s=config.hold_off_s,
-            excess_bias_v=config.excess_bias_v,
-        ),
+        settings=id120_settings(config),
     )
 
 
@@ -46,7 +53,7 @@ def open_mpd(config: MpdConfig, wires: Wires) -> AbstractContextManager[GatedSpa
     return MpdSpad(
         wires.detector,
         clock=wires.clock,
-        settings=mpd_settings(config, wires.sync_hz),
+        settings=mpd_settings(config, wires.gate_hz),
         person=partial(_ask_hold_off, wires.operator) if wires.operator else None,
     )
 
@@ -64,7 +71,7 @@ def open_external_detector(config: ExternalDetectorConfig, wires: Wires) -> Abst
 
 DETECTORS: Kinds[Kind[GatedSpad]] = Kinds(
     "detector",
-    Kind(Id120Config, open_id120),
+    Kind(Id120Config, open_id120, id120_settings),
     Kind(MpdConfig, open_mpd, mpd_settings),
     Kind(ExternalDetectorConfig, open_external_detector),
 )

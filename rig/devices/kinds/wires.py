@@ -17,8 +17,8 @@ class Wires:
     ----------
     galvo, laser, detector, delayer, shutter
         Serial ports or pyserial URLs.
-    sync_hz
-        Sync pulses a second, which come to all that follows the laser.
+    sync_hz, gate_hz
+        Sync pulses a second, which come to all that follows the laser; and those for which the gate opens.
     usb_backend
         Of pyusb; None for the system's.
     harp
@@ -40,6 +40,7 @@ class Wires:
     daq: Callable[[str], SharedBoard]
     clock: Clock
     sync_hz: float
+    gate_hz: float
     detector: str = ""
     delayer: str = ""
     shutter: str = ""

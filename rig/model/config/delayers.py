@@ -18,6 +18,9 @@ class DelayerConfig(DeviceSection):
     insertion_delay_s: Seconds = Field(0.0, ge=0)
     """What cables and delayer add by themselves: that much less is asked of it, so that detector.gate_delay
     is the gate's opening edge after the sync pulse."""
+    divider: int = Field(1, ge=1, le=999)
+    """The gate opens for the first of so many sync pulses: for a laser that is too fast for detector or
+    delayer. Photons get fewer by as much."""
 
 
 class PsdConfig(DelayerConfig):

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from rig.model.config.section import DeviceSection, Point, Section
-from rig.model.quantities import Hertz, Seconds, Volts
+from rig.model.quantities import Hertz, Seconds
 
 
 class DetectorConfig(DeviceSection):
@@ -28,15 +28,17 @@ class DetectorConfig(DeviceSection):
 
 
 class Id120Config(DetectorConfig):
-    """An ID Quantique ID120, gated."""
+    """An ID Quantique ID120, which has no gate that a public command sets: it runs freely."""
 
     kind: Literal["id120"] = "id120"
     serial: str | None = None
     """Serial number, when several detectors are connected."""
     address: str | None = None
     """Pseudo-terminal of a simulated detector that ``rig sim serve`` serves; None: one on USB."""
-    excess_bias_v: Volts = Field(5.0, gt=0)
-    """Bias above breakdown."""
+    gated: bool = False
+    """Only false. Scans of earlier programs may say otherwise."""
+    hold_off_s: Seconds = Field(120e-9, ge=0)
+    """Time after a detection during which the detector stays off, in steps of 40 ns."""
 
 
 class ExternalDetectorConfig(DetectorConfig):

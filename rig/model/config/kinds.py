@@ -132,7 +132,7 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
 ROLES = {
     "galvo": ByKind("galvo", GalvoConfig, OptotuneConfig, AnalogueGalvoConfig),
     "laser": ByKind("laser", LaserConfig, KatanaConfig, Katana08Config, NktConfig, ExternalLaserConfig),
-    "detector": ByKind("detector", DetectorConfig, Id120Config, MpdConfig, ExternalDetectorConfig),
+    "detector": ByKind("detector", DetectorConfig, MpdConfig, Id120Config, ExternalDetectorConfig),
     "delayer": ByKind("delayer", DelayerConfig, PsdConfig, Dg645Config, T560Config, ExternalDelayerConfig),
     "point_clock": ByKind("point_clock", PointClockConfig, DaqClockConfig),
     "shutter": ByKind("shutter", ShutterConfig, DaqShutterConfig, SerialShutterConfig),

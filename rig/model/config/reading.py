@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from rig.errors import ConfigError
+from rig.model.config.delayers import PsdConfig
 from rig.model.config.detectors import ChannelConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.point_clocks import DaqClockConfig
@@ -21,13 +22,15 @@ from rig.model.quantities import FROM_RECORD
 MOST_BYTES = 1_000_000
 #: Wrong keys that are told at once.
 MOST_TOLD = 20
+#: The sections that the built-in rig has beside those that every rig has.
+_BUILT_IN: Table = {"delayer": {}, "point_clock": {}, "simulation": {}}
 #: A key of more than 100 words: reading it would take time with the square of their number.
 _LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
 
 
 def built_in() -> RigConfig:
     """Return the built-in simulated rig."""
-    return RigConfig(point_clock=DaqClockConfig(), simulation=SimulationConfig())
+    return RigConfig(delayer=PsdConfig(), point_clock=DaqClockConfig(), simulation=SimulationConfig())
 
 
 def recorded(text: str) -> RigConfig:
@@ -53,7 +56,7 @@ def built_in_with(changes: Table) -> RigConfig:
         If a value is wrong.
     """
     try:
-        return RigConfig.model_validate(merged({"point_clock": {}, "simulation": {}}, changes))
+        return RigConfig.model_validate(merged(_BUILT_IN, changes))
     except ValidationError as error:
         raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
 

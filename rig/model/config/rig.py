@@ -2,14 +2,13 @@
 
 from typing import Annotated, Any
 
-from pydantic import model_validator
+from pydantic import ValidationInfo, model_validator
 
 from rig.model.config.delayers import DelayerConfig, ExternalDelayerConfig
 from rig.model.config.detectors import (
     ChannelConfig,
     DetectorConfig,
     ExternalDetectorConfig,
-    Id120Config,
     MpdConfig,
 )
 from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneConfig
@@ -22,16 +21,17 @@ from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
 from rig.model.config.simulation import SimulationConfig
 from rig.model.config.timing import TcspcConfig, TimingConfig
 from rig.model.config.use import CalibrationConfig, CamerasConfig, ScanConfig
+from rig.model.quantities import FROM_RECORD
 
 
 class RigConfig(Section):
-    """The whole rig. All defaults together are the built-in rig, except for point clock and simulation."""
+    """The whole rig. Its defaults are the built-in rig, but for delayer, point clock and simulation."""
 
     name: str = "simulated rig"
     galvo: Annotated[GalvoConfig, ROLES["galvo"]] = OptotuneConfig()
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
-    detector: Annotated[DetectorConfig, ROLES["detector"]] = Id120Config()
+    detector: Annotated[DetectorConfig, ROLES["detector"]] = MpdConfig()
     delayer: Annotated[DelayerConfig, ROLES["delayer"]] | None = None
     """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector does, or cables."""
     tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
@@ -50,8 +50,14 @@ class RigConfig(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_older(cls, table: Any) -> Any:
-        return _with_kinds(table) if isinstance(table, dict) else table
+    def _from_older(cls, table: Any, info: ValidationInfo) -> Any:
+        if not isinstance(table, dict):
+            return table
+        table = _with_kinds(table)
+        if info.context == FROM_RECORD:
+            return _with_a_gate_that_exists(table)
+        _refuse_gated_id120(table.get("detector"))
+        return table
 
     @model_validator(mode="after")
     def _incidence_is_of_one_mirror(self) -> "RigConfig":
@@ -165,6 +171,11 @@ class RigConfig(Section):
         return {**galvo, **detector, **on_lines}
 
     @property
+    def gate_hz(self) -> float:
+        """How often the gate of a gated detector opens."""
+        return self.laser.repetition_hz / (self.delayer.divider if self.delayer else 1)
+
+    @property
     def simulated(self) -> bool:
         """Whether all devices are simulated in this process, so that nothing outside of it can be harmed."""
         return self.simulation is not None
@@ -239,6 +250,41 @@ def _with_kinds(table: dict[str, Any]) -> dict[str, Any]:
             of_channel[channel_key] = values[key]
             table[section] = {name: value for name, value in values.items() if name != key}
     return {**table, "channels": [of_channel]} if of_channel and "channels" not in table else table
+
+
+def _with_a_gate_that_exists(table: dict[str, Any]) -> dict[str, Any]:
+    """Return a record whose detector is of a kind that there is, if it is of an earlier program.
+
+    There, every detector was an ID120 with commands for a gate that no ID120 has. On a simulated bench it
+    was what an MPD detector with a delayer is now, photon for photon.
+    """
+    detector = table.get("detector")
+    if not isinstance(detector, dict) or "excess_bias_v" not in detector:
+        return table
+    detector = {key: value for key, value in detector.items() if key != "excess_bias_v"}
+    tcspc = table.get("tcspc")
+    served = isinstance(tcspc, dict) and tcspc.get("address") is not None
+    if table.get("simulation") is None and not served:
+        return {**table, "detector": {**detector, "kind": "id120"}}
+    detector = {key: value for key, value in detector.items() if key != "serial"}
+    delayer = {"kind": "psd", "address": detector.get("address")}
+    return {**table, "detector": {**detector, "kind": "mpd"}, "delayer": delayer}
+
+
+def _refuse_gated_id120(detector: Any) -> None:
+    """Raise `ValueError` where a file gives an ID120 a gate, as files for earlier programs do."""
+    if not isinstance(detector, dict):
+        return
+    is_older = "excess_bias" in detector or ("serial" in detector and "kind" not in detector)
+    of_gate = {"gate_delay", "gate_width"} & detector.keys() if "gated" not in detector else set()
+    wants_gate = detector.get("gated") is True or bool(of_gate)
+    if is_older or (detector.get("kind") == "id120" and wants_gate):
+        raise ValueError(
+            "detector: an ID120 has no gate, nor an excess bias, that a public command sets. For a detector "
+            "that gates write detector.kind = 'mpd' (and a [delayer]), or 'external'; for an ID120, which "
+            "runs freely, detector.kind = 'id120' without gated, gate_delay and gate_width. Leave "
+            "excess_bias out (docs/detectors.md)"
+        )
 
 
 def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:

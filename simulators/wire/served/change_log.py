@@ -15,6 +15,7 @@ class ChangeLog:
         12.553 laser emission 1                     0 or 1
         12.601 shutter open 1                       0 or 1; 1 where there is none
         12.655 detector bias 1                      0 or 1
+        12.655 detector sensitive 1                 0 or 1; 1 where it detects: biased, and free or gated
 
     The positions of a trajectory, which the mirror takes by itself, are not told.
 
@@ -50,4 +51,5 @@ class ChangeLog:
             "laser emission": str(int(light.emitting)),
             "shutter open": str(int(not light.shuttered)),
             "detector bias": str(int(light.biased)),
+            "detector sensitive": str(int(light.sensitive)),
         }
