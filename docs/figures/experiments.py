@@ -94,7 +94,7 @@ def counted(folder: Path) -> None:
     short = [scans[f"office-{exposure}"] for exposure in ("10ms", "5ms", "1ms")]
     rig("plot", *short, "--image", IMAGES / "raw_office_short.png")
     office = {scan.stem: imaged(scan, *OFFICE) for scan in short}
-    sheets.exposures([office], IMAGES / "office_exposures.png", depths=True)
+    sheets.exposures([office], IMAGES / "office_exposures.png", depths=True, names="office")
     endless = folder / "shelf-noise-free.h5"
     if not endless.exists():
         rig("sim", "render", "shelf", endless, *FINE, *BINS)

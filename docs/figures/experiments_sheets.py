@@ -4,17 +4,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from recon.depth import compensate_falloff, front_view
 from rig.files import Volume, read_volume
 from rig.image.truth import true_depth
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.model.quantities import show_length
 from rig.show.volume import draw_front, save
+from simulators.scenes import scene
+from simulators.scenes.mesh import Scene
 
 #: Part of a front view's pixels below full scale: a glossy thing outshines all matt ones.
 BRIGHTEST = 0.99
@@ -24,14 +29,19 @@ LARGEST_MM = 20
 CLOSE_M = 0.05
 #: "Inside" is so far from every edge of the true surface [m].
 INSIDE_M = 0.03
-#: Size of a panel [inches]; and the grey of pixels without a surface.
-PANEL, NOTHING = 3.9, "0.82"
+#: Size of a panel [inches].
+PANEL = 3.9
+#: A thing is named where it is the nearest in so many pixels; a background is what all others stand before.
+NAMED, BACKGROUND = 200, ("back_wall", "floor", "shelf")
 
 
-def exposures(rows: Sequence[Mapping[str, Path]], picture: Path, *, depths: bool = False) -> None:
+def exposures(
+    rows: Sequence[Mapping[str, Path]], picture: Path, *, depths: bool = False, names: str = ""
+) -> None:
     """Draw front views of named volumes, and if asked a row of their depth maps below.
 
-    Each title tells how like a volume is to the first one of its wavelength: the cosine between amplitudes.
+    `names` is the scene whose things are named in the first depth map. Each title tells how like a volume is
+    to the first one of its wavelength: the cosine between amplitudes.
     """
     like: dict[float, NDArray[np.float32]] = {}
     lines, columns = len(rows) * (2 if depths else 1), max(map(len, rows))
@@ -46,21 +56,37 @@ def exposures(rows: Sequence[Mapping[str, Path]], picture: Path, *, depths: bool
             amplitude, wavelength_m = _amplitude(volume), float(volume.parameters["wavelength_m"])
             front = front_view(amplitude)
             shown, scale = front / np.quantile(front, BRIGHTEST), Normalize(0, 1)
-            lit = draw_front(axes, shown, volume.x_m, volume.y_m, "inferno", scale)
+            lit = draw_front(axes, shown, volume.x_m, volume.y_m, AMPLITUDE_COLOURS, scale)
             likeness = _likeness(amplitude, like.setdefault(wavelength_m, amplitude))
             axes.set_title(f"{name}, λ = {show_length(wavelength_m)}\nlikeness {likeness:.3f}", size=10)
             if depths and volume.depth_m is not None:
                 axes = panels[line + len(rows), column]
-                axes.set_facecolor(NOTHING)
+                axes.set_facecolor(NO_SURFACE)
                 scale = Normalize(volume.z_m[0], volume.z_m[-1])
-                mapped = draw_front(axes, volume.depth_m, volume.x_m, volume.y_m, "viridis", scale)
+                mapped = draw_front(axes, volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, scale)
+                if names and column == 0:
+                    name_things(axes, scene(names), volume)
     label = f"amplitude z² / its {BRIGHTEST:.0%} quantile"
     figure.colorbar(lit, ax=panels[: len(rows)], label=label, shrink=0.9)
     if depths:
-        figure.colorbar(mapped, ax=panels[len(rows) :], label="depth z (m), grey: none", shrink=0.9)
+        figure.colorbar(mapped, ax=panels[len(rows) :], label="depth z (m), blank: none", shrink=0.9)
     for axes in panels.flat:
         axes.label_outer()
     save(figure, picture)
+
+
+def name_things(axes: Axes, shown: Scene, volume: Volume) -> None:
+    """Write the names of a scene's things where they stand before all others."""
+    seen = shown.truth(volume.x_m, volume.y_m).mesh
+    for number, mesh in enumerate(shown.meshes):
+        rows, columns = np.nonzero(seen == number)
+        if len(rows) < NAMED or mesh.name in BACKGROUND:
+            continue
+        # the pixel of the thing nearest to its middle: the middle of a ladder or chair may lie outside of it
+        middle = np.hypot(rows - rows.mean(), columns - columns.mean()).argmin()
+        place = volume.x_m[columns[middle]], volume.y_m[rows[middle]]
+        told = axes.text(*place, mesh.name, size=8, color="black", ha="center", va="center")
+        told.set_path_effects([withStroke(linewidth=2, foreground="white")])
 
 
 def errors(volumes: Mapping[str, tuple[Path, str]], picture: Path) -> None:
@@ -72,15 +98,17 @@ def errors(volumes: Mapping[str, tuple[Path, str]], picture: Path) -> None:
         volume, axes = read_volume(path), panels[:, column]
         assert volume.depth_m is not None
         front = front_view(_amplitude(volume))
-        lit = draw_front(axes[0], front / front.max(), volume.x_m, volume.y_m, "inferno", Normalize(0, 1))
+        lit = draw_front(
+            axes[0], front / front.max(), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, Normalize(0, 1)
+        )
         axes[0].set_title(name, size=11)
         error_mm = 1e3 * (volume.depth_m - true_depth(truth, volume.x_m, volume.y_m))
         scale = Normalize(-LARGEST_MM, LARGEST_MM)
-        axes[1].set_facecolor(NOTHING)
+        axes[1].set_facecolor(NO_SURFACE)
         drawn = draw_front(axes[1], error_mm, volume.x_m, volume.y_m, "RdBu", scale)
         axes[1].set_title(f"mean error {depth_errors(path, truth)['close']:.1f} mm", size=11)
     figure.colorbar(lit, ax=panels[0], label="amplitude z² / maximum", shrink=0.8)
-    figure.colorbar(drawn, ax=panels[1], label="found - true depth (mm), grey: none", shrink=0.8)
+    figure.colorbar(drawn, ax=panels[1], label="found - true depth (mm), blank: none", shrink=0.8)
     for panel in panels.flat:
         panel.label_outer()
     save(figure, picture)

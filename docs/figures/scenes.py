@@ -10,7 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from rig.show.volume import save
+from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
+from rig.show.volume import X_LABEL, save
 from simulators.scenes import SCENES, scene
 
 PICTURE = Path(__file__).parents[1] / "images" / "scenes.png"
@@ -31,15 +32,16 @@ def main() -> None:
             scene(name).depth_map(X_M, Y_M)[:, ::-1],
             extent=(X_M[-1], X_M[0], Y_M[0], Y_M[-1]),
             origin="lower",
-            cmap="viridis_r",
+            cmap=DEPTH_COLOURS,
             norm=SCALE,
             interpolation="nearest",
         )
+        axes.set_facecolor(NO_SURFACE)
         axes.set_title(name, size=10)
         axes.tick_params(labelsize=8)
-    figure.supxlabel("x (m), grows to the left as the wall sees the scene", size=9)
+    figure.supxlabel(X_LABEL, size=9)
     figure.supylabel("y (m)", size=9)
-    figure.colorbar(drawn, ax=panels, label="depth (m)", shrink=0.9)
+    figure.colorbar(drawn, ax=panels, label="depth z (m), blank: nothing", shrink=0.9)
     save(figure, PICTURE)
 
 

@@ -7,6 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from rig.show.volume import X_LABEL
+
 BLUE, RED, GREY = "#20639b", "#c8553d", "0.6"
 #: For several series beside each other.
 SERIES = (BLUE, RED, "#3a7d44", "#7b4b94", "#8a6d3b")
@@ -53,8 +55,9 @@ def wall_map(
 
 
 def face_the_wall(axes: Axes) -> None:
-    """Name the axes of the wall, and give both the same scale."""
-    axes.set(xlabel="x (m), as one faces the wall", ylabel="y (m)", aspect="equal")
+    """Name the axes of the wall, give both the same scale, and let x grow to the left, as in all pictures."""
+    axes.set(xlabel=X_LABEL, ylabel="y (m)", aspect="equal")
+    axes.xaxis.set_inverted(True)
     axes.margins(0.12)  # arrows reach beyond the spots
 
 

@@ -25,12 +25,15 @@ def export(
 ) -> None:
     """Write a scan or a volume for other programs; the layout follows the ending.
 
-    A volume: .npz (NumPy), .mat (MATLAB v5), .vti (VTK, ParaView), .tif (a page for each plane, ImageJ).
+    A volume: .npz (NumPy), .mat (MATLAB v5), .vti (VTK, ParaView), .tif (a page for each plane, ImageJ),
+    .html (a page for any browser), .ply and .glb (the surface as triangles).
     A scan: .hdf5 (TAL, for y-tal), .mat (MATLAB v5), .ptu (PicoQuant's records, with markers).
 
     [bold]Examples[/bold]
 
       rig export scan-volume.h5 letters.vti      for ParaView, in metres
+
+      rig export scan-volume.h5 letters.html     turned by hand in any browser
 
       rig export scan.h5 letters.hdf5            for y-tal
 

@@ -143,6 +143,10 @@ def recon(
         Path | None,
         typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]"),
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -153,6 +157,8 @@ def recon(
       rig recon scan.h5                    everything chosen by the program
 
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
+
+      rig recon scan.h5 --page letters.html        to be turned in any browser
 
       rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm
 
@@ -193,11 +199,11 @@ def recon(
         each_frame=each_frame,
         fresh_to_m=length(fresh_to),
     )
-    given = {"volume": out, "picture": image, "video": video}
+    given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
     with told_if_stopped(files.values()), console.Working("imaging") as working:
-        result = reconstruct(scan, request, files["volume"], files["picture"], working, video)
+        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
     _show(result, files, as_json)
 
 

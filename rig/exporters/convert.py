@@ -6,12 +6,12 @@ from types import ModuleType
 
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
-from rig.exporters import mat, npz, ptu, tal, tiff, transients_mat, vti
+from rig.exporters import glb, mat, npz, page, ply, ptu, tal, tiff, transients_mat, vti
 from rig.files import ScanFile, read_volume
 from rig.files.volume import is_volume
 
 #: Layouts of a volume: modules with NAME, ENDINGS and write(path, volume).
-VOLUME_LAYOUTS: tuple[ModuleType, ...] = (npz, mat, vti, tiff)
+VOLUME_LAYOUTS: tuple[ModuleType, ...] = (npz, mat, vti, tiff, page, ply, glb)
 #: Layouts of transients: modules with NAME, ENDINGS and write(path, scan, rectify).
 SCAN_LAYOUTS: tuple[ModuleType, ...] = (tal, transients_mat, ptu)
 

@@ -32,16 +32,18 @@ from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
 from rig.errors import UsageError, in_shell, printable
+from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
+from rig.image.origin import origin
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
-from rig.show.volume import save, volume_figure
+from rig.show.volume import check_picture, save, volume_figure
 
 #: Power of depth, or of time since the flash, with which pictures undo the fall-off of the intensity.
 FALLOFF = 4.0
@@ -87,6 +89,7 @@ class Work:
     scan: str
     scan_digest: str
     estimated: tuple[str, ...] = ()
+    origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def capture(self) -> Capture:
@@ -107,6 +110,7 @@ class Work:
             more["signal"] = not surface.empty
         estimated = {"estimated": list(self.estimated)} if self.estimated else {}
         parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
+        parameters["origin"] = dict(self.origin)
         axes = grid.x_m, grid.y_m, grid.z_m
         times_s = found.times_s
         return Volume(
@@ -129,13 +133,14 @@ def reconstruct(
     picture_path: Path,
     progress: Callable[[float], None] | None = None,
     video_path: Path | None = None,
+    page_path: Path | None = None,
 ) -> Result:
-    """Image a scan with a virtual camera; write the volume file, the picture and, if asked, the video.
+    """Image a scan with a virtual camera; write the volume file, the picture and, if asked, video and page.
 
     Raises
     ------
     rig.errors.UsageError
-        If a video cannot be written as asked.
+        If a video or a page cannot be written as asked.
     rig.errors.DataFileError
         If the scan cannot be read.
     recon.errors.ReconError
@@ -143,6 +148,8 @@ def reconstruct(
     """
     began_s = time.monotonic()
     _check(request, video_path)
+    check_picture(picture_path)
+    _check_page(request, page_path)
     with ScanFile(scan_path) as scan:
         if request.each_frame:
             check_frames(scan)
@@ -164,12 +171,19 @@ def reconstruct(
         if not (request.each_frame or request.all_depths):  # which were written meanwhile
             write_volume(volume_path, volume)
     save(picture(volume), picture_path)
+    if page_path:
+        page.save(volume, page_path)
     if video_path:
-        shown = _seen(volume)
-        if not request.each_frame and request.frames_s is None:
-            shown = lit(shown, margin=FRAMES_PER_PULSE)
-        save_video(shown, video_path, compensation=_compensation(volume))
+        _save_video(volume, request, video_path)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+
+
+def _save_video(volume: Volume, request: Request, path: Path) -> None:
+    """Write a film; one of light that was not told its moments begins and ends where the light does."""
+    shown = _seen(volume)
+    if not request.each_frame and request.frames_s is None:
+        shown = lit(shown, margin=FRAMES_PER_PULSE)
+    save_video(shown, path, compensation=_compensation(volume))
 
 
 def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
@@ -197,6 +211,7 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
         printable(scan.path.name),
         scan.digest,
         estimated=tuple(scan.estimated),
+        origin=origin(scan),
     )
     return work, choice.reason
 
@@ -292,6 +307,16 @@ def _check_each_frame(request: Request) -> None:
         },
         "leave it out",
     )
+
+
+def _check_page(request: Request, page_path: Path | None) -> None:
+    """Refuse a page of what is no volume, or a name that is not that of a page."""
+    if page_path is None:
+        return
+    if CAMERAS[request.camera].film or request.each_frame:
+        raise UsageError("a film has no page; leave out --page, or image without a time axis")
+    if page_path.suffix.lower() not in page.ENDINGS:
+        raise UsageError(f"cannot write the page {page_path}: its ending must be {' or '.join(page.ENDINGS)}")
 
 
 def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:

@@ -17,9 +17,10 @@ from recon.accumulate import Picture
 from recon.aperture import Aperture, recognise
 from recon.errors import GeometryError
 from rig.live.state import Seen, Subject
+from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
 from rig.model.quantities import show, show_duration, show_length
 from rig.show.sheet import COLOURS
-from rig.show.volume import DEPTH_COLOURS, NO_SURFACE, depth_range, draw_front, say_across
+from rig.show.volume import X_LABEL, depth_range, draw_front, say_across
 
 #: Size of the figure: inches, and pixels an inch.
 SIZE_IN, DPI = (12.0, 8.0), 100
@@ -228,7 +229,7 @@ def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDA
         dots = axes.scatter(spots_m[:, 0], spots_m[:, 1], c=np.full(len(spots_m), np.nan), s=9,
                             cmap=COUNT_COLOURS, norm=scale, plotnonfinite=False)  # fmt: skip
         axes.invert_xaxis()
-        axes.set(aspect="equal", xlabel="x (m), as seen from the wall", ylabel="y (m)")
+        axes.set(aspect="equal", xlabel=X_LABEL, ylabel="y (m)")
         draw: Callable[[NDArray[np.float64]], None] = dots.set_array
     else:
         empty = np.full((wall.y.count, wall.x.count), np.nan)

@@ -5,21 +5,23 @@ from dataclasses import replace
 from math import ceil
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.files.volume import Volume
+from rig.model.colours import AMPLITUDE_COLOURS, LIGHT_COLOURS
 from rig.model.quantities import show_length
-from rig.show.volume import DPI, WIDTH_PX, draw_front, parameters_line
+from rig.show.volume import DPI, WIDTH_PX, draw_front, say_nothing_seen, write_around
 
 #: Pictures in a row, and in a sheet.
 COLUMNS, MOST = 4, 12
-#: Amplitude, by the maximum of the video, from which a frame counts as lit.
-LEAST_LIGHT = 0.05
-COLOURS = "inferno"
+#: Part of all light of a video that may come before its first frame shown, and after its last.
+UNSEEN = 0.01
+COLOURS = AMPLITUDE_COLOURS
 
 
 def refocus_figure(volume: Volume) -> Figure:
@@ -45,11 +47,15 @@ def frames_figure(volume: Volume, compensation: str = "") -> Figure:
     assert shown.t_s is not None
     chosen = _spread(len(shown.t_s))
     titles = [stamp(t_s, shown) for t_s in shown.t_s[chosen]]
-    return sheet(video_amplitude(shown)[chosen], titles, shown, video_label(compensation))
+    images, label = video_amplitude(shown)[chosen], video_label(compensation)
+    return sheet(images, titles, shown, label, colours=film_colours(shown))
 
 
 def lit(volume: Volume, margin: int = 0) -> Volume:
     """Return a video from its first frame with light to its last, and some before and after.
+
+    The sum of light over pixels and frames decides: a single bright pixel, or noise that is everywhere, is
+    little of it.
 
     Parameters
     ----------
@@ -59,11 +65,28 @@ def lit(volume: Volume, margin: int = 0) -> Volume:
         Frames without light that are kept at either end.
     """
     assert volume.t_s is not None
-    bright = np.flatnonzero(video_amplitude(volume).max(axis=(1, 2)) >= LEAST_LIGHT)
-    if not len(bright):
+    light = np.cumsum(
+        np.maximum(volume.intensity, 0).reshape(len(volume.t_s), -1).sum(axis=1, dtype=np.float64)
+    )
+    if not light[-1] > 0:
         return volume
-    kept = slice(max(0, int(bright[0]) - margin), int(bright[-1]) + 1 + margin)
+    first, last = np.searchsorted(light, [UNSEEN * light[-1], (1 - UNSEEN) * light[-1]])
+    kept = slice(max(0, int(first) - margin), int(last) + 1 + margin)
     return replace(volume, intensity=volume.intensity[kept], t_s=volume.t_s[kept])
+
+
+def film_colours(volume: Volume) -> str | Colormap:
+    """Return the colours of a video: of light on its way, white where none is; of a scan, as of an image."""
+    return COLOURS if volume.parameters.get("each_frame") else LIGHT_COLOURS
+
+
+def outline(axes: Axes, volume: Volume) -> None:
+    """Draw around what the image found, so that a viewer sees where light will come to."""
+    if volume.depth_m is None or min(volume.depth_m.shape) < 2:
+        return
+    found = np.isfinite(volume.depth_m)
+    if found.any() and not found.all():
+        axes.contour(volume.x_m, volume.y_m, found, levels=[0.5], colors="0.55", linewidths=0.8)
 
 
 def video_amplitude(volume: Volume) -> NDArray[np.float32]:
@@ -87,7 +110,12 @@ def stamp(time_s: float, volume: Volume) -> str:
 
 
 def sheet(
-    images: NDArray, titles: Sequence[str], volume: Volume, label: str, columns: int = COLUMNS
+    images: NDArray,
+    titles: Sequence[str],
+    volume: Volume,
+    label: str,
+    columns: int = COLUMNS,
+    colours: str | Colormap = COLOURS,
 ) -> Figure:
     """Draw front views in rows, to one scale of colour from 0 to 1.
 
@@ -103,11 +131,13 @@ def sheet(
         What the colours mean.
     columns
         Pictures in a row.
+    colours
+        Of 0 to 1.
     """
     columns = min(columns, len(images))
     rows = ceil(len(images) / columns)
     # inches around the pictures, for labels, titles and the bar
-    left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 0.65, 1.05, 0.25, 0.45
+    left, right, bottom, top, gap_x, gap_y = 0.8, 1.2, 1.0, 1.05, 0.25, 0.45
     width = WIDTH_PX / DPI
     wide = (width - left - right - (columns - 1) * gap_x) / columns
     wide = min(wide, width / 3)
@@ -121,7 +151,8 @@ def sheet(
         x = left + column * (wide + gap_x)
         y = height - top - tall - row * (tall + gap_y)
         axes = figure.add_axes((x / width, y / height, wide / width, tall / height))
-        drawn = draw_front(axes, image, volume.x_m, volume.y_m, COLOURS, scale)
+        drawn = draw_front(axes, image, volume.x_m, volume.y_m, colours, scale)
+        outline(axes, volume)
         axes.set_title(title, size=11)
         if column > 0:
             axes.set_ylabel("")
@@ -132,8 +163,8 @@ def sheet(
     bar_x = left + columns * wide + (columns - 1) * gap_x + 0.2
     bar = figure.add_axes((bar_x / width, (height - top - tall) / height, 0.16 / width, tall / height))
     figure.colorbar(drawn, cax=bar, label=label)
-    for line, inches, style in ((volume.scan, 0.32, "bold"), (parameters_line(volume), 0.58, "normal")):
-        figure.text(0.5, 1 - inches / height, line, size=13, weight=style, ha="center")
+    say_nothing_seen(volume, figure.axes[:1])
+    write_around(figure, volume)
     return figure
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import GifImagePlugin, Image
@@ -16,8 +16,9 @@ from PIL import GifImagePlugin, Image
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files.volume import Volume
-from rig.show.sheet import COLOURS, stamp, video_amplitude, video_label
-from rig.show.volume import draw_front, parameters_line
+from rig.files.words import parameters_line
+from rig.show.sheet import film_colours, outline, stamp, video_amplitude, video_label
+from rig.show.volume import draw_front
 
 #: Frames shown in a second, of light on its way.
 FRAMES_PER_S = 10
@@ -61,10 +62,13 @@ def save_video(volume: Volume, path: Path, compensation: str = "") -> None:
         If the file cannot be written.
     """
     check_video(path)
-    write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+    frames = _frames(volume, compensation)
     try:
         with appearing(path) as partial:
-            write(partial, _frames(volume, compensation), _per_s(volume))
+            if path.suffix.lower() == ".gif":
+                _write_gif(partial, frames, _per_s(volume), film_colours(volume))
+            else:
+                _write_mp4(partial, frames, _per_s(volume))
     except OSError as error:
         raise DataFileError(f"cannot write the video {path}: {error}") from error
 
@@ -91,7 +95,8 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
     canvas = FigureCanvasAgg(figure)
     high = (tall - bottom - top) / tall
     axes = figure.add_axes((left / _WIDTH_IN, bottom / tall, wide / _WIDTH_IN, high))
-    drawn = draw_front(axes, amplitude[0], volume.x_m, volume.y_m, COLOURS, Normalize(0.0, 1.0))
+    drawn = draw_front(axes, amplitude[0], volume.x_m, volume.y_m, film_colours(volume), Normalize(0.0, 1.0))
+    outline(axes, volume)
     bar = figure.add_axes(((left + wide + 0.2) / _WIDTH_IN, bottom / tall, 0.16 / _WIDTH_IN, high))
     figure.colorbar(drawn, cax=bar, label=video_label(compensation))
     figure.text(0.5, 1 - 0.25 / tall, f"{volume.scan}: {parameters_line(volume)}", ha="center")
@@ -103,9 +108,9 @@ def _frames(volume: Volume, compensation: str) -> Iterator[NDArray[np.uint8]]:
         yield np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], per_s: int) -> None:
+def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], per_s: int, colours: str | Colormap) -> None:
     # Pillow's save() keeps all frames until the last; these two functions of it write one at a time.
-    palette = _palette()
+    palette = _palette(colours)
     with path.open("xb") as file:
         for number, pixels in enumerate(frames):
             frame = Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
@@ -116,9 +121,9 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], per_s: int) -> N
         file.write(b";")  # the trailer
 
 
-def _palette() -> Image.Image:
+def _palette(colours: str | Colormap) -> Image.Image:
     """Return a picture with the palette of all frames."""
-    scale = matplotlib.colormaps[COLOURS](np.linspace(0, 1, _SCALE_COLOURS))[:, :3]
+    scale = matplotlib.colormaps.get_cmap(colours)(np.linspace(0, 1, _SCALE_COLOURS))[:, :3]
     greys = np.repeat(np.linspace(0, 1, 256 - _SCALE_COLOURS)[:, None], 3, axis=1)
     image = Image.new("P", (1, 1))
     image.putpalette((np.concatenate([scale, greys]) * 255).round().astype(np.uint8).tobytes())

@@ -1,12 +1,15 @@
 """Pictures of a reconstructed volume, as the virtual camera on the wall sees the scene."""
 
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -14,20 +17,21 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.files.volume import Volume
-from rig.model.quantities import show_length
+from rig.files.words import caption, parameters_line
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
+from rig.show.layout import WIDTH, Box, arranged
 
-#: Width of a picture [pixels].
-WIDTH_PX = 1500
 DPI = 100
-_AMPLITUDE_COLOURS = "inferno"
-DEPTH_COLOURS = "viridis"
-_CONFIDENCE_COLOURS = "gray"
-NO_SURFACE = "0.82"  # neutral grey: no colour of the depth scale
+#: Width of a picture [pixels].
+WIDTH_PX = round(WIDTH * DPI)
+CONFIDENCE_COLOURS = "gray"
 #: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
 _LEAST_DEPTHS_M = 0.1
-_X_LABEL = "x (m), as seen from the wall"
-#: Largest height of a panel by its width, so that a tall scene does not become a tower.
-_TALLEST = 2.0
+#: The arrow says where x grows to.
+X_LABEL = "\N{LEFTWARDS ARROW} x (m), as seen from the wall"
+Z_LABEL = "depth z (m)"
+#: Letters of a panel's title in an inch; and of a caption in a line, and lines.
+_LETTERS_PER_INCH, _CAPTION_LETTERS, _CAPTION_LINES = 14, 190, 3
 
 
 def draw_front(
@@ -35,7 +39,7 @@ def draw_front(
     image: NDArray,
     x_m: NDArray,
     y_m: NDArray,
-    colours: str,
+    colours: str | Colormap,
     scale: Normalize | None = None,
 ) -> ScalarMappable:
     """Draw a (ny, nx) image as the virtual camera sees it: y up, and x growing to the left.
@@ -56,7 +60,7 @@ def draw_front(
     """
     drawn = _draw(axes, image, x_m, y_m, colours, scale)
     axes.invert_xaxis()
-    axes.set_xlabel(_X_LABEL)
+    axes.set_xlabel(X_LABEL)
     axes.set_ylabel("y (m)")
     return drawn
 
@@ -77,67 +81,93 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
     -------
     Figure of front, top and side view and, where the volume has them, depth map and confidence.
     """
-    amplitude = _amplitude(volume)
-    scale = Normalize(0.0, 1.0)
+    amplitude, scale = _amplitude(volume), Normalize(0.0, 1.0)
     figure, panels = _panels(volume)
-    front = draw_front(
-        panels["front"], amplitude.max(axis=0), volume.x_m, volume.y_m, _AMPLITUDE_COLOURS, scale
-    )
-    panels["front"].set_title("front: maximum over depth")
+    axes = panels["front"]
+    drawn = draw_front(axes, amplitude.max(axis=0), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, scale)
+    axes.set_title("front: maximum over depth")
     if "side" in panels:
-        side, top = amplitude.max(axis=2).T, amplitude.max(axis=1)
-        _draw(panels["side"], side, volume.z_m, volume.y_m, _AMPLITUDE_COLOURS, scale)
-        panels["side"].set(title="side: maximum over x", xlabel="depth z (m)", ylabel="y (m)")
-        _draw(panels["top"], top, volume.x_m, volume.z_m, _AMPLITUDE_COLOURS, scale)
-        panels["top"].invert_xaxis()
-        panels["top"].set(title="top: maximum over y", xlabel=_X_LABEL, ylabel="depth z (m)")
-    label = "amplitude / maximum" + (f", intensity times {compensation}" if compensation else "")
-    figure.colorbar(front, cax=panels["amplitude bar"], label=label)
+        _draw_views(panels, amplitude, volume, scale)
+    label = "amplitude / maximum" + (f",\nintensity times {compensation}" if compensation else "")
+    figure.colorbar(drawn, cax=panels["side bar" if "side" in panels else "front bar"], label=label)
     if volume.depth_m is not None:
         panels["depth"].set_facecolor(NO_SURFACE)
         found = np.isfinite(volume.depth_m)
         depths = Normalize(*depth_range(volume.depth_m[found] if found.any() else volume.z_m))
         drawn = draw_front(panels["depth"], volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, depths)
-        panels["depth"].set_title("depth of the surface (grey: none)")
-        figure.colorbar(drawn, cax=panels["depth bar"], label="depth z (m)")
+        panels["depth"].set_title("depth of the surface (blank: none)")
+        figure.colorbar(drawn, cax=panels["depth bar"], label=Z_LABEL)
     if volume.confidence is not None and "confidence" in panels:
-        sure = draw_front(
-            panels["confidence"], volume.confidence, volume.x_m, volume.y_m, _CONFIDENCE_COLOURS, scale
-        )
-        panels["confidence"].set_title("confidence that it is not noise")
-        figure.colorbar(sure, cax=panels["confidence bar"], label="probability")
-    if not volume.parameters.get("signal", True):
-        for name in ("front", "depth"):
-            if name in panels:
-                say_across(panels[name], "no signal above noise")
-    for line, inches, style in (
-        (title or volume.scan, 0.32, "bold"),
-        (parameters_line(volume), 0.58, "normal"),
-    ):
-        figure.text(0.5, 1 - inches / figure.get_figheight(), line, size=13, weight=style, ha="center")
+        axes = panels["confidence"]
+        drawn = draw_front(axes, volume.confidence, volume.x_m, volume.y_m, CONFIDENCE_COLOURS, scale)
+        axes.set_title("confidence that it is not noise")
+        figure.colorbar(drawn, cax=panels["confidence bar"], label="probability")
+    for name in ("front", "side", "top", "depth", "confidence"):
+        if name in panels:
+            _fit(figure, panels[name], name)
+    say_nothing_seen(volume, [panels[name] for name in ("front", "depth") if name in panels])
+    write_around(figure, volume, title)
     return figure
 
 
-def parameters_line(volume: Volume) -> str:
-    """Return the parameters that a reader asks for first, as far as the volume names them."""
-    told = []
-    for key, value in volume.parameters.items():
-        if key in {"camera", "solver"}:
-            told.append(str(value))
-        elif key == "wavelength_m" and isinstance(value, int | float):
-            told.append(f"wavelength {show_length(value)}")
-        elif key == "cycles":
-            told.append(f"{value:g} cycles")
-        elif key == "estimated":
-            told += [f"estimated: {words}" for words in value]
-    return ", ".join(told)
+def _draw_views(panels: dict[str, Axes], amplitude: NDArray, volume: Volume, scale: Normalize) -> None:
+    """Draw side and top view."""
+    _draw(panels["side"], amplitude.max(axis=2).T, volume.z_m, volume.y_m, AMPLITUDE_COLOURS, scale)
+    panels["side"].set(title="side: maximum over x", xlabel=Z_LABEL, ylabel="y (m)")
+    _draw(panels["top"], amplitude.max(axis=1), volume.x_m, volume.z_m, AMPLITUDE_COLOURS, scale)
+    panels["top"].invert_xaxis()
+    panels["top"].set(title="top: maximum over y", xlabel=X_LABEL, ylabel=Z_LABEL)
+
+
+def _fit(figure: Figure, axes: Axes, name: str) -> None:
+    """Fit letters to a small panel; a panel that would be too small to read is stretched, and says so."""
+    width, height = figure.get_size_inches()
+    box = axes.get_position(original=True)
+    wide, high = box.width * width, box.height * height
+    across_m, up_m = (abs(high - low) for low, high in (axes.get_xlim(), axes.get_ylim()))
+    title = axes.get_title()
+    if abs(wide / high / (across_m / up_m) - 1) > 0.01:
+        axes.set_aspect("auto")
+        title = f"{name}, not to scale"
+    axes.set_title(textwrap.fill(title, int(_LETTERS_PER_INCH * wide)), size=12 if wide > 3 else 9)
+    axes.xaxis.label.set_fontsize(min(10.0, 4.4 * wide))
+    for axis, inches in ((axes.xaxis, wide), (axes.yaxis, high)):
+        axis.set_major_locator(MaxNLocator(min(6, int(inches / 0.6)), steps=[1, 2, 5, 10]))
+
+
+def write_around(figure: Figure, volume: Volume, title: str = "") -> None:
+    """Write above a figure what it shows and how it was made, and below it where it comes from."""
+    height = figure.get_figheight()
+    heading = ((title or volume.scan, 0.32, "bold"), (parameters_line(volume), 0.58, "normal"))
+    for line, inches, style in heading:
+        figure.text(0.5, 1 - inches / height, line, size=13, weight=style, ha="center")
+    lines = textwrap.wrap(caption(volume), _CAPTION_LETTERS, max_lines=_CAPTION_LINES, placeholder=" …")
+    if lines:
+        words = "\n".join(lines)
+        figure.text(0.5, 0.1 / height, words, size=9, color="0.25", ha="center", va="bottom", linespacing=1.3)
+
+
+def say_nothing_seen(volume: Volume, panels: Sequence[Axes]) -> None:
+    """Write across panels that they show noise alone, if the volume says so."""
+    if not volume.parameters.get("signal", True):
+        for axes in panels:
+            say_across(axes, "no signal above noise")
 
 
 def check_picture(path: Path) -> None:
-    """Raise UsageError, before anything is computed, unless a picture can be written by this ending."""
-    known = sorted(FigureCanvasAgg.get_supported_filetypes())
-    if path.suffix.lower().removeprefix(".") not in known:
-        raise UsageError(f"{path} is no picture's name: the endings are .{', .'.join(known)}")
+    """Refuse a name that no picture can have, before any work is done.
+
+    Raises
+    ------
+    UsageError
+        If the ending is not that of a picture.
+    """
+    known = sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix.lower().lstrip(".") not in known:
+        raise UsageError(
+            f"cannot write the picture {path}: its ending '{path.suffix}' is not one of {', '.join(known)}; "
+            "use .png, or .pdf for print"
+        )
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -192,7 +222,12 @@ def depth_range(depths_m: NDArray) -> tuple[float, float]:
 
 
 def _draw(
-    axes: Axes, image: NDArray, right_m: NDArray, up_m: NDArray, colours: str, scale: Normalize | None
+    axes: Axes,
+    image: NDArray,
+    right_m: NDArray,
+    up_m: NDArray,
+    colours: str | Colormap,
+    scale: Normalize | None,
 ) -> ScalarMappable:
     """Draw an (up, right) image with the axes' metres at the pixels' centres."""
     extent = (*_edges(right_m), *_edges(up_m))
@@ -217,44 +252,20 @@ def _edges(centres_m: NDArray) -> tuple[float, float]:
 
 
 def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
-    """Lay out the panels, all to one scale in metres: front and side share y, front and top share x."""
-    (left_m, right_m), (low_m, high_m), (near_m, far_m) = map(_edges, (volume.x_m, volume.y_m, volume.z_m))
+    """Make the sheet, and the axes of its panels and their bars by name."""
+    sides_m = [np.ptp(_edges(axis)) for axis in (volume.x_m, volume.y_m, volume.z_m)]
     flat = len(volume.z_m) == 1
-    wide_m, high_m, deep_m = right_m - left_m, high_m - low_m, 0.0 if flat else far_m - near_m
-    depth = volume.depth_m is not None
-    maps = 0 if not depth else 1 if volume.confidence is None or flat else 2
-    second_column_m = max(deep_m, wide_m if depth else 0.0)
-    # inches around the panels, for labels, titles and bars
-    left, right, bottom, top, gap, between, bar = 0.8, 1.15, 0.65, 1.05, 0.85, 0.95, 0.16
-    if flat:
-        gap, between = gap + 1.0, 0.0  # the bar of the amplitude stands between the columns
-    width = WIDTH_PX / DPI
-    scale = (width - left - gap - right) / (wide_m + second_column_m)
-    scale = min(scale, _TALLEST * width / 2 / (high_m + (0.0 if flat else max(deep_m, maps * high_m))))
-    second_row = 0.0 if flat else max(deep_m * scale, maps * high_m * scale + (maps - 1) * between)
-    height = bottom + second_row + between + high_m * scale + top
-    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+    maps = ["depth"] if volume.depth_m is not None else []
+    if maps and volume.confidence is not None and not flat:
+        maps.append("confidence")
+    layout = arranged(sides_m[0], sides_m[1], 0.0 if flat else sides_m[2], maps)
+    figure = Figure(figsize=(WIDTH, layout.height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    x0 = left + (width - left - gap - right - (wide_m + second_column_m) * scale) / 2
-    x1 = x0 + wide_m * scale + gap
-    row_top = bottom + second_row
-    y0 = row_top + between
 
-    def panel(x: float, y: float, panel_wide: float, panel_high: float) -> Axes:
-        return figure.add_axes((x / width, y / height, panel_wide / width, panel_high / height))
+    def axes(box: Box) -> Axes:
+        shares = (box.x / WIDTH, box.y / layout.height, box.wide / WIDTH, box.high / layout.height)
+        return figure.add_axes(shares)
 
-    panels = {"front": panel(x0, y0, wide_m * scale, high_m * scale)}
-    if not flat:
-        panels["side"] = panel(x1, y0, deep_m * scale, high_m * scale)
-        panels["top"] = panel(x0, row_top - deep_m * scale, wide_m * scale, deep_m * scale)
-    bar_x = x0 + wide_m * scale if flat else x1 + deep_m * scale
-    panels["amplitude bar"] = panel(bar_x + 0.2, y0, bar, high_m * scale)
-    if depth:
-        y = y0 if flat else row_top - high_m * scale
-        panels["depth"] = panel(x1, y, wide_m * scale, high_m * scale)
-        panels["depth bar"] = panel(x1 + wide_m * scale + 0.2, y, bar, high_m * scale)
-    if maps > 1:
-        y -= high_m * scale + between
-        panels["confidence"] = panel(x1, y, wide_m * scale, high_m * scale)
-        panels["confidence bar"] = panel(x1 + wide_m * scale + 0.2, y, bar, high_m * scale)
-    return figure, panels
+    panels = {name: axes(box) for name, box in layout.boxes.items()}
+    with_bars = ["front" if flat else "side", *maps]
+    return figure, panels | {f"{name} bar": axes(layout.boxes[name].bar()) for name in with_bars}

@@ -17,9 +17,10 @@ from rig.files import ScanFile
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from rig.show.volume import X_LABEL
 from simulators.optics.cameras import Camera
 from simulators.optics.lens import Intrinsics, Pose
-from support.drawn import coloured, line, panel, rightwards
+from support.drawn import coloured, leftwards, line, panel
 from support.misaligned import errors_m, misaligned
 
 #: A quarter of the default cameras' pixels, so that their pictures are quickly drawn.
@@ -101,8 +102,8 @@ def assert_arrows(wall, from_m, along_m):
     times = float(re.search(r"([\d.e+]+) times", arrows.get_label())[1])
     np.testing.assert_allclose(arrows.get_offsets(), from_m)
     np.testing.assert_allclose(np.column_stack([arrows.U, arrows.V]), times * along_m)
-    assert wall.get_xlabel() == "x (m), as one faces the wall"
-    assert rightwards(wall)
+    assert wall.get_xlabel() == X_LABEL
+    assert leftwards(wall)
 
 
 def test_marks_are_asked_for_and_looked_at(tmp_path):

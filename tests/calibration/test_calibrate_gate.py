@@ -20,9 +20,10 @@ from rig.model.config import built_in_with
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from rig.show.volume import X_LABEL
 from simulators.detector.first_bounce import direct_s
 from support.calibration_files import config_with, write_counts
-from support.drawn import coloured, line, panel, rightwards
+from support.drawn import coloured, leftwards, line, panel
 
 C_M_PER_S = 299_792_458.0
 RISE_S, SIGMA_S = 200e-12 / 0.6, 35e-12 / 2.3548
@@ -142,8 +143,8 @@ def assert_drawn(figure, found):
     np.testing.assert_allclose(spots, np.array(found.spots_m)[can])
     np.testing.assert_allclose(earliest_ns, [1e9 * one for one in found.earliest_s if one is not None])
     np.testing.assert_allclose(line(wall, "gate fails"), np.array(found.spots_m)[found.failed])
-    assert wall.get_xlabel() == "x (m), as one faces the wall"
-    assert rightwards(wall)
+    assert wall.get_xlabel() == X_LABEL
+    assert leftwards(wall)
 
 
 def test_the_gate_keeps_the_nearest_object_before_it_blocks(sweep):

@@ -70,7 +70,7 @@ def test_time_zero_is_moved_and_told_of(late, rig):
 
 def test_the_picture_says_that_a_value_is_an_estimate():
     from rig.files import Volume
-    from rig.show.volume import parameters_line
+    from rig.files.words import parameters_line
 
     axis_m = np.arange(2.0)
     volume = Volume(np.ones((2, 2, 2), "f4"), axis_m, axis_m, axis_m, parameters={"estimated": ["bin width"]})

@@ -1,13 +1,18 @@
 """Pictures show things where the virtual camera sees them, in metres, and without panels that collide."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
+from matplotlib.colors import to_rgba
 from matplotlib.image import imread
 
 from rig.errors import DataFileError, UsageError
 from rig.files import Volume
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
+from rig.show.layout import arranged
 from rig.show.volume import save, volume_figure
 
 
@@ -20,7 +25,7 @@ def volume(nx=60, ny=40, nz=50, blob=(0.5, 0.3, 1.0), **changes):
     intensity = np.exp(-((distance_m / 0.06) ** 2)).astype("f4")
     depth_m = np.where(intensity.max(axis=0) > 0.2, blob[2], np.nan).astype("f4")
     given = {"parameters": {"solver": "rsd", "wavelength_m": 0.04}, "scan": "letters.h5", "depth_m": depth_m}
-    return Volume(intensity=intensity, x_m=x_m, y_m=y_m, z_m=z_m, **(given | changes))
+    return Volume(intensity=intensity, **({"x_m": x_m, "y_m": y_m, "z_m": z_m} | given | changes))
 
 
 def panels(figure):
@@ -83,6 +88,9 @@ def test_the_depth_map_is_drawn_like_the_front_and_grey_where_nothing_is():
         {"nz": 1, "depth_m": None},
         {"nx": 8, "ny": 60},
         {"depth_m": np.full((40, 60), np.nan, "f4")},
+        {"confidence": np.ones((40, 60), "f4")},
+        {"confidence": np.ones((40, 60), "f4"), "z_m": np.linspace(0.9, 1.7, 50)},
+        {"parameters": {"origin": {"rig": "words " * 150}}},
     ],
 )
 def test_panels_keep_the_scale_and_do_not_collide(changes):
@@ -106,6 +114,68 @@ def test_panels_keep_the_scale_and_do_not_collide(changes):
         assert box.width / abs(right - left) == pytest.approx(box.height / abs(high - low), rel=1e-6)
 
 
+@pytest.mark.parametrize(("depths_m", "least"), [((0.5, 3.0), 0.8), ((0.9, 1.7), 0.8), ((0.5, 1.5), 0.8)])
+def test_no_quarter_of_the_sheet_is_empty(depths_m, least):
+    layout = arranged(1.8, 1.3, depths_m[1] - depths_m[0], ["depth", "confidence"])
+    assert layout.filled > least
+    boxes = [*layout.boxes.values()]
+    assert boxes[0].wide / 1.8 == pytest.approx(boxes[-1].high / 1.3)
+    shared = layout.boxes
+    assert (shared["front"].y, shared["front"].high) == (shared["side"].y, shared["side"].high)
+    assert (shared["front"].x, shared["front"].wide) == (shared["top"].x, shared["top"].wide)
+
+
+def test_labels_of_a_tiny_volume_do_not_collide():
+    shown = volume(nx=2, ny=1, nz=50)
+    shown = replace(shown, x_m=np.array([0.0, 0.01]), y_m=np.array([0.0]), confidence=np.ones((1, 2), "f4"))
+    figure = volume_figure(shown, compensation="z⁴")
+    figure.canvas.draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    boxes += [text.get_window_extent() for text in figure.texts]
+    for number, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:number])
+    assert any("not to scale" in axes.get_title() for axes in figure.axes)
+
+
+def lightness(colours):
+    """Return how light (n, 4) colours of sRGB print in grey: the relative luminance to the power 1/2.4."""
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)[:, :3]
+    return (linear @ [0.2126, 0.7152, 0.0722]) ** (1 / 2.4)
+
+
+def test_depths_can_be_told_apart_in_a_grey_print():
+    shown = lightness(DEPTH_COLOURS(np.linspace(0, 1, 65)))
+    assert np.diff(shown).min() > 0.002  # near is dark: lighter with every 64th of the range
+    assert lightness(np.array([to_rgba(NO_SURFACE)])) > shown.max() + 0.05
+    assert (np.diff(lightness(colormaps[AMPLITUDE_COLOURS](np.linspace(0, 1, 65)))) > 0).all()
+
+
+def test_a_caption_traces_a_picture_to_its_scan():
+    origin = {
+        "positions": 23384,
+        "photons": 46581270,
+        "exposure_s": 0.01,
+        "measured": "2026-11-27T18:32:04+00:00",
+        "rig": "simulated rig, scene letters",
+    }
+    figure = volume_figure(volume(parameters={"origin": origin}, scan_digest="0123456789abcdef" * 4))
+    assert figure.texts[-1].get_text() == (
+        "23,384 positions, 10 ms each, 46,581,270 photons, measured 2026-11-27 18:32 UTC, "
+        "simulated rig, scene letters, SHA-256 of the scan 0123456789ab…"
+    )
+
+
+def test_noise_alone_is_said_across_the_picture():
+    seen, noise = ({"solver": "rsd", "signal": signal} for signal in (True, False))
+    said = {
+        signal: [
+            text.get_text() for axes in volume_figure(volume(parameters=told)).axes for text in axes.texts
+        ]
+        for signal, told in ((True, seen), (False, noise))
+    }
+    assert said == {True: [], False: ["no signal above noise"] * 2}
+
+
 def test_the_heading_names_scan_and_parameters():
     figure = volume_figure(volume(), compensation="z²")
     said = [text.get_text() for text in figure.texts]
@@ -125,6 +195,9 @@ def test_a_transient_cameras_volume_is_shown_by_its_brightest_moment(intensity):
 
 def test_a_picture_appears_whole_or_not_at_all(tmp_path):
     figure = volume_figure(volume())
+    save(figure, tmp_path / "a.pdf")
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+    os.remove(tmp_path / "a.pdf")
     save(figure, tmp_path / "a.png")
     assert imread(tmp_path / "a.png").shape[1] == 1500
     assert os.listdir(tmp_path) == ["a.png"]

@@ -18,6 +18,7 @@ from rig.commands.recon import Camera, Solver
 from rig.errors import UsageError
 from rig.files import Volume, read_volume
 from rig.files.volume import volume_by_planes
+from rig.model.colours import LIGHT_COLOURS
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import save_video
 
@@ -85,6 +86,17 @@ def test_a_transient_camera_makes_a_video(rig, scan, tmp_path, over):
         assert (film.n_frames, film.info["duration"], film.info["loop"]) == (26, 100, 0)
 
 
+def test_a_page_comes_with_the_image(rig, scan, tmp_path):
+    done = rig("recon", scan, "--page", "point.html", *AROUND)
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["page"] == "point.html"
+    assert told["origin"]["positions"] == 480
+    text = (tmp_path / "point.html").read_text("utf-8")
+    assert "480 positions" in text
+    assert '"wall_known": true' in text
+
+
 def test_all_depths_go_to_the_file(rig, scan):
     moments = ("--frames", "1.5ns:4ns:0.5ns", "--all-depths", "--over", "max")
     told = json.loads(rig("recon", scan, "--camera", "transient", *moments, *AROUND, "--out", "all.h5").out)
@@ -106,6 +118,9 @@ def test_all_depths_go_to_the_file(rig, scan):
         (("--cycles", "1.1"), "a pulse has 1.2 to 10000"),
         (("--camera", "transient", "--video", "a.avi"), "must be .gif or .mp4"),
         (("--camera", "transient", "--frames", "2ns:1ns:1ns"), "moments must ascend"),
+        (("--camera", "transient", "--page", "a.html"), "a film has no page"),
+        (("--page", "a.txt"), "must be .html or .htm"),
+        (("--image", "a.avi"), "'.avi' is not one of"),
         (("--camera", "transient", "--frames", "2ns"), "--frames 2ns:20ns:0.2ns"),
     ],
 )
@@ -133,7 +148,8 @@ def test_a_gif_shows_each_frame_to_one_scale_as_the_camera_sees_it(tmp_path):
         for number in range(shown.n_frames):
             shown.seek(number)
             frames.append(np.array(shown.convert("RGB"), float) / 255)
-    black, full = np.array([0, 0, 0.016]), np.array([0.988, 0.998, 0.645])  # ends of the scale
+    nothing, full = (np.array(LIGHT_COLOURS(end)[:3]) for end in (0.0, 1.0))  # ends of the scale
+    assert nothing.min() == 1.0  # white: no frame is black
     whole = [np.abs(frame - full).max(axis=2) < 0.03 for frame in frames]
     bar = whole[0].sum()  # the bar's own end
     height, width = whole[0].shape
@@ -143,10 +159,30 @@ def test_a_gif_shows_each_frame_to_one_scale_as_the_camera_sees_it(tmp_path):
     assert rows.mean() < height / 2
     assert columns.mean() < width / 2
     assert whole[3].sum() == bar  # half of the amplitude is not full scale
-    dark = [(np.abs(frame - black).max(axis=2) < 0.03).sum() for frame in frames]
+    dark = [(np.abs(frame - nothing).max(axis=2) < 0.03).sum() for frame in frames]
     assert dark[0] == pytest.approx(dark[1], abs=100)  # digits of the stamp
     assert dark[3] < dark[0] - 500
     assert os.listdir(tmp_path) == ["a.gif"]
+
+
+def test_a_film_shows_the_outlines_of_what_was_found():
+    found = np.full((8, 9), np.nan, "f4")
+    found[5:8, 6:9] = 1.0
+    for depth_m, lines in ((None, 0), (found, 1), (np.full_like(found, np.nan), 0), (np.ones_like(found), 0)):
+        axes = frames_figure(film(depth_m=depth_m)).axes[0]
+        assert len(axes.collections) == lines
+    axes = frames_figure(film(depth_m=found)).axes[0]
+    (path,) = axes.collections[0].get_paths()
+    # half a pixel, of 0.2 m, beyond what was found at x of 0.4 m and more, y of 0.3 m and more
+    assert path.vertices.min(axis=0) == pytest.approx([0.3, 0.2])
+
+
+def test_noise_everywhere_does_not_make_a_film_longer():
+    light = 1e-5 * np.random.default_rng(4).random((100, 8, 9), "f4")
+    light[40:44, 3, 3] = 1.0
+    light[90, 7, 7] = 0.004  # one bright pixel, 6 % of the greatest amplitude
+    shown = lit(film(intensity=light, t_s=1e-9 * np.arange(100.0)))
+    np.testing.assert_allclose(shown.t_s, 1e-9 * np.arange(40.0, 44.0))
 
 
 def test_a_video_of_light_begins_and_ends_where_the_light_does():
@@ -163,12 +199,12 @@ def test_a_video_that_was_not_told_its_moments_has_no_dark_ends(rig, scan, tmp_p
     done = rig("recon", scan, "--camera", "transient", "--video", "flash.gif", *AROUND)
     assert done.code == 0, done.err
     volume = read_volume(json.loads(done.out)["volume"])
-    bright = volume.intensity.max(axis=(1, 2)) * np.maximum(volume.t_s, 0) ** 4
-    seen = np.flatnonzero(np.sqrt(bright / bright.max()) >= 0.05)
+    light = np.cumsum(volume.intensity.sum(axis=(1, 2)) * np.maximum(volume.t_s, 0) ** 4)
+    seen = np.flatnonzero((light >= 0.01 * light[-1]) & (np.append(0, light[:-1]) < 0.99 * light[-1]))
     with Image.open(tmp_path / "flash.gif") as film:
         # a pulse, four frames, before the first light and after the last, as far as there are frames
-        first, last = max(0, seen[0] - 4), min(len(bright), seen[-1] + 5)
-        assert film.n_frames == last - first < len(bright)
+        first, last = max(0, seen[0] - 4), min(len(light), seen[-1] + 5)
+        assert film.n_frames == last - first < len(light)
 
 
 def test_an_mp4_is_left_to_ffmpeg(tmp_path, monkeypatch):

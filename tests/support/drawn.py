@@ -21,7 +21,7 @@ def coloured(axes):
     return np.asarray(found.get_offsets()), np.asarray(found.get_array())
 
 
-def rightwards(axes):
-    """Return whether x grows to the right."""
+def leftwards(axes):
+    """Return whether x grows to the left."""
     left, right = axes.get_xlim()
-    return left < right
+    return left > right
