@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.files.description import Settings
 from rig.files.layout import SCAN
+from rig.model.plan import MAX_STEPS
 
 #: A row of the table of events.
 EVENT = np.dtype(
@@ -72,11 +73,18 @@ def grow(file: h5py.File, plan: str) -> None:
         Of a scan whose frames go on until it is stopped.
     plan
         The longer plan, as JSON.
+
+    Raises
+    ------
+    ValueError
+        If it has no more frames, or more positions than any scan.
     """
     transients, start = file["transients"], file["start"].attrs
     steps = len(transients["done"])
     before, frames = (json.loads(one)["passes"][0]["frames"] for one in (start["plan"], plan))
     size = steps // before
+    if not before < frames <= MAX_STEPS // size:
+        raise ValueError(f"{before} frames of {size} positions do not become {frames}")
     channels = (len(transients["photon_offset"]) - 1) // steps
     for name in ("laser_m", "mirror_rad"):
         positions = file["geometry"].get(name)

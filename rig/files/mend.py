@@ -116,7 +116,13 @@ def outline(journal: Journal) -> h5py.File:
 def _grow(file: h5py.File, journal: Journal, records: list[Record]) -> None:
     """Give a file the steps of the longest plan that its journal has."""
     if grown := [record for record in records if record.kind is Kind.GROWN]:
-        content.grow(file, journal.said(grown[-1]))
+        try:
+            content.grow(file, journal.said(grown[-1]))
+        except (ArithmeticError, AttributeError, KeyError, LookupError, TypeError, ValueError) as error:
+            raise DataFileError(
+                f"{journal.path} says of more frames what cannot be: {error}. It is damaged: copy it again "
+                "from where it came from"
+            ) from error
 
 
 def _measured(journal: Journal, records: list[Record]) -> list[tuple[Record, int]]:

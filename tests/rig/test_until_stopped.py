@@ -19,8 +19,9 @@ from test_scan_file_tagged import BINS, Model, create
 
 from rig.acquire.acquisition import Watch, acquire, interrupted, resume
 from rig.acquire.events import Grown, Noticed, Outcome, StepDone
+from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter
-from rig.files.journal import journal_of
+from rig.files.journal import Journal, Kind, journal_of
 from rig.files.outline import ScanOutline
 from rig.live.messages import Block, Gap
 from rig.live.state import LiveState, Subject
@@ -273,3 +274,33 @@ def test_the_view_knows_frames_that_come_to_be_planned():
     seen = state.seen()
     assert (seen.measured, seen.left_s) == (14, None)
     assert np.flatnonzero(np.isfinite(seen.photons)).tolist() == [4, 5]
+
+
+def _with_frames(frames):
+    """Return the plan as JSON, with another number of frames, which no plan need allow."""
+    plan = json.loads(PLAN.model_dump_json())
+    plan["passes"][0]["frames"] = frames
+    return json.dumps(plan)
+
+
+@pytest.mark.parametrize(
+    "said", [_with_frames(10**9), _with_frames(-1), _with_frames("many"), "{}", "[]", "no JSON", 3, None]
+)
+def test_a_journal_that_says_what_cannot_be_is_refused_at_once(tmp_path, said):
+    """Whole as a record, as only somebody who means harm would write it."""
+    path, model = tmp_path / "a.h5", Model(1, 5)
+    with create(path, described(), 16) as writer:
+        for _ in range(7):
+            writer.append_photons(*model.step(20), 0.01)
+        writer.checkpoint()
+        shutil.copy2(path, tmp_path / "b.h5")
+        shutil.copy2(journal_of(path), journal_of(tmp_path / "b.h5"))
+    journal = Journal(journal_of(tmp_path / "b.h5"))
+    assert list(journal.records())
+    journal.say(Kind.GROWN, said)
+    journal.close()
+    with (
+        pytest.raises(DataFileError, match="says of more frames what cannot be"),
+        ScanFile(tmp_path / "b.h5"),
+    ):
+        pass
