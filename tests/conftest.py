@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import hypothesis
 import pytest
 
+# before numpy is there: workers use all cores, so that threads of one that wait for each other only take time
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 from rig.__main__ import main
 
 # generated input is the same in every run, and a busy machine is no failure
