@@ -1,20 +1,14 @@
 """``rig doctor``: what is installed and connected."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, Config
 
 
 def doctor(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig."
-        ),
-    ] = None,
+    config: Config = None,
     as_json: AsJson = False,
 ) -> None:
     """Tell what is installed and connected, what is missing, and what to do.

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Live, Until
+from rig.commands.options import VARIABLE, AsJson, Live, Until, chosen, usual_configuration
 
 
 def resume(
@@ -14,7 +14,12 @@ def resume(
     config: Annotated[
         Path | None,
         typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
+            "--config",
+            "-c",
+            metavar="FILE",
+            callback=chosen,
+            help=f"The rig. [dim]\\[the simulated one if the scan was simulated, or else that of "
+            f"{VARIABLE}][/dim]",
         ),
     ] = None,
     until: Until = None,
@@ -37,7 +42,7 @@ def resume(
     from rig.commands.running import Onlookers, ending, run
     from rig.model.config import load
 
-    plan, state = acquisition.interrupted(scan, load(config) if config else None)
+    plan, state = acquisition.interrupted(scan, load(config) if config else None, usual_configuration)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
     if plan.endless:
