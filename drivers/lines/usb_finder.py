@@ -49,8 +49,7 @@ def find_instrument(
             name,
             asked,
             "the library libusb is missing",
-            "Install it (Debian: libusb-1.0-0), or install this program with its extra 'usb': "
-            "pip install 'nlos-rig[usb]'.",
+            "Install it (Debian: sudo apt install libusb-1.0-0), or: pip install libusb-package.",
         ) from problem
     fitting = [d for d in devices if (d.idVendor, d.idProduct) == vendor_product]
     fitting = fitting or [d for d in devices if _is_usb488(d)]

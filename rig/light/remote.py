@@ -69,7 +69,7 @@ class GuardedElsewhere:
 
     def __enter__(self) -> Self:
         try:
-            self._process = _start()
+            self._process = start_guard()
         except OSError as problem:
             raise LinkError(
                 "guard of the laser",
@@ -274,7 +274,7 @@ def _what_the_guard_did(config: RigConfig) -> str:
     return "The guard has put the laser out"
 
 
-def _start() -> "subprocess.Popen[str]":
+def start_guard() -> "subprocess.Popen[str]":
     """Start a guard that no terminal reaches, with the modules that this program has."""
     options: dict[str, Any] = {"start_new_session": True}
     if sys.platform == "win32":  # a console that is closed ends all that is attached to it

@@ -71,15 +71,11 @@ def read(path: Path) -> Written:
 def _read(path: Path, below: tuple[Path, ...], known: dict[str, Written]) -> Written:
     """Read a file that those ``below`` extend; what was read once is ``known``."""
     chain = (*below, path)
-    where = path.resolve()
-    if where in [one.resolve() for one in below]:
-        raise ConfigError(
-            f"{_arrows(chain)}: these files extend each other in a circle; leave one extends out"
-        )
+    where = os.path.realpath(path)
+    if where in map(os.path.realpath, below):
+        raise ConfigError(f"{_arrows(chain)}: these files extend each other in a circle; leave one out")
     if len(chain) > DEEPEST:
-        raise ConfigError(
-            f"{_arrows(chain)}: at most {DEEPEST} files may extend one another; put some together"
-        )
+        raise ConfigError(f"{_arrows(chain)}: at most {DEEPEST} files may extend one another in a row")
     if where not in known:
         table = with_kinds(_table(path, below))
         names = _parents(table.pop(EXTENDS, []), path)
