@@ -43,7 +43,7 @@ def find_instrument(
     if serial is not None:
         asked += f" and serial number {serial}"
     try:
-        devices = list(usb.core.find(find_all=True, backend=backend or _libusb_of_the_extra()))
+        devices = listed(backend)
     except usb.core.NoBackendError as problem:
         raise DeviceNotFoundError(
             name,
@@ -65,6 +65,17 @@ def find_instrument(
         (f"{len(found)} fit among" if found else "none fits among") + f" {', '.join(seen) or 'no devices'}",
         "Say which by its serial number." if found else "Check its power, cable and serial number.",
     )
+
+
+def listed(backend: Any = None) -> list[usb.core.Device]:
+    """Return all USB devices; only descriptors are read, nothing is opened.
+
+    Raises
+    ------
+    usb.core.NoBackendError
+        If libusb is missing.
+    """
+    return list(usb.core.find(find_all=True, backend=backend or _libusb_of_the_extra()))
 
 
 def _libusb_of_the_extra() -> Any:

@@ -40,7 +40,12 @@ def recorded(text: str) -> RigConfig:
     try:
         return RigConfig.model_validate_json(text, context=FROM_RECORD, by_alias=False, by_name=True)
     except ValidationError as error:
-        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+        raise ConfigError(explained(error)) from None
+
+
+def explained(error: ValidationError) -> str:
+    """Return all that is wrong with values, in a line."""
+    return "; ".join(_explain(problem) for problem in error.errors())
 
 
 def built_in_with(changes: Table) -> RigConfig:
@@ -54,7 +59,7 @@ def built_in_with(changes: Table) -> RigConfig:
     try:
         return RigConfig.model_validate(merged(_BUILT_IN, changes))
     except ValidationError as error:
-        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+        raise ConfigError(explained(error)) from None
 
 
 def load(path: Path, changes: Table | None = None) -> RigConfig:

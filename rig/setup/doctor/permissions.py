@@ -5,12 +5,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from drivers.harp.family import PICOQUANT
 from drivers.id120 import ID120
 from rig.model.config import HarpConfig, Id120Config, RigConfig
 from rig.setup.doctor.finding import Finding
 
-#: Of all of PicoQuant's timing instruments on USB.
-_PICOQUANT = 0x0E0D
 #: Where a rule for udev goes: after the system's own, before those that only name things.
 RULES = "/etc/udev/rules.d/60-nlos-rig.rules"
 _USB = Path("/sys/bus/usb/devices")
@@ -64,7 +63,7 @@ def _on_usb(config: RigConfig) -> Iterator[tuple[str, int]]:
     if isinstance(config.detector, Id120Config) and not config.detector.address:
         yield "detector", ID120[0]
     if isinstance(config.tcspc, HarpConfig) and not config.tcspc.address:
-        yield "timing instrument", _PICOQUANT
+        yield "timing instrument", PICOQUANT
 
 
 def _instruments(name: str, vendor: int, devices: Path) -> Iterator[Finding]:
