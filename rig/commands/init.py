@@ -71,6 +71,8 @@ def init(
     _write(rig, out)
     if wrong:
         console.warn(f"a dry run refuses this rig: {wrong}. Mend it in {out}")
+    if rig.laser.fraction_of_full == 0:
+        console.say(f"The laser's power is the lowest, 0: set it in {out} when the rig is ready for light.")
     if not as_json:
         console.print_facts(str(out), _next(rig, out))
     else:
@@ -89,16 +91,17 @@ def _rig(answers: Path | None, found: "Sequence[Connected]", *, simulated: bool)
 
     if answers:
         return Interview(lambda question: "", console.say, (), read(answers).table).rig()
-    if simulated or (not any(one.speaks for one in found) and _simulated_will_do()):
+    if simulated or _simulated_will_do(any(one.speaks for one in found)):
         return built_in()
     return Interview(_ask, console.say, found).rig()
 
 
-def _simulated_will_do() -> bool:
+def _simulated_will_do(something: bool) -> bool:
     from rig.commands import console
 
-    console.say("No device of a rig was found. Switch it on and connect it, or type its address below.")
-    return _yes("Write the simulated rig instead, to try with?", usually=True)
+    if not something:
+        console.say("No device of a rig was found. Switch it on and connect it, or type its address below.")
+    return _yes("Write the simulated rig instead, to try with?", usually=not something)
 
 
 def _show(found: "Sequence[Connected]") -> None:

@@ -5,15 +5,14 @@ Answers may be known before: as a table that is written as a configuration is. W
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import dist
 from typing import Any
 
 from pydantic import ValidationError
 
 from drivers.errors import LimitError
-from recon.capture import C_M_PER_S
+from rig.devices.kinds import DELAYERS, DETECTORS, GALVOS, LASERS
 from rig.errors import ConfigError, UsageError
-from rig.model.config import DeviceSection, HarpConfig, RigConfig
+from rig.model.config import DeviceSection, RigConfig
 from rig.model.config.installed import names
 from rig.model.config.kinds import ROLES
 from rig.model.config.reading import explained
@@ -21,6 +20,7 @@ from rig.model.presets import Table, merged
 from rig.model.quantities import parse
 from rig.model.spelled import spelled
 from rig.setup.described import descriptions, headline
+from rig.setup.following import following, gate_opens_s
 from rig.setup.found import Connected
 
 #: What each role is, for people, in the order in which the light and its pulses pass them.
@@ -45,10 +45,6 @@ _ASKED = {
 }
 #: Mirror and detector stand so far to the left and right of the wall's middle, unless one says otherwise.
 _ASIDE_M = 0.15
-#: The gate opens so long after the pulse is on the wall: what is nearer than 40 cm to the wall is not seen.
-_AFTER_WALL_S = 2.5e-9
-#: The histogram begins so long before it.
-_BEFORE_WALL_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -183,29 +179,12 @@ class Interview:
                 "12.3ns",
             ),
         )
-        wall_s = self._wall_s()
         if self._partly().detector.gated:
-            opens = spelled_text(round(wall_s + _AFTER_WALL_S, 11), "_s")
+            opens = spelled_text(gate_opens_s(self._partly()), "_s")
             words = "Opening edge of the gate after the sync pulse (rig calibrate gate measures it)"
             self._settle(("detector", "gate_delay"), Question("detector.gate_delay", words, opens))
-        self._histogram(wall_s)
+        self.table = merged(following(self._partly()), self.table)
         self._settle(("scan", "exposure"), Question("scan.exposure", "Exposure of each position", "1s"))
-
-    def _histogram(self, wall_s: float) -> None:
-        """Let the histogram begin just before the pulse is on the wall, and end before the next one comes."""
-        rig = self._partly()
-        if not isinstance(rig.tcspc, HarpConfig):
-            return
-        self.table["tcspc"].setdefault("offset", f"{max(0, int((wall_s - _BEFORE_WALL_S) * 1e9))}ns")
-        most = int(1 / (rig.laser.repetition_hz * rig.tcspc.bin_width_s))
-        if rig.tcspc.bins > most:
-            self.table["tcspc"].setdefault("bins", most)
-
-    def _wall_s(self) -> float:
-        """Return when the pulse on the wall's middle is recorded, after the sync pulse."""
-        rig = self._partly()
-        way_m = sum(dist(one, (0.0, 0.0, 0.0)) for one in (rig.galvo.position_m, rig.detector.position_m))
-        return rig.timing.electronics_delay_s + way_m / C_M_PER_S
 
     def _of(self, role: str, key: str, words: str) -> Question:
         section = self._section(role)
@@ -254,8 +233,6 @@ class Interview:
             rig = _of_known(table)
         except ValidationError as error:
             return explained(error)
-        from rig.devices.kinds import DELAYERS, DETECTORS, GALVOS, LASERS
-
         try:
             for kinds, section in ((GALVOS, rig.galvo), (LASERS, rig.laser), (DETECTORS, rig.detector)):
                 kinds.of(section).check(section)

@@ -21,8 +21,11 @@ class HarpConfig(TcspcConfig):
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: int = 1
+    """The instrument times against one of so many sync pulses: for lasers that are too fast for it."""
     bin_width_s: Seconds = Field(4e-12, gt=0)
+    """Width of a bin of the histogram; the instrument has some widths only."""
     bins: int = Field(15_000, ge=1)
+    """Number of bins; together they are no longer than the time between two sync pulses."""
     offset_s: Seconds = Field(28e-9, ge=0)
     """Start of the histogram after the sync pulse, whole nanoseconds."""
 
@@ -33,10 +36,13 @@ class HydraHarpConfig(HarpConfig):
     kind: Literal["hydraharp"] = "hydraharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = Field(0.05, ge=0)
+    """Level that a sync pulse has to pass to count."""
     sync_zero_cross_v: Volts = Field(0.01, ge=0)
+    """Level at which the discriminator times a sync pulse."""
     input_level_v: Volts = Field(0.05, ge=0)
-    """Of every input that a channel uses."""
+    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
     input_zero_cross_v: Volts = Field(0.01, ge=0)
+    """Level at which the discriminator times a detection."""
 
 
 class MultiHarpConfig(HarpConfig):
@@ -45,11 +51,13 @@ class MultiHarpConfig(HarpConfig):
     kind: Literal["multiharp"] = "multiharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = -0.05
+    """Level that a sync pulse has to pass to count."""
     sync_edge: Edge = "falling"
     """A negative pulse begins with its falling edge."""
     input_level_v: Volts = -0.05
-    """Of every input that a channel uses."""
+    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
     input_edge: Edge = "falling"
+    """Edge of a detector's pulse that is timed."""
     bin_width_s: Seconds = Field(5e-12, gt=0)
     bins: int = Field(12_000, ge=1)
 
@@ -58,14 +66,17 @@ class EitherTriggerConfig(HarpConfig):
     """An instrument with edge triggers or discriminators; all levels have their sign."""
 
     sync_level_v: Volts = -0.05
+    """Level that a sync pulse has to pass to count."""
     sync_edge: Edge | None = None
     """None: falling, where the trigger is an edge."""
     sync_zero_cross_v: Volts | None = None
     """None: -10 mV, where the trigger is a discriminator."""
     input_level_v: Volts = -0.05
-    """Of every input that a channel uses."""
+    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
     input_edge: Edge | None = None
+    """Edge of a detector's pulse that is timed; None: falling, where the trigger is an edge."""
     input_zero_cross_v: Volts | None = None
+    """None: -10 mV, where the trigger is a discriminator."""
 
     @property
     def has_cfd(self) -> bool:
@@ -117,6 +128,7 @@ class TimeHarp260Config(EitherTriggerConfig):
 
     kind: Literal["timeharp260"] = "timeharp260"
     board: Literal["P", "N"] = "P"
+    """Which of the two boards."""
     sync_divider: Literal[1, 2, 4, 8] = 1
     bin_width_s: Seconds = Field(25e-12, gt=0)
     """Of the N 250 ps where nobody says."""

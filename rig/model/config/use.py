@@ -14,11 +14,15 @@ class ScanConfig(Section):
     """The scan when the command line does not say otherwise."""
 
     columns: int = Field(180, ge=2)
+    """Positions along x."""
     rows: int = Field(130, ge=2)
+    """Positions along y."""
     spacing_m: Metres = Field(0.01, gt=0)
+    """Distance between positions."""
     row_spacing_m: Metres | None = Field(None, gt=0)
     """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
+    """How long each position is measured."""
     skip_m: Metres = Field(0.04, ge=0)
     """Side of the square around the detector's spot that is not scanned."""
 
