@@ -32,9 +32,11 @@ def doctor(
                 "headline": found.headline,
                 "missing": found.count("missing"),
                 "warnings": found.count("warning"),
-                "checks": {
-                    name: [vars(finding) for finding in findings] for name, findings in found.findings.items()
-                },
+                "findings": [
+                    {"check": name, **vars(finding)}
+                    for name, findings in found.findings.items()
+                    for finding in findings
+                ],
             }
         )
     else:
