@@ -22,9 +22,12 @@ def doctor(
     missing that this rig needs.
     """
     from rig.commands import console
+    from rig.errors import UsageError
     from rig.model.config import built_in, load
     from rig.setup.doctor import examine
 
+    if not out.is_dir():
+        raise UsageError(f"{out} is no folder: make it first, or give another --out")
     found = examine(load(config) if config else built_in(), out)
     if as_json:
         console.print_json(

@@ -22,9 +22,6 @@ LONGEST_SYNC_S = 0.18
 def check(folder: Path) -> Iterator[Finding]:
     """Return how much is free in a folder, and how fast it takes a file, which is removed again."""
     where = folder.resolve()
-    if not where.is_dir():
-        yield Finding(f"folder {where}", "missing", "is no folder", f"mkdir -p {where}")
-        return
     free = shutil.disk_usage(where).free
     remedy = (
         "" if free > ENOUGH_BYTES else "A long scan may need more: free some, or scan with --out elsewhere"
