@@ -82,9 +82,14 @@ def unwritten(file):
     file.create_dataset("transients/counts", (40, 1, 400), "u4", chunks=chunks).attrs.update(kept)
 
 
+def endless(file):
+    file["transients/live_time_s"][3] = np.inf
+
+
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
+        (endless, "live_time_s of step 3 is inf, which is no time"),
         (external_link, "is a link to another file"),
         (external_storage, "keeps its values in another file"),
         (virtual, "put together from other files"),
@@ -99,6 +104,7 @@ def test_what_is_refused_and_why(good, tmp_path, edit, said):
         pytest.raises(DataFileError, match=said) as caught,
         ScanFile(edited(good, tmp_path, edit)) as scan,
     ):
+        str(scan)
         list(scan.capture().histograms.blocks())
     assert "edited.h5" in str(caught.value)
 
