@@ -110,8 +110,8 @@ class ScanOutline(RecordedFile):
         wrong = np.flatnonzero(np.isinf(found) | (found < 0))
         if len(wrong):
             raise DataFileError(
-                f"{self.path}: /transients/live_time_s of step {wrong[0]} is {found[wrong[0]]:g}, which is no "
-                "time; the file is damaged: copy it again from where it came from"
+                f"{self.path}: /transients/live_time_s of step {wrong[0]} is {found[wrong[0]]:g}, which is "
+                "no time; the file is damaged: copy it again from where it came from"
             )
         return found
 
