@@ -82,7 +82,7 @@ def middle_row(capture: Capture) -> NDArray[np.intp]:
 
 
 def draw_record(capture: Capture, picture: Path) -> None:
-    """One histogram, and all of a row of the wall: time over place."""
+    """Draw one histogram, and all of a row of the wall: time over place."""
     row = middle_row(capture)
     figure, (one, many) = canvas(1, 2, (11, 4.2))
     position = int(row[len(row) // 4])
@@ -111,7 +111,7 @@ def draw_record(capture: Capture, picture: Path) -> None:
 
 
 def draw_wave(capture: Capture, picture: Path) -> None:
-    """One histogram, the virtual pulse, and what a convolution makes of both."""
+    """Draw one histogram, the virtual pulse, and what a convolution makes of both."""
     pulse = VirtualPulse(WAVELENGTH_M)
     position = int(middle_row(capture)[len(middle_row(capture)) // 4])
     assert isinstance(capture.histograms, ArrayHistograms)
@@ -141,7 +141,7 @@ def draw_wave(capture: Capture, picture: Path) -> None:
 
 
 def draw_focus(capture: Capture, window: Window, picture: Path) -> None:
-    """The hidden room seen from above, by one, four, sixteen and all positions of the wall."""
+    """Draw the hidden room seen from above, by one, four, sixteen and all positions of the wall."""
     x_m, z_m = np.linspace(-0.9, 0.9, 181), np.linspace(0.5, 1.9, 141)
     grid = VoxelGrid(x_m, np.array([ON_F_M[1]]), z_m)
     rng = np.random.default_rng(1)
@@ -168,7 +168,7 @@ def draw_focus(capture: Capture, window: Window, picture: Path) -> None:
 
 
 def draw_depth(capture: Capture, window: Window, picture: Path) -> None:
-    """The field along depth through both letters, for three pulses."""
+    """Draw the field along depth through both letters, for three pulses."""
     z_m = np.arange(0.8, 1.7, 0.0025)
     figure, panels = canvas(1, 3, (12, 3.2))
     for axes, cycles in zip(panels, (1.5, 2.0, 6.0), strict=True):
