@@ -51,16 +51,14 @@ def _speed(folder: Path) -> Finding:
 
 def _measured(folder: Path) -> tuple[float, float]:
     """Return how long a sample takes to be written and put on disk, and a little more after that."""
+    sample = os.urandom(SAMPLE_BYTES)  # some disks compress
     with tempfile.TemporaryFile(dir=folder) as file:
         began_s = time.perf_counter()
-        file.write(os.urandom(SAMPLE_BYTES))  # some disks compress
-        _sync(file.fileno())
+        file.write(sample)
+        file.flush()
+        os.fsync(file.fileno())
         written_s = time.perf_counter()
         file.write(bytes(64))
         file.flush()
-        _sync(file.fileno())
+        os.fsync(file.fileno())
         return written_s - began_s, time.perf_counter() - written_s
-
-
-def _sync(file: int) -> None:
-    os.fsync(file)
