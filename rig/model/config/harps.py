@@ -21,11 +21,11 @@ class HarpConfig(TcspcConfig):
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: int = 1
-    """The instrument times against one of so many sync pulses: for lasers that are too fast for it."""
+    """How many sync pulses are taken as one, for lasers that are faster than its sync input."""
     bin_width_s: Seconds = Field(4e-12, gt=0)
-    """Width of a bin of the histogram; the instrument has some widths only."""
+    """Width of a bin; one that the instrument has."""
     bins: int = Field(15_000, ge=1)
-    """Number of bins; together they are no longer than the time between two sync pulses."""
+    """Bins of a histogram."""
     offset_s: Seconds = Field(28e-9, ge=0)
     """Start of the histogram after the sync pulse, whole nanoseconds."""
 
@@ -36,13 +36,13 @@ class HydraHarpConfig(HarpConfig):
     kind: Literal["hydraharp"] = "hydraharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = Field(0.05, ge=0)
-    """Level that a sync pulse has to pass to count."""
+    """Level that a sync pulse has to pass."""
     sync_zero_cross_v: Volts = Field(0.01, ge=0)
-    """Level at which the discriminator times a sync pulse."""
+    """Level of the zero crossing that gives a sync pulse its time."""
     input_level_v: Volts = Field(0.05, ge=0)
-    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
+    """Of every input that a channel uses."""
     input_zero_cross_v: Volts = Field(0.01, ge=0)
-    """Level at which the discriminator times a detection."""
+    """The same of every input that a channel uses."""
 
 
 class MultiHarpConfig(HarpConfig):
@@ -51,13 +51,13 @@ class MultiHarpConfig(HarpConfig):
     kind: Literal["multiharp"] = "multiharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = -0.05
-    """Level that a sync pulse has to pass to count."""
+    """Level that a sync pulse has to pass."""
     sync_edge: Edge = "falling"
     """A negative pulse begins with its falling edge."""
     input_level_v: Volts = -0.05
-    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
+    """Of every input that a channel uses."""
     input_edge: Edge = "falling"
-    """Edge of a detector's pulse that is timed."""
+    """Of every input that a channel uses."""
     bin_width_s: Seconds = Field(5e-12, gt=0)
     bins: int = Field(12_000, ge=1)
 
@@ -66,15 +66,15 @@ class EitherTriggerConfig(HarpConfig):
     """An instrument with edge triggers or discriminators; all levels have their sign."""
 
     sync_level_v: Volts = -0.05
-    """Level that a sync pulse has to pass to count."""
+    """Level that a sync pulse has to pass."""
     sync_edge: Edge | None = None
     """None: falling, where the trigger is an edge."""
     sync_zero_cross_v: Volts | None = None
     """None: -10 mV, where the trigger is a discriminator."""
     input_level_v: Volts = -0.05
-    """Level that a detector's pulse has to pass to count, at every input that a channel uses."""
+    """Of every input that a channel uses."""
     input_edge: Edge | None = None
-    """Edge of a detector's pulse that is timed; None: falling, where the trigger is an edge."""
+    """None: falling, where the trigger is an edge."""
     input_zero_cross_v: Volts | None = None
     """None: -10 mV, where the trigger is a discriminator."""
 
@@ -128,7 +128,7 @@ class TimeHarp260Config(EitherTriggerConfig):
 
     kind: Literal["timeharp260"] = "timeharp260"
     board: Literal["P", "N"] = "P"
-    """Which of the two boards."""
+    """Which board it is."""
     sync_divider: Literal[1, 2, 4, 8] = 1
     bin_width_s: Seconds = Field(25e-12, gt=0)
     """Of the N 250 ps where nobody says."""

@@ -45,9 +45,9 @@ class FaultsConfig(Section):
     hold_off: bool = True
     """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
     afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
-    """That a detection leaves another one behind."""
+    """Probability that a detection leaves another one behind."""
     afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
-    """Time in which that falls to 1/e."""
+    """Time in which that probability falls to 1/e."""
     gate_ringing: float = Field(0.07, ge=0, le=1)
     """Overshoot of the sensitivity when the gate opens."""
     gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
@@ -55,7 +55,7 @@ class FaultsConfig(Section):
     memory: float = Field(0.0, ge=0, le=1)
     """Fraction of the gated-off first bounce that comes back inside the gate."""
     memory_decay_s: Seconds = Field(30e-9, gt=0)
-    """Time in which that falls to 1/e."""
+    """Time in which it falls to 1/e."""
     reflections_per_pulse: float = Field(0.0, ge=0)
     """Detections a pulse from each stray reflection of the first bounce."""
     failed_gates: float = Field(0.0, ge=0, le=1)
@@ -114,7 +114,7 @@ class SimulationConfig(Section):
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
-    """Of all photon statistics."""
+    """Seed of the photons; one seed draws the same photons each time."""
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
