@@ -26,7 +26,7 @@ def commented(config: RigConfig, head: str) -> str:
         What the file says first, as a comment.
     """
     said = descriptions(RigConfig)
-    lines = [*_comment(head), "", *_comment(said["name"]), f"name = {spelled(config.name, 'name')}"]
+    lines = [*_comment(head), "", *_comment(said.get("name", "")), f"name = {spelled(config.name, 'name')}"]
     for name in RigConfig.model_fields:
         value = getattr(config, name)
         if isinstance(value, BaseModel):
