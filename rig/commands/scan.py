@@ -139,7 +139,7 @@ def scan(
         _show_presets(as_json)
         return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
+    state = RigState.resolve(configured(config, preset, {"scene": scene, "seed": seed}, notes))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(
         state.config,
@@ -242,7 +242,7 @@ def _show_presets(as_json: bool) -> None:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
 
 
-def _configuration(
+def configured(
     path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
 ) -> "RigConfig":
     """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""
