@@ -1,6 +1,6 @@
 """One spot, or a circle of spots, lit again and again while a person aligns the optics; nothing is recorded.
 
-It is a scan by all its rules: the same engine, checks, guard and watch, with a plan that goes round and round.
+It is a scan by all its rules: engine, checks, guard and watch are the same; its plan goes round and round.
 """
 
 from math import ceil, inf
@@ -82,8 +82,8 @@ def turns(once: ScanPlan, longest_s: float) -> ScanPlan:
     if steps > MAX_STEPS / 2:
         most_s = MAX_STEPS / 2 * one.exposure_s
         raise UsageError(
-            f"the light can be on for {show_duration(most_s)} at most at this exposure; change --for, or expose "
-            "longer"
+            f"the light can be on for {show_duration(most_s)} at most at this exposure; change --for, or "
+            "expose longer"
         )
     of_a_line = ceil(READ_BACK_S / one.exposure_s / len(once))
     spots = Spots(spots=one.positions.spots * of_a_line)

@@ -152,8 +152,8 @@ def _warn_of_detector_spots(once: "ScanPlan", state: "RigState") -> None:
         away_m = np.abs(once.spots_m[:, :2] - channel.spot_m[:2]).max(axis=1).min()
         if away_m <= half_m:
             console.warn(
-                f"this lights where {channel.name} looks, which a scan leaves out: the detector gets the first "
-                "bounce unless its gate is closed then"
+                f"this lights where {channel.name} looks, which a scan leaves out: the detector gets the "
+                "first bounce unless its gate is closed then"
             )
             return
 
@@ -191,8 +191,10 @@ def _print(found: "dict[str, Any]", levels: "Levels", state: "RigState", once: "
         f"{state.config.name}: aligned at {first}"
         + (f" and {len(once) - 1} other spots" if len(once) > 1 else ""),
         {
-            "rate": f"{rate('last_hz')} at the end, {rate('highest_hz')} at best, {rate('mean_hz')} on average",
-            "sync": f"{show(levels.sync_hz, 'Hz')}, {100 * levels.of_pulses:.2g} % of its pulses with a photon",
+            "rate at the end": rate("last_hz"),
+            "highest": rate("highest_hz"),
+            "mean": rate("mean_hz"),
+            "sync": f"{show(levels.sync_hz, 'Hz')}, {100 * levels.of_pulses:.2g} % of it counted",
             "without light": dark_in_words(levels.dark_hz),
             "background": rate("background_hz"),
             "peak": peak_in_words(levels, state.response_s),

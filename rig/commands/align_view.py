@@ -60,6 +60,7 @@ class AlignmentView:
         self._response_s = state.response_s
         self._of_a_turn = of_a_turn
         self._light = ""
+        self._warned: set[str] = set()
         self._drawn_s = 0.0
         self._live = Live(console=console.err, auto_refresh=False, transient=True)
         self.light: LightChanged | None = None
@@ -70,22 +71,27 @@ class AlignmentView:
             case LightChanged():
                 self.light, self._light = event, console.tell_light(event)
             case Ready(warnings=warnings):
-                for sentence in warnings:
-                    console.warn(sentence)
-                if console.err.is_terminal:
-                    console.draw(self._live)
-            case Noticed(sentence=sentence, kind="warning"):
-                console.warn(sentence)
+                self._warn(warnings)
             case Noticed(sentence=sentence, kind="bias"):
                 console.say(sentence)
+            case Noticed(sentence=sentence):
+                self._warn((sentence,))
             case StepDone(step=step, exposure=exposure):
-                for sentence in exposure.warnings:
-                    console.warn(sentence)
+                self._warn(exposure.warnings)
                 self._show(step.spot_m)
             case PhaseChanged(phase=Phase.EXPOSING):
                 console.say("Ctrl-C ends it: the light goes out first. Nothing is recorded.")
+                if console.err.is_terminal:
+                    console.draw(self._live)
             case PhaseChanged(phase=Phase.CLOSING):
                 console.wipe(self._live)
+
+    def _warn(self, sentences: tuple[str, ...]) -> None:
+        """Warn of what was not warned of before: an exposure says the same as the one before it."""
+        for sentence in sentences:
+            if sentence not in self._warned:
+                self._warned.add(sentence)
+                console.warn(sentence)
 
     def _show(self, spot_m: Point) -> None:
         terminal, now_s = console.err.is_terminal, time.monotonic()
@@ -105,7 +111,7 @@ class AlignmentView:
             f"{100 * levels.of_best:3.0f} % of the best",
             f"{_TRENDS[levels.trend]:7}",
             f"{100 * levels.of_pulses:.2g} % of {show(levels.sync_hz, 'Hz')}",
-            peak_in_words(levels, self._response_s),
+            f"peak: {peak_in_words(levels, self._response_s)}",
         ]
         if levels.of_pulses > PILE_UP:
             told.append("PILE-UP")
@@ -142,8 +148,8 @@ class AlignmentView:
         percent = f"{100 * levels.of_pulses:.2g} % of {show(levels.sync_hz, 'Hz')} sync pulses"
         warned = Text(f"{percent}: PILE-UP, early photons hide late ones: less light", "bold red")
         table.add_row("pulses with a photon", warned if levels.of_pulses > PILE_UP else Text(percent))
-        off = f"{100 * strongest_hz * self._hold_off_s:.2g} % of the time is {show(self._hold_off_s, 's')} after one"
-        table.add_row("hold-off", off)
+        off = f"{100 * strongest_hz * self._hold_off_s:.2g} % of the time"
+        table.add_row("held off", f"{off}, {show(self._hold_off_s, 's')} after each photon")
         if len(levels.names) > 1:
             table.add_row("strongest channel", Text(f"{name}, {show(strongest_hz, 'counts/s')}"))
         table.add_row("mean", show(levels.mean_hz, "counts/s"))
@@ -213,9 +219,9 @@ def peak_in_words(levels: Levels, response_s: float) -> str:
     """Return when the highest peak comes, and how wide it is."""
     found = levels.histogram.peak(response_s) if levels.histogram else None
     if found is None:
-        return "no peak"
+        return "none"
     width = "" if np.isnan(found.width_s) else f", {show(found.width_s, 's')} wide"
-    return f"peak {show(found.time_s, 's', 4)} after the sync pulse{width}"
+    return f"{show(found.time_s, 's', 4)} after the sync pulse{width}"
 
 
 def _wide(row: str) -> str:

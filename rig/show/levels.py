@@ -245,7 +245,7 @@ class Levels:
 
     @property
     def background_hz(self) -> float | None:
-        """Counts a second in the whole gate, if it were as dark as its darkest fourth; None: not known yet."""
+        """Counts a second in the gate, were it all as dark as its darkest fourth; None: not known yet."""
         return None if self.histogram is None else self.histogram.background_hz(self.gate_s)
 
     @property
