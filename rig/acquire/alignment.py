@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from rig.acquire.acquisition import Watch, describe
 from rig.acquire.connect import open_devices
-from rig.acquire.engine import ScanEngine
+from rig.acquire.engine import Devices, ScanEngine
 from rig.acquire.events import Ended, Event, Ready
+from rig.acquire.preflight import check_rig
 from rig.acquire.vigil import READ_BACK_S
-from rig.errors import UsageError
+from rig.errors import RefusedError, UsageError
 from rig.model.devices import Operator
 from rig.model.plan import MAX_STEPS, Pass, Point, ScanPlan, Spots
 from rig.model.quantities import show_duration
@@ -50,7 +51,7 @@ def usual_spot(state: RigState) -> Point:
 
 
 def turn(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
-    """Return the plan of one turn, for `rig.acquire.preflight.check_rig`.
+    """Return the plan of one turn, for `check_alignment`.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def turn(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
 
 
 def turns(once: ScanPlan, longest_s: float) -> ScanPlan:
-    """Return the plan of as many turns as go into a time.
+    """Return the plan of more turns than go into a time.
 
     Its lines, after each of which the whole rig is read back, have as many turns as last until that is due.
 
@@ -87,16 +88,28 @@ def turns(once: ScanPlan, longest_s: float) -> ScanPlan:
         )
     of_a_line = ceil(READ_BACK_S / one.exposure_s / len(once))
     spots = Spots(spots=one.positions.spots * of_a_line)
-    frames = ceil(steps / len(spots.spots))
+    frames = ceil(steps / len(spots.spots)) + 1  # so that it is the time that ends them
     return ScanPlan(passes=(one.model_copy(update={"positions": spots, "frames": frames}),))
 
 
+def check_alignment(once: ScanPlan, state: RigState) -> None:
+    """Refuse what the rig cannot do, before anything moves, as `rig.acquire.preflight.check_rig` does.
+
+    Raises
+    ------
+    RefusedError
+        Also where the photons are those of a file, to which no screw matters.
+    """
+    if state.config.tcspc.kind == "playback":
+        raise RefusedError(
+            "tcspc.kind = 'playback' plays the photons of a file, in which nothing can be aligned: name the "
+            "rig's timing instrument"
+        )
+    check_rig(once, state)
+
+
 def align(
-    plan: ScanPlan,
-    state: RigState,
-    longest_s: float,
-    watch: Watch,
-    operator: Operator | None = None,
+    plan: ScanPlan, state: RigState, longest_s: float, watch: Watch, operator: Operator | None = None
 ) -> Ended:
     """Light the spots of a plan, one after the other, until a stop is asked for or the time is over.
 
@@ -120,21 +133,23 @@ def align(
     rig.errors.RefusedError
         If the light is lost, the detector gets too much of it, or the rig is no longer as it was.
     """
-    over = f"the time asked for is over ({show_duration(longest_s)})"
     with open_devices(state.config, operator=operator) as devices:
-        state = state.of_devices(devices.identities())
-        engine = ScanEngine(devices, plan, state, operator=operator, adjusted=True)
-        watch.begun(describe(plan, state, devices))
-        ends_s = inf
+        return align_on(devices, plan, state.of_devices(devices.identities()), longest_s, watch)
 
-        def heard(event: Event) -> None:
-            nonlocal ends_s
-            if isinstance(event, Ready):
-                ends_s = devices.clock.now_s() + longest_s
-            for consumer in watch.consumers:
-                consumer(event)
 
-        def asked() -> bool | str:
-            return watch.should_stop() or (over if devices.clock.now_s() >= ends_s else False)
+def align_on(devices: Devices, plan: ScanPlan, state: RigState, longest_s: float, watch: Watch) -> Ended:
+    """Do the same on open devices."""
+    over, ends_s = f"the time asked for is over ({show_duration(longest_s)})", inf
 
-        return engine.run(heard, asked)
+    def heard(event: Event) -> None:
+        nonlocal ends_s
+        if isinstance(event, Ready):
+            ends_s = devices.clock.now_s() + longest_s
+        for consumer in watch.consumers:
+            consumer(event)
+
+    def asked() -> bool | str:
+        return watch.should_stop() or (over if devices.clock.now_s() >= ends_s else False)
+
+    watch.begun(describe(plan, state, devices))
+    return ScanEngine(devices, plan, state, adjusted=True).run(heard, asked)

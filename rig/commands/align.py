@@ -60,9 +60,8 @@ def align(
     """
     from rig.acquire.acquisition import Watch
     from rig.acquire.alignment import align as lit
-    from rig.acquire.alignment import turn, turns
+    from rig.acquire.alignment import check_alignment, turn, turns
     from rig.acquire.interrupt import StopRequest
-    from rig.acquire.preflight import check_rig
     from rig.commands import console
     from rig.commands.align_view import AlignmentView
     from rig.commands.consent import require_consent
@@ -75,7 +74,7 @@ def align(
     state = RigState.resolve(_in_real_time(configured(config, None, {"scene": scene, "seed": seed}, {})))
     once, longest_s = turn(_spots(at, circle, state), parse(exposure, "time")), parse(longest, "time")
     plan = turns(once, longest_s)
-    check_rig(once, state)
+    check_alignment(once, state)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     _warn_of_detector_spots(once, state)

@@ -69,7 +69,8 @@ class AlignmentView:
         """Show what happened."""
         match event:
             case LightChanged():
-                self.light, self._light = event, console.tell_light(event)
+                self.light = event
+                self._light = f"{console.tell_light(event)} since {event.when[11:19]}"
             case Ready(warnings=warnings):
                 self._warn(warnings)
             case Noticed(sentence=sentence, kind="bias"):
