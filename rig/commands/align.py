@@ -73,8 +73,8 @@ def align(
 
     state = RigState.resolve(_in_real_time(configured(config, None, {"scene": scene, "seed": seed}, {})))
     once, longest_s = turn(_spots(at, circle, state), parse(exposure, "time")), parse(longest, "time")
-    plan = turns(once, longest_s)
     check_alignment(once, state)
+    plan = turns(once, longest_s)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     _warn_of_detector_spots(once, state)
