@@ -1,6 +1,6 @@
 """One spot, or a circle of spots, lit again and again while a person aligns the optics; nothing is recorded.
 
-It is a scan by all its rules: engine, checks, guard and watch are the same; its plan goes round and round.
+It is a scan by all its rules: engine, checks, guard and watch are the same; its plan goes lap by lap.
 """
 
 from math import ceil, inf
@@ -50,8 +50,8 @@ def usual_spot(state: RigState) -> Point:
     return x_m, y_m, z_m
 
 
-def turn(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
-    """Return the plan of one turn, for `check_alignment`.
+def lap(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
+    """Return the plan of one lap, for `check_alignment`.
 
     Raises
     ------
@@ -63,10 +63,10 @@ def turn(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
     return ScanPlan(passes=(Pass(positions=Spots(spots=spots), exposure_s=exposure_s),))
 
 
-def turns(once: ScanPlan, longest_s: float) -> ScanPlan:
-    """Return the plan of more turns than go into a time.
+def laps(once: ScanPlan, longest_s: float) -> ScanPlan:
+    """Return the plan of more laps than go into a time.
 
-    Its lines, after each of which the whole rig is read back, have as many turns as last until that is due.
+    Its lines, after each of which the whole rig is read back, have as many laps as last until that is due.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def align(
     Parameters
     ----------
     plan, state
-        The turns, whose spots were checked, and the rig.
+        The laps, whose spots were checked, and the rig.
     longest_s
         For how long there is light at most.
     watch

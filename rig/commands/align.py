@@ -60,7 +60,7 @@ def align(
     """
     from rig.acquire.acquisition import Watch
     from rig.acquire.alignment import align as lit
-    from rig.acquire.alignment import check_alignment, turn, turns
+    from rig.acquire.alignment import check_alignment, lap, laps
     from rig.acquire.interrupt import StopRequest
     from rig.commands import console
     from rig.commands.align_view import AlignmentView
@@ -72,9 +72,9 @@ def align(
     from rig.show.levels import Levels
 
     state = RigState.resolve(_in_real_time(configured(config, None, {"scene": scene, "seed": seed}, {})))
-    once, longest_s = turn(_spots(at, circle, state), parse(exposure, "time")), parse(longest, "time")
+    once, longest_s = lap(_spots(at, circle, state), parse(exposure, "time")), parse(longest, "time")
     check_alignment(once, state)
-    plan = turns(once, longest_s)
+    plan = laps(once, longest_s)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     _warn_of_detector_spots(once, state)

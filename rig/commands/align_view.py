@@ -50,15 +50,15 @@ class AlignmentView:
         What is shown; it gets each event first.
     state
         The rig.
-    of_a_turn
-        Spots of a turn.
+    of_a_lap
+        Spots of a lap.
     """
 
-    def __init__(self, levels: Levels, state: RigState, of_a_turn: int) -> None:
+    def __init__(self, levels: Levels, state: RigState, of_a_lap: int) -> None:
         self._levels = levels
         self._hold_off_s = state.config.detector.hold_off_s
         self._response_s = state.response_s
-        self._of_a_turn = of_a_turn
+        self._of_a_lap = of_a_lap
         self._light = ""
         self._warned: set[str] = set()
         self._drawn_s = 0.0
@@ -122,7 +122,7 @@ class AlignmentView:
         levels = self._levels
         head = Text.from_markup(f"{self._light}  ").append(
             f"mirror at {spot_in_words(spot_m)}"
-            + (f", one of {self._of_a_turn} spots of a circle" if self._of_a_turn > 1 else "")
+            + (f", one of {self._of_a_lap} spots of a circle" if self._of_a_lap > 1 else "")
         )
         return Group(head, Text(), *self._large(), Text(), self._facts(), Text(), *self._pictures(levels))
 

@@ -1,4 +1,4 @@
-"""What is counted while optics are aligned: rates against the best so far, and the histogram of a turn."""
+"""What is counted while optics are aligned: rates against the best so far, and the histogram of a lap."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from rig.files.description import ScanDescription
 
 #: Detections a pulse above which early photons visibly hide late ones.
 PILE_UP = 0.05
-#: A histogram is shown when it has been summed for so long, or over a turn if that takes longer.
+#: A histogram is shown when it has been summed for so long, or over a lap if that takes longer.
 SUMMED_S = 1.0
 #: Against the rate so long ago it is said whether the light rises or falls.
 BEFORE_S = 1.0
@@ -44,7 +44,7 @@ class Peak:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Photons of whole turns over time, all channels together.
+    """Photons of whole laps over time, all channels together.
 
     Attributes
     ----------
@@ -124,13 +124,13 @@ def _falls_to(values: NDArray[np.int64], half: float) -> float:
 class Levels:
     """A consumer of scan events that knows the levels now, and the best so far.
 
-    The rate is that of the last exposure of each spot of a turn, so that it hardly waits, and yet does not
+    The rate is that of the last exposure of each spot of a lap, so that it hardly waits, and yet does not
     change because the beam goes round.
 
     Parameters
     ----------
-    of_a_turn
-        Spots of a turn.
+    of_a_lap
+        Spots of a lap.
 
     Attributes
     ----------
@@ -143,18 +143,18 @@ class Levels:
     photons, live_time_s
         All that was counted, and for how long.
     best_hz
-        Highest rate of a turn.
+        Highest rate of a lap.
     minute_hz
         Rate of each of the last seconds.
     histogram
-        Of the last turns; None before the first is whole.
+        Of the last laps; None before the first is whole.
     """
 
-    def __init__(self, of_a_turn: int) -> None:
-        self._of_a_turn = of_a_turn
-        self._latest: deque[tuple[NDArray[np.int64], float]] = deque(maxlen=of_a_turn)
+    def __init__(self, of_a_lap: int) -> None:
+        self._of_a_lap = of_a_lap
+        self._latest: deque[tuple[NDArray[np.int64], float]] = deque(maxlen=of_a_lap)
         self._before: deque[tuple[float, float, float]] = deque()
-        self._second, self._turns = Sum(), Sum()
+        self._second, self._laps = Sum(), Sum()
         self._axis = (0.0, 0.0)
         self.names: tuple[str, ...] = ()
         self.gate_s = (0.0, 0.0)
@@ -180,7 +180,7 @@ class Levels:
         match event:
             case Ready(rates=rates, dark_hz=dark_hz):
                 self.sync_hz, self.dark_hz = rates.sync_hz, dark_hz
-            case StepDone(exposure=exposure):
+            case StepDone(exposure=exposure) if exposure.live_time_s > 0:
                 self._count(exposure.counts.astype(np.int64), exposure.live_time_s)
 
     def _count(self, counts: NDArray[np.int64], live_s: float) -> None:
@@ -191,11 +191,11 @@ class Levels:
         if self._second.live_time_s >= SUMMED_S:
             self.minute_hz.append(float(self._second.total) / self._second.live_time_s)
             self._second = Sum()
-        self._turns.add(counts.sum(axis=0), live_s)
-        if self._turns.live_time_s >= SUMMED_S and self._turns.steps % self._of_a_turn == 0:
-            summed = np.asarray(self._turns.total)
-            self.histogram, self._turns = Histogram(summed, self._turns.live_time_s, *self._axis), Sum()
-        if len(self._latest) == self._of_a_turn:
+        self._laps.add(counts.sum(axis=0), live_s)
+        if self._laps.live_time_s >= SUMMED_S and self._laps.steps % self._of_a_lap == 0:
+            summed = np.asarray(self._laps.total)
+            self.histogram, self._laps = Histogram(summed, self._laps.live_time_s, *self._axis), Sum()
+        if len(self._latest) == self._of_a_lap:
             self.best_hz = max(self.best_hz, self.now_hz)
             self._before.append((self.live_time_s, self.now_hz, self._sigma_hz))
             while len(self._before) > 1 and self._before[1][0] <= self.live_time_s - self._apart_s:

@@ -13,7 +13,7 @@ import pytest
 from attacks.scene import attacked_rig, tiny_config
 from drivers.errors import DeviceError
 from rig.acquire.acquisition import Watch
-from rig.acquire.alignment import align_on, circle, turn, turns
+from rig.acquire.alignment import align_on, circle, lap, laps
 from rig.acquire.connect import devices_on
 from rig.acquire.events import Ended, LightChanged, Ready, StepDone
 from rig.errors import DoubtError, UsageError
@@ -35,7 +35,7 @@ class Aligned:
     def __init__(self, spots=(SPOT,), longest_s=2.0, after=None, do=lambda rig: None, config=CONFIG):
         self.events, self.levels, self.error = [], Levels(len(spots)), None
         state = RigState(config)
-        once = turn(spots, 0.05)
+        once = lap(spots, 0.05)
         with attacked_rig(config) as rig:
 
             def watched(event):
@@ -46,7 +46,7 @@ class Aligned:
             try:
                 with devices_on(config, rig.wires) as devices:
                     watch = Watch([self.levels, watched], begun=self.levels.begun)
-                    align_on(devices, turns(once, longest_s), state, longest_s, watch)
+                    align_on(devices, laps(once, longest_s), state, longest_s, watch)
             except Exception as error:
                 self.error = error
             self.light = rig.bench.light
@@ -80,14 +80,14 @@ def test_the_rate_shown_is_that_of_the_bench():
     assert "time asked for is over" in found.all(Ended)[0].reason
 
 
-def test_a_circle_is_lit_spot_by_spot_and_summed_over_a_turn():
+def test_a_circle_is_lit_spot_by_spot_and_summed_over_a_lap():
     spots = circle(0.1, 0.2, 0.3)
     found = Aligned(spots)
     visited = [event.step.spot_m for event in found.all(StepDone)]
     assert visited[: 2 * len(spots)] == [*spots, *spots]
     assert np.hypot(*(np.array(spots)[:, :2] - (0.1, 0.2)).T) == pytest.approx(0.3)
     histogram = found.levels.histogram
-    assert histogram.live_time_s == pytest.approx(24 * 0.05)  # two turns, since one is less than a second
+    assert histogram.live_time_s == pytest.approx(24 * 0.05)  # two laps, since one is less than a second
     assert found.light.emitting is False
 
 
@@ -163,11 +163,11 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(UsageError, match="radius is above 0"):
         circle(0.0, 0.0, 0.0)
     with pytest.raises(UsageError, match="exposure is above 0"):
-        turn((SPOT,), 0.0)
+        lap((SPOT,), 0.0)
     with pytest.raises(UsageError, match="above 0 with --for"):
-        turns(turn((SPOT,), 0.1), 0.0)
+        laps(lap((SPOT,), 0.1), 0.0)
     with pytest.raises(UsageError, match="at most at this exposure"):
-        turns(turn((SPOT,), 1e-3), 1e6)
+        laps(lap((SPOT,), 1e-3), 1e6)
 
 
 def test_options_that_are_wrong_light_nothing(rig):
