@@ -198,28 +198,6 @@ def test_the_command_ends_in_the_dark_with_one_document(rig):
     assert "\x1b" not in done.err
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    with served(tmp_path_factory.mktemp("served")) as running:
-        yield running
-
-
-@pytest.fixture
-def lit(bench, tmp_path):
-    """An alignment in a process of its own, lit at a spot of a served bench."""
-    lit_before = len(bench.values("laser emission"))
-    options = ("--at", "30cm,-10cm", "--exposure", "50ms", "--yes")
-    command = rig_command("align", "--config", bench.config, *options)
-    with subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
-        wait_for(lambda: bench.values("laser emission")[lit_before:] == ["1"])
-        yield running
-        if running.poll() is None:
-            running.kill()
-    wait_for(lambda: bench.values("laser emission")[-1] == "0")
-
-
 def wait_for(happened):
     deadline_s = time.monotonic() + PATIENCE_S
     while not happened():
@@ -228,26 +206,22 @@ def wait_for(happened):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
-def test_ctrl_c_is_the_usual_end_at_a_real_wire(bench, lit):
-    state = RigState(load(bench.config))
-    asked_rad = state.pointing.angles_rad(np.array(SPOT))
-    aimed = [float(one) for one in bench.values("galvo mirror")[-1].split()]
-    assert aimed == pytest.approx(asked_rad.tolist(), abs=1e-5)  # the mirror's own step of angle
-    for line in lit.stderr:
-        if "% of the best" in line:
-            break
-    lit.send_signal(signal.SIGINT)
-    wait_for(lambda: bench.values("laser emission")[-1] == "0")
-    assert "aligned at x = 30 cm, y = -10 cm" in lit.stdout.read()
-    assert lit.wait(PATIENCE_S) == 0
-    assert "Ended as asked: stopped by the operator" in lit.stderr.read()
-    assert bench.values("detector bias")[-1] == "0"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
-def test_anybody_can_put_the_light_out(rig, bench, lit):
-    assert rig("laser", "off").code == 0
-    assert bench.values("laser emission")[-1] == "0"
-    assert lit.wait(PATIENCE_S) == 4
-    assert "switched off by rig laser off" in lit.stderr.read()
-    assert bench.values("detector bias")[-1] == "0"
+def test_ctrl_c_is_the_usual_end_at_a_real_wire(tmp_path):
+    with served(tmp_path) as bench:
+        options = ("--config", bench.config, "--at", "30cm,-10cm", "--exposure", "50ms", "--yes")
+        with subprocess.Popen(
+            rig_command("align", *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as lit:
+            wait_for(lambda: bench.values("laser emission") == ["1"])
+            asked_rad = RigState(load(bench.config)).pointing.angles_rad(np.array(SPOT))
+            aimed = [float(one) for one in bench.values("galvo mirror")[-1].split()]
+            assert aimed == pytest.approx(asked_rad.tolist(), abs=1e-5)  # the mirror's own step of angle
+            for line in lit.stderr:
+                if "% of the best" in line:
+                    break
+            lit.send_signal(signal.SIGINT)
+            wait_for(lambda: bench.values("laser emission")[-1] == "0")
+            assert "aligned at x = 30 cm, y = -10 cm" in lit.stdout.read()
+            assert lit.wait(PATIENCE_S) == 0
+            assert "Ended as asked: stopped by the operator" in lit.stderr.read()
+        assert bench.values("detector bias")[-1] == "0"
