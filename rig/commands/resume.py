@@ -47,9 +47,10 @@ def resume(
     require_consent(state.config, yes=yes)
     if plan.endless:
         console.say(f"{scan} has no last frame: frames go on until they are stopped.")
-    others = Onlookers(ending(until, plan, scan) if until else None, live)
+    # of this rig's configuration: what a file holds says nobody
+    end, notify = ending(until, plan, scan) if until else None, state.config.notify
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))
 
-    run(resumed, plan, scan, as_json, config, others)
+    run(resumed, plan, scan, as_json, config, Onlookers(end, live, notify=notify))

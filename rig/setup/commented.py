@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterator
 
-from pydantic import BaseModel
+from pydantic import BaseModel, SecretStr
 
 from rig.model.config import RigConfig
 from rig.model.spelled import spelled
@@ -51,6 +51,8 @@ def _keys(section: BaseModel, path: str) -> Iterator[str]:
     inner: list[tuple[str, BaseModel, str]] = []
     for field, about in type(section).model_fields.items():
         value, key = getattr(section, field), about.alias or field
+        if isinstance(value, SecretStr):
+            value = value.get_secret_value()
         if isinstance(value, BaseModel):
             inner.append((f"{path}.{key}", value, said.get(field, "")))
             continue

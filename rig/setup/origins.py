@@ -46,7 +46,9 @@ def _values(section: BaseModel, written: Written | None, name: str, place: Place
     for field, about in type(section).model_fields.items():
         value, key = getattr(section, field), about.alias or field
         inside, path = (*place, key), f"{name}.{key}" if name else key
-        if isinstance(value, BaseModel):
+        if about.exclude:  # what no data file holds: addresses of people, which may be secret
+            yield Value(path, "(not shown)", _origin(inside, written))
+        elif isinstance(value, BaseModel):
             yield from _values(value, written, path, inside)
         elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             for number, one in enumerate(value):

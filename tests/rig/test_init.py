@@ -208,6 +208,17 @@ def test_instruments_and_boards_are_seen(monkeypatch):
     assert seen["daq"].address == "Dev1"
 
 
+def test_a_secret_is_written_and_never_shown(rig):
+    secret = "https://ntfy.example/hush"
+    Path("answers.toml").write_text(f'[simulation]\n[notify]\nwebhook = "{secret}"\n')
+    assert rig("init", "--answers", "answers.toml").code == 0
+    assert load(Path("lab.toml")).notify.webhook.get_secret_value() == secret
+    done = rig("config", "show", "--config", "lab.toml")
+    assert done.code == 0, done.err
+    assert "hush" not in done.out
+    assert re.search(r"^notify +\(not shown\) +lab.toml", done.out, re.MULTILINE)
+
+
 def test_a_configuration_shows_where_each_value_comes_from(rig):
     Path("base.toml").write_text("[laser]\npower_setpoint = 10.0\n[simulation]\n")
     Path("mine.toml").write_text(
