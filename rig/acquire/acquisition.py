@@ -1,6 +1,5 @@
 """One whole scan: devices opened, the plan run, the photons on disk."""
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.log import ScanLog, log_of
 from rig.acquire.raw import RawRecords
-from rig.errors import DataFileError, RefusedError, UsageError, in_shell
+from rig.errors import DataFileError, RefusedError, UsageError, command_line, in_shell
 from rig.files.description import ScanDescription
 from rig.files.records import beside
 from rig.files.scan import ScanFile
@@ -159,7 +158,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         plan=plan,
         state=state,
         simulated=config.rehearsed,
-        command=in_shell("rig", *sys.argv[1:]),
+        command=command_line(),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,

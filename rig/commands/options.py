@@ -25,11 +25,6 @@ class Order(Enum):
     PROGRESSIVE = "progressive"
     RANDOM = "random"
 
-    @property
-    def in_plan(self) -> str:
-        """The plan's word: its raster is a snake, lines alternate in direction."""
-        return "snake" if self is Order.RASTER else self.value
-
 
 class Mode(Enum):
     """How the mirror goes through the positions; the value is the plan's word, too."""

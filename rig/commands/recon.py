@@ -171,33 +171,30 @@ def recon(
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
     from rig.commands import console
-    from rig.image.reconstruct import Request, reconstruct
-    from rig.model.quantities import parse
+    from rig.image.asked import asked
+    from rig.image.reconstruct import reconstruct
     from rig.show.volume import check_picture
 
-    def length(text: str | None) -> float | None:
-        return parse(text, "length") if text else None
-
-    request = Request(
+    request = asked(
         camera=camera.value,
         solver=solver.value,
-        wavelength_m=length(wavelength),
+        wavelength=wavelength,
         cycles=cycles,
-        depth_m=depths(depth) if depth else None,
-        frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
+        depth=depth,
+        frames=frames,
         over=over.value if over else None,
         all_depths=all_depths,
-        width_m=length(width),
-        height_m=length(height),
-        voxel_m=length(voxel),
-        fade_from_s=parse(fade_from, "time") if fade_from else None,
+        width=width,
+        height=height,
+        voxel=voxel,
+        fade_from=fade_from,
         snr=snr,
-        memory_bytes=int(parse(memory, "memory")) if memory else None,
+        memory=memory,
         device=device.value,
         calibrations=calibrations,
         even_bins=even_bins,
         each_frame=each_frame,
-        fresh_to_m=length(fresh_to),
+        fresh_to=fresh_to,
     )
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
@@ -205,29 +202,6 @@ def recon(
     with told_if_stopped(files.values()), console.Working("imaging") as working:
         result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
     _show(result, files, as_json)
-
-
-def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
-    from rig.errors import UsageError
-    from rig.model.quantities import parse
-
-    parts = text.split(":")
-    if len(parts) != 3:
-        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
-    start, stop, step = (parse(part, kind) for part in parts)
-    return start, stop, step
-
-
-def depths(text: str) -> tuple[float, float, float]:
-    """Read the option --depth."""
-    from rig.errors import UsageError
-
-    start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")
-    if not (0 < start_m <= stop_m and step_m > 0):
-        raise UsageError(
-            f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
-        )
-    return start_m, stop_m, step_m
 
 
 def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:

@@ -66,11 +66,10 @@ def render(
     from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console
-    from rig.commands.scan import columns_and_rows
     from rig.devices.kinds import time_axis
     from rig.errors import UsageError
+    from rig.model import asked
     from rig.model.config import built_in_with, load
-    from rig.model.plan import ScanPlan
     from rig.model.quantities import parse, show_duration
 
     simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
@@ -78,13 +77,7 @@ def render(
     if config and not load(config).simulated:
         raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
     rig_config = load(config, changes) if config else built_in_with(changes)
-    columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.grid(
-        rig_config,
-        columns=columns,
-        rows=rows,
-        spacing_m=parse(spacing, "length") if spacing else None,
-    )
+    plan = asked.plan(rig_config, grid=grid, spacing=spacing)
     usual_bins, usual_width_s = time_axis(rig_config)
     axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
     began_s = time.monotonic()

@@ -18,8 +18,10 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import Progress, bounded, check_device, plan, planes
+from recon.registry import name_of
 from recon.result import Image
 from recon.sampling import path_limits_m
+from recon.solvers.problem import Solver
 from recon.wave import VirtualPulse
 from recon.window import Window
 
@@ -39,7 +41,7 @@ def video(
     grid: VoxelGrid,
     camera: TransientCamera,
     *,
-    solver: str = "rsd",
+    solver: str | Solver = "rsd",
     over: Over = "max",
     surface_m: NDArray[np.float64] | NDArray[np.float32] | None = None,
     sink: Sink | None = None,
@@ -92,7 +94,7 @@ def video(
         else:
             seen += frames
     times_s = np.asarray(camera.times_s, np.float64)
-    return Image(grid, None, solver, window, camera, pulse, problem.depth_blocks, times_s, seen)
+    return Image(grid, None, name_of(solver), window, camera, pulse, problem.depth_blocks, times_s, seen)
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:
