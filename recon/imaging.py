@@ -104,8 +104,8 @@ def image(
     >>> grid = recon.VoxelGrid.from_spec(1.0, 1.0, 0.1, (0.8, 1.2, 0.05))
     >>> found = recon.image(capture, recon.VirtualPulse(wavelength_m=0.2), grid)
     >>> z, y, x = np.unravel_index(found.intensity.argmax(), grid.shape)
-    >>> abs(grid.x_m[x]) < 0.1, abs(grid.y_m[y]) < 0.1, abs(grid.z_m[z] - 1) < 0.06
-    (True, True, True)
+    >>> bool(abs(grid.x_m[x]) < 0.1 and abs(grid.y_m[y]) < 0.1 and abs(grid.z_m[z] - 1) < 0.06)
+    True
     """
     window = window or Window()
     _known(solver)

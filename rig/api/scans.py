@@ -49,7 +49,7 @@ class Scan:
     --------
     >>> with rig.open_scan("letters.h5") as scan:
     ...     scan.status, scan.positions_m.shape, scan.histogram(0).shape
-    ('complete', (432, 3), (1, 4096))
+    ('complete', (432, 3), (1, 15000))
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -88,10 +88,8 @@ class Scan:
     @property
     def times_s(self) -> NDArray[np.float64]:
         """(B,) centres of the bins, in the file's time: see `capture` for the time since the wall was lit."""
-        return (
-            self.file.first_bin_s
-            + (np.arange(self.file.bins, dtype=np.float64) + 0.5) * self.file.bin_width_s
-        )
+        centres = np.arange(self.file.bins, dtype=np.float64) + 0.5
+        return self.file.first_bin_s + centres * self.file.bin_width_s
 
     def histogram(self, step: int) -> NDArray:
         """Return the (C, B) counts of one step; negative numbers count from the end.
@@ -199,6 +197,8 @@ class Scan:
         >>> img = scan.image(wavelength="30cm", depth=(0.8, 1.7, 0.05))
         >>> img.parameters["wavelength_m"], img.intensity.shape
         (0.3, (19, 18, 24))
+        >>> img.save("letters-volume.h5")
+        <rig.Image of letters.h5: 19 x 18 x 24, confocal, rsd, wavelength 30 cm, 2 cycles>
         """
         request = asked(
             camera=camera,
@@ -274,8 +274,8 @@ def open_file(path: str | os.PathLike[str]) -> Scan | Image:
     Examples
     --------
     >>> rig.open("letters.h5")
-    <rig.Scan letters.h5: complete, 432 positions, 4096 bins>
-    >>> rig.open("volume.h5")
+    <rig.Scan letters.h5: complete, 432 positions, 15000 bins>
+    >>> rig.open("letters-volume.h5")
     <rig.Image of letters.h5: ...>
     """
     if is_volume(Path(path)):
