@@ -52,6 +52,9 @@ class PlanOptions(TypedDict, total=False):
     order: Literal["raster", "unidirectional", "progressive", "random"]
     preset: str | None
     scene: str | None
+    place: str | tuple[float, float, float] | None
+    rotate: str | tuple[float, float, float] | None
+    scale: float | None
     seed: int | None
     notes: Mapping[str, str] | None
 
@@ -132,6 +135,9 @@ def plan(
     order: Literal["raster", "unidirectional", "progressive", "random"] = "raster",
     preset: str | None = None,
     scene: str | None = None,
+    place: str | tuple[float, float, float] | None = None,
+    rotate: str | tuple[float, float, float] | None = None,
+    scale: float | None = None,
     seed: int | None = None,
     notes: Mapping[str, str] | None = None,
 ) -> Plan:
@@ -150,6 +156,9 @@ def plan(
         How the mirror moves, how often it visits all positions, and in which order.
     preset, scene, seed
         For the simulated rig: a dataset of the paper, what is hidden, and the seed of the photons.
+    place, rotate, scale
+        Of a scene that is a mesh file: its middle, ``"0cm,0cm,1.2m"`` or ``(0, 0, 1.2)``; turns about x, y
+        and z, ``"0deg,90deg,0deg"`` or in radians; and by what its coordinates are multiplied.
     notes
         ``operator``, ``sample``, ``purpose`` and ``note``, kept in the scan file.
 
@@ -160,8 +169,9 @@ def plan(
     rig.errors.ConfigError
         If the configuration is missing or wrong.
     """
+    simulation = {"scene": scene, "seed": seed, **asked.placement(place, rotate, scale)}
     source = config if config is None or isinstance(config, Mapping) else os.fspath(config)
-    found = asked.configuration(source, preset, {"scene": scene, "seed": seed}, notes)
+    found = asked.configuration(source, preset, simulation, notes)
     state = RigState.resolve(found)
     measured = asked.plan(
         found, exposure=exposure, grid=grid, spacing=spacing, mode=mode, frames=frames, order=order

@@ -36,6 +36,20 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+Place = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="Where the middle of a mesh is, e.g. 0cm,0cm,1.2m. [dim]\\[as it stands][/dim]"
+    ),
+]
+Rotate = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="Turn a mesh about x, then y, then z, e.g. 0deg,90deg,0deg."),
+]
+Scale = Annotated[
+    float | None,
+    typer.Option(min=0, help="Multiply a mesh's coordinates, e.g. 0.001 of millimetres. [dim]\\[1][/dim]"),
+]
 #: What is said in place of a number of frames.
 UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[

@@ -17,9 +17,12 @@ from rig.commands.options import (
     Note,
     Operator,
     Order,
+    Place,
     Ptu,
     Purpose,
+    Rotate,
     Sample,
+    Scale,
     Seed,
     Spacing,
     Until,
@@ -51,6 +54,7 @@ def scan(
     frames: Frames = None,
     order: Annotated[
         Order,
+        Place,
         typer.Option(
             help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
             "coarse to fine, the whole wall again and again. random: anywhere."
@@ -64,6 +68,9 @@ def scan(
             help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
         ),
     ] = None,
+    place: Place = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     preset: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
@@ -113,6 +120,8 @@ def scan(
 
       rig scan --preset office-10ms          a dataset of the paper
 
+      rig scan --scene model.obj --scale 0.001 --place 0cm,0cm,1.2m    a mesh in millimetres
+
       rig scan --config lab.toml --dry-run   what would be done
 
       rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
@@ -137,7 +146,7 @@ def scan(
         _show_presets(as_json)
         return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    simulation = {"scene": scene, "seed": seed}
+    simulation = {"scene": scene, "seed": seed, **asked.placement(place, rotate, scale)}
     state = RigState.resolve(asked.configuration(config, preset, simulation, notes))
     plan = asked.plan(
         state.config,
@@ -161,6 +170,10 @@ def scan(
             "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
         )
     found = check(plan, state, target.parent)
+    if found.hidden:
+        console.say(found.hidden.words)
+        for sentence in found.hidden.warnings:
+            console.warn(sentence)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     if dry_run:

@@ -1,5 +1,6 @@
 """What is asked of a scan, as a person writes it: options' names and texts, or numbers in SI units."""
 
+import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,58 @@ def configuration(
         raise UsageError(f"--{option} is for the simulated rig, and {named} names real devices; leave it out")
     changes = merged(overlay, {"simulation": given} if given else {})
     changes = merged(changes, {"notes": said} if said else {})
-    return built_in_with(changes) if source is None else _read(source, changes)
+    return _with_digest(built_in_with(changes) if source is None else _read(source, changes))
+
+
+def _with_digest(config: RigConfig) -> RigConfig:
+    """Return a configuration that says which mesh is its scene; a file that is missing is told later."""
+    simulation = config.simulation
+    if simulation is None or simulation.mesh is None or simulation.mesh_sha256:
+        return config
+    try:
+        with simulation.mesh.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return config
+    return config.model_copy(update={"simulation": simulation.model_copy(update={"mesh_sha256": digest})})
+
+
+def placement(
+    place: str | tuple[float, float, float] | None,
+    rotate: str | tuple[float, float, float] | None,
+    scale: float | None,
+) -> dict[str, object]:
+    """Return where a mesh is put, as the section ``simulation`` has it; None asks nothing.
+
+    Parameters
+    ----------
+    place
+        Of its middle: x, y and z, ``"0cm,0cm,1.2m"``, or three numbers in metres.
+    rotate
+        About x, y and z, ``"0deg,90deg,0deg"``, or three numbers in radians.
+    scale
+        By which its file's coordinates are multiplied.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If one is not three quantities.
+    """
+    return {
+        "place": _three(place, "m", "--place 0cm,0cm,1.2m"),
+        "rotate": _three(rotate, "rad", "--rotate 0deg,90deg,0deg"),
+        "scale": scale,
+    }
+
+
+def _three(value: str | tuple[float, float, float] | None, unit: str, example: str) -> list[str] | None:
+    """Return three quantities as a configuration has them."""
+    if value is None:
+        return None
+    parts = value.split(",") if isinstance(value, str) else [f"{one!r}{unit}" for one in value]
+    if len(parts) != 3:
+        raise UsageError(f"'{value}' is not three quantities; write those of x, y and z, e.g. {example}")
+    return [part.strip() for part in parts]
 
 
 def _read(source: Path | Mapping[str, Any], changes: dict[str, Any]) -> RigConfig:
