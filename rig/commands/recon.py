@@ -11,6 +11,7 @@ from rig.commands.options import AsJson
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
+    from rig.image.reconstruct import Request
     from rig.image.result import Result
 
 
@@ -147,6 +148,14 @@ def recon(
         Path | None,
         typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
     ] = None,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="A quick, coarse picture to try wavelength and depth: SCAN-preview.png, which is replaced "
+            "each time, and no volume. What was read is kept for the next one.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -157,6 +166,8 @@ def recon(
       rig recon scan.h5                    everything chosen by the program
 
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
+
+      rig recon scan.h5 --preview --wavelength 8cm        a quick look, again and again
 
       rig recon scan.h5 --page letters.html        to be turned in any browser
 
@@ -196,11 +207,37 @@ def recon(
         each_frame=each_frame,
         fresh_to=fresh_to,
     )
+    if preview:
+        _preview(scan, request, {"--out": out, "--page": page, "--video": video}, image, force, as_json)
+        return
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
     with told_if_stopped(files.values()), console.Working("imaging") as working:
         result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
+    _show(result, files, as_json)
+
+
+def _preview(
+    scan: Path,
+    request: "Request",
+    others: dict[str, Path | None],
+    image: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from rig.commands import console
+    from rig.errors import UsageError
+    from rig.image.preview import preview
+    from rig.show.volume import check_picture
+
+    if given := [option for option, path in others.items() if path is not None]:
+        raise UsageError(f"a preview is a picture alone: leave {' and '.join(given)} out, or --preview")
+    # the one result that is replaced unasked: its own name says that it is no result
+    files = names(scan, {"picture": "-preview.png"}, {"picture": image}, force=force or image is None)
+    check_picture(files["picture"])
+    with told_if_stopped(files.values()), console.Working("previewing") as working:
+        result = preview(scan, request, files["picture"], working)
     _show(result, files, as_json)
 
 

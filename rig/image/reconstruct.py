@@ -24,6 +24,7 @@ from recon.imaging import image
 from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, entry_of, load, name_of, taking
 from recon.result import Image
+from recon.sampling import CONFOCAL
 from recon.solvers.classic.solve import baseline_image
 from recon.solvers.problem import Solver, ignore
 from recon.surface import Surface, find
@@ -188,17 +189,17 @@ def imaged(
     work, reason = chosen(scan, request)
     camera = _camera(work)
     if request.each_frame and volume_path:
-        volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
+        volume, warnings = _frame_by_frame(scan, work, volume_path, progress), warnings_of(work, camera)
     elif not entry_of(request.solver).virtual_wave:
         volume, warnings, reason = *_classic(work, progress), ""
     elif isinstance(camera, TransientCamera):
-        volume, warnings = _film(work, camera, volume_path, progress), _warnings(work, camera)
+        volume, warnings = _film(work, camera, volume_path, progress), warnings_of(work, camera)
     elif isinstance(camera, PhotoCamera):
         # Depth is told by the pulse alone.
-        volume, warnings = work.volume(_focused(work, camera, progress)), _warnings(work, camera)
+        volume, warnings = work.volume(_focused(work, camera, progress)), warnings_of(work, camera)
     else:
-        work, reason, volume = _still(work, reason, progress)
-        warnings = _warnings(work, camera)
+        work, reason, volume = still(work, reason, progress)
+        warnings = warnings_of(work, camera)
     warnings = (*scan.doubts, *_signal(volume), *warnings)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
 
@@ -214,31 +215,40 @@ def _save_video(volume: Volume, request: Request, path: Path) -> None:
 def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for, a longer wavelength where photons are too few; say why this one."""
     work, reason = chosen(scan, request)
-    return _still(work, reason, None)[:2]
+    return still(work, reason, None)[:2]
 
 
 def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for; say why this wavelength."""
     seen = _seen_with(scan, request)
+    name = printable(scan.path.name)
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
     choice = _wavelength(request, seen)
-    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
-    pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
-    grid = _voxels(request, seen.capture, pulse)
-    work = Work(
-        request,
-        seen,
-        pulse,
-        grid,
-        window,
-        printable(scan.path.name),
-        scan.digest,
-        estimated=tuple(scan.estimated),
-        origin=origin(scan),
+    work = planned(
+        dataclasses.replace(request, wavelength_m=choice.value), seen, name, scan.digest, origin(scan)
     )
-    return work, choice.reason
+    return dataclasses.replace(work, request=request, estimated=tuple(scan.estimated)), choice.reason
+
+
+def planned(request: Request, seen: Seen, scan: str, digest: str, came: Mapping[str, Any]) -> Work:
+    """Choose pulse, voxels and window for a wavelength that was chosen.
+
+    Parameters
+    ----------
+    request
+        What was asked; it names a wavelength.
+    seen
+        What is imaged, the side that focuses as its laser spots.
+    scan, digest, came
+        Name and digest of the scan, and where it comes from (`rig.image.origin`).
+    """
+    assert request.wavelength_m is not None
+    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
+    pulse = VirtualPulse(request.wavelength_m, CYCLES if request.cycles is None else request.cycles)
+    grid = _voxels(request, seen.capture, pulse)
+    return Work(request, seen, pulse, grid, window, scan, digest, origin=came)
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
@@ -352,7 +362,7 @@ def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:
         raise UsageError(f"{why} {' and '.join(given)} would have no effect; {remedy}")
 
 
-def _warnings(work: Work, camera: Camera) -> tuple[str, ...]:
+def warnings_of(work: Work, camera: Camera = CONFOCAL) -> tuple[str, ...]:
     """List what may spoil the image."""
     response_s = work.seen.instrument_response_s
     found = defaults.warnings(work.capture, work.pulse, work.grid, response_s, camera.light(work.pulse))
@@ -413,7 +423,7 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
     return found, find(found, noise)
 
 
-def _still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
+def still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
     attempts = ATTEMPTS if work.request.wavelength_m is None else 0
