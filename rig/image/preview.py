@@ -109,7 +109,8 @@ def preview(
     work = planned(request, seen, printable(scan_path.name), facts.digest, facts.origin)
     work, _, volume = still(work, "", progress)
     parameters = {**volume.parameters, "preview_cell_m": found.side_m}
-    volume = dataclasses.replace(volume, parameters=parameters)
+    # without the panel of confidence: drawing takes as long as imaging
+    volume = dataclasses.replace(volume, parameters=parameters, confidence=None)
     save(picture(volume), picture_path)
     warnings = (*facts.doubts, *warnings_of(work))
     return Result(volume, reason, warnings, facts.positions, time.monotonic() - began_s, read_s)
