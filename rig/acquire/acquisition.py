@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.acquire.connect import open_devices
+from rig.acquire.connect import Own, open_devices
 from rig.acquire.engine import Devices, ScanEngine
 from rig.acquire.events import (
     Consumer,
@@ -261,11 +261,12 @@ def resume(
     target: Path,
     watch: Watch | None = None,
     operator: Operator | None = None,
+    own: Own | None = None,
 ) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
-    ``operator`` sets what has no data interface. Where the instrument's records were kept beside it, those of
-    what follows are kept in a file of their own.
+    ``operator`` sets what has no data interface, ``own`` are devices as of `open_devices`. Where the
+    instrument's records were kept beside it, those of what follows are kept in a file of their own.
 
     Raises
     ------
@@ -280,7 +281,7 @@ def resume(
         return _end(target)
     begin_s = _begin_s(plan, state, measured)
     opened = open_devices(
-        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator
+        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator, own=own
     )
     with opened as devices:
         with ScanFile(target) as scan:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 #: Roles whose device may be an object of the caller's.
 OWN = ("galvo", "detector", "tcspc", "point_clock")
+Own = Mapping[str, AbstractContextManager[Any]]
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def open_devices(
     tagged: bool = False,
     begin_s: float = 0.0,
     operator: Operator | None = None,
-    own: Mapping[str, AbstractContextManager[Any]] | None = None,
+    own: Own | None = None,
 ) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
@@ -124,7 +125,7 @@ def devices_on(
     first: int = 0,
     *,
     tagged: bool = False,
-    own: Mapping[str, AbstractContextManager[Any]] | None = None,
+    own: Own | None = None,
 ) -> Iterator[Devices]:
     """Open and identify the devices at the ends of these wires; leave them safe at the end, the laser first.
 

@@ -2,8 +2,8 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
@@ -32,7 +32,6 @@ from rig.model.quantities import show, show_duration
 from rig.model.state import RigState
 
 if TYPE_CHECKING:
-    from rig.acquire.engine import Devices
     from rig.model.config import RigConfig
 
 #: A configuration: a file, the tables of one, or None for the built-in simulated rig.
@@ -288,7 +287,8 @@ def scan(
     _require_consent(chosen.config, consent)
 
     def run(watch: Watch) -> ScanResult:
-        with _opened(chosen, devices, operator) as opened:
+        tagged = chosen.plan.continuous
+        with open_devices(chosen.config, tagged=tagged, operator=operator, own=devices) as opened:
             state = chosen.state.of_devices(opened.identities())
             return acquisition.record(chosen.plan, state, opened, target, watch, operator)
 
@@ -302,6 +302,7 @@ def resume(
     progress: Callback | None = None,
     until: str | None = None,
     consent: bool = False,
+    devices: Mapping[str, Any] | None = None,
     operator: Operator | None = None,
 ) -> Scan:
     """Resume an interrupted scan where it stopped, with the plan that its file holds, and open it.
@@ -312,7 +313,7 @@ def resume(
         The scan file.
     config
         The rig's configuration file; not needed where the scan was simulated.
-    progress, until, consent, operator
+    progress, until, consent, devices, operator
         As of `rig.scan`.
 
     Raises
@@ -325,7 +326,7 @@ def resume(
     _require_consent(state.config, consent)
 
     def run(watch: Watch) -> ScanResult:
-        return acquisition.resume(held, state, target, watch, operator)
+        return acquisition.resume(held, state, target, watch, operator, devices)
 
     return _ran(run, held, target, progress, until, resumed=True)
 
@@ -344,14 +345,6 @@ def _require_consent(config: "RigConfig", consent: bool) -> None:
             f"this lights {light_in_words(config)}. Goggles on, doors closed, nobody in the beam's way? "
             "Then say so with consent=True"
         )
-
-
-@contextmanager
-def _opened(plan: Plan, own: Mapping[str, Any] | None, operator: Operator | None) -> "Iterator[Devices]":
-    """Open the devices, those of the caller in place of those of the configuration."""
-    tagged = plan.plan.continuous
-    with open_devices(plan.config, tagged=tagged, operator=operator, own=own or {}) as devices:
-        yield devices
 
 
 @dataclass

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from recon.capture import Capture
 from rig.api import html
 from rig.api.images import Image, open_volume
-from rig.errors import printable
+from rig.errors import UsageError, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import is_volume
 from rig.image.asked import Quantity, Range, asked
@@ -35,11 +35,6 @@ class Scan:
     path
         A scan file.
 
-    Attributes
-    ----------
-    file
-        The reader, for all that is not here.
-
     Raises
     ------
     rig.errors.DataFileError
@@ -53,12 +48,25 @@ class Scan:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.file = ScanFile(os.fspath(path))
+        self._file = ScanFile(os.fspath(path))
 
     @property
     def path(self) -> Path:
         """Where the file is."""
-        return self.file.path
+        return self._file.path
+
+    @property
+    def file(self) -> ScanFile:
+        """The reader, for all that is not here.
+
+        Raises
+        ------
+        rig.errors.UsageError
+            If the scan was closed, as of all that reads.
+        """
+        if not self._file.is_open:
+            raise UsageError(f"{self.path} was closed; open it again with rig.open({str(self.path)!r})")
+        return self._file
 
     @property
     def status(self) -> str:
@@ -229,7 +237,7 @@ class Scan:
 
     def close(self) -> None:
         """Close the file; photons can no longer be read."""
-        self.file.close()
+        self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -244,16 +252,16 @@ class Scan:
         return self.file.steps
 
     def __repr__(self) -> str:
-        if not self.file.is_open:
+        if not self._file.is_open:
             return f"<rig.Scan {self.path}, closed>"
         bins = f"{len(self.file.channels)} channels, " if len(self.file.channels) > 1 else ""
         return f"<rig.Scan {self.path}: {self.status}, {len(self)} positions, {bins}{self.file.bins} bins>"
 
     def __str__(self) -> str:
-        return str(self.file) if self.file.is_open else repr(self)
+        return str(self._file) if self._file.is_open else repr(self)
 
     def _repr_html_(self) -> str:
-        return html.table(str(self.path), self.file.summary() if self.file.is_open else {"file": "closed"})
+        return html.table(str(self.path), self.file.summary() if self._file.is_open else {"file": "closed"})
 
 
 def open_scan(path: str | os.PathLike[str]) -> Scan:

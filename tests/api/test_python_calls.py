@@ -4,6 +4,7 @@ import dataclasses
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,6 +112,47 @@ def test_a_callback_that_fails_leaves_a_scan_that_is_resumed():
         assert scan.status == "complete"
 
 
+class Steady:
+    """A timing instrument that counts the same everywhere; it remembers whether it was left."""
+
+    identity, bins, bin_width_s, first_bin_s = "Steady", 50, 1e-9, 0.0
+
+    def __init__(self):
+        self.entered, self.left = 0, 0
+
+    def __enter__(self):
+        self.entered += 1
+        return self
+
+    def __exit__(self, *problem):
+        self.left += 1
+
+    def settings(self):
+        return {}
+
+    def rates(self):
+        return SimpleNamespace(sync_hz=10e6, input_hz=1e5)
+
+    def warnings(self):
+        return ()
+
+    def measure(self, exposure_s, meanwhile):
+        counts = np.full((1, self.bins), 3, np.uint32)
+        return SimpleNamespace(counts=counts, photons=150, live_time_s=exposure_s, warnings=(), whole=True)
+
+
+def test_a_device_of_ones_own_measures_and_goes_on_with_a_scan():
+    mine = Steady()
+    part = rig.scan("a.h5", devices={"tcspc": mine}, progress=lambda now: now.done == 4, **SMALL)
+    part.close()
+    with pytest.raises(RefusedError, match="began with the tcspc 'Steady'"):
+        rig.resume("a.h5")
+    with rig.resume("a.h5", devices={"tcspc": mine}) as scan:
+        assert (scan.counts() == 3).all()
+        assert scan.info["photons"] == 6 * 150
+    assert (mine.entered, mine.left) == (2, 2)
+
+
 def test_text_and_numbers_ask_the_same(letters):
     with rig.open_scan(letters) as scan:
         text = scan.image(wavelength="40cm", depth="0.9m:1.6m:10cm", voxel="16cm")
@@ -128,6 +170,8 @@ def test_a_scan_shows_itself(letters):
         np.testing.assert_array_equal(scan.counts(slice(4, 20, 5)), scan.counts()[4:20:5])
         np.testing.assert_array_equal(scan.histogram(-1), scan.counts()[-1])
     assert repr(scan) == f"<rig.Scan {letters}, closed>"
+    with pytest.raises(UsageError, match=r"was closed; open it again with rig\.open"):
+        scan.histogram(0)
 
 
 def test_an_image_replaces_nothing_unless_asked(letters):
