@@ -184,7 +184,8 @@ def scan(
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
+    others = Onlookers(end, live, fresh_to_m, video, state.config.notify)
+    records = beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
