@@ -3,7 +3,7 @@
 The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `recon.registry` holds all.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -103,10 +103,20 @@ def image(
 
 def focused(problem: ImagingProblem, solver: str, pulse: VirtualPulse) -> Image:
     """Image a problem of one moment; raises as `image`."""
+    return pictured(problem, planes(problem, solver), solver, pulse)
+
+
+def pictured(
+    problem: ImagingProblem,
+    focused_planes: Iterable[NDArray[np.complexfloating]],
+    solver: str,
+    pulse: VirtualPulse,
+) -> Image:
+    """Put the planes of a problem of one moment, in order of depth, together to an image."""
     shape = problem.grid.shape
     field = np.empty(shape, np.complex64)
     late_s = np.empty(shape, np.float32) if problem.slopes else None
-    for index, plane in enumerate(planes(problem, solver)):
+    for index, plane in enumerate(focused_planes):
         field[index] = plane[0]
         if late_s is not None:
             late_s[index] = lateness_s(plane[0], plane[1], pulse)

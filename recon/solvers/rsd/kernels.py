@@ -146,6 +146,24 @@ def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def add_turned(total: C64, turn: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
+    """Add `turn` times the field, interpolated along the rows; then `turn` <- `turn` * `step`."""
+    for j in range(total.shape[0]):
+        sums, turns, steps, fields = total[j], turn[j], step[j], rows[j]
+        if weights.shape[1] == 1:
+            for i in range(len(sums)):
+                sums[i] += turns[i] * fields[first[i]]
+        else:
+            for i in range(len(sums)):
+                field = weights[i, 0] * fields[first[i]]
+                for t in range(1, weights.shape[1]):
+                    field += weights[i, t] * fields[first[i] + t]
+                sums[i] += turns[i] * field
+        for i in range(len(turns)):
+            turns[i] *= steps[i]
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def spread_rows(rows: C64, first: INT, weights: F32, lattice: C64) -> None:
     """Add (rows, width) onto (lattice rows, width): the adjoint of `read_rows`."""
     for j in range(len(first)):
