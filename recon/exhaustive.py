@@ -1,40 +1,12 @@
-"""Exhaustive captures: many laser spots, each with the same many pixels.
+"""Exhaustive captures: many laser spots, each with the same many pixels."""
 
-The image of pairs is a sum over pairs, so that the fields of runs of lasers add up:
-
-    U(v) = sum_l U_l(v),   U_l(v) = sum_omega g(omega) exp(i omega r_l(v)/c) sum_d H^(l, d, omega)
-                                    exp(i omega r_d(v)/c) / r_d(v)
-
-Inside, the detectors' side of one laser is focused by FFT as that of any scan with one detector spot; the
-spherical wave's transforms are shared by all lasers of a run (`recon.solvers.rsd.dispatch`). Only a run of
-lasers is in memory: its histograms, its spectra, and one field of the volume.
-
-Both sides are alike to light (Helmholtz), and the weight 1/r is that of the side that focuses by FFT: the
-pixels, or the lasers where these are more.
-"""
-
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.camera import Camera, ConfocalCamera
 from recon.capture import ArrayHistograms, Capture, Histograms
-from recon.errors import MemoryBoundError, ParameterError
-from recon.grid import VoxelGrid
-from recon.imaging import bounded, pictured, plan, planes
-from recon.result import Image
-from recon.sampling import CONFOCAL
-from recon.solvers.problem import ImagingProblem, ignore, part_of
-from recon.wave import VirtualPulse
-from recon.window import Window
-
-#: Lasers in a run at the most: more share so little that is not shared already.
-RUN = 64
-#: Memory that imaging takes beside the volume where no bound was asked for.
-USUAL_BYTES = 2**30
 
 
 class LaserHistograms(Protocol):
@@ -136,110 +108,3 @@ class Exhaustive:
     ) -> Capture:
         aperture_m, other_m = (laser_m, pixel_m) if self.lasers > len(self.pixel_m) else (pixel_m, laser_m)
         return Capture(histograms, self.bin_width_s, first_bin_s, aperture_m, other_m)
-
-
-def image(
-    capture: Exhaustive,
-    pulse: VirtualPulse,
-    grid: VoxelGrid,
-    *,
-    camera: Camera = CONFOCAL,
-    window: Window | None = None,
-    progress: Callable[[float], None] | None = None,
-    memory_bytes: int | None = None,
-) -> Image:
-    """Focus both sides on every voxel; as `recon.imaging.image` of all pairs, by the solver rsd.
-
-    Parameters
-    ----------
-    capture
-        All pairs.
-    pulse, grid, camera, window, progress, memory_bytes
-        As of `recon.imaging.image`; without a bound some `USUAL_BYTES` are taken beside the volume.
-
-    Raises
-    ------
-    MemoryBoundError, ReachError, ParameterError
-        As `recon.imaging.image`.
-    """
-    problem = planned(capture, pulse, grid, camera, window or Window())
-    told = progress or ignore
-    bound = memory_bytes or USUAL_BYTES + 2 * field_bytes(problem)
-    total = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
-    for lasers in runs(capture, problem, bound):
-        part = part_of(told, lasers.start / capture.lasers, lasers.stop / capture.lasers)
-        for sum_, plane in zip(total, partial(capture.block(lasers), problem, bound, part), strict=True):
-            sum_ += plane
-    return pictured(problem, total, "rsd", pulse)
-
-
-def planned(
-    capture: Exhaustive, pulse: VirtualPulse, grid: VoxelGrid, camera: Camera, window: Window
-) -> ImagingProblem:
-    """Choose bins and frequencies of all runs; raises as `image`."""
-    problem = plan(capture.outline(), pulse, grid, camera, window)
-    problem = replace(problem, slopes=isinstance(camera, ConfocalCamera))
-    if problem.frames != 1:
-        raise ParameterError(
-            f"{camera.name} camera", "an exhaustive capture", "it has no one source", "Relight a point."
-        )
-    return problem
-
-
-def partial(
-    block: Capture,
-    problem: ImagingProblem,
-    memory_bytes: int | None = None,
-    progress: Callable[[float], None] = ignore,
-) -> Iterator[NDArray[np.complexfloating]]:
-    """Yield what a run of lasers adds to each plane, (1 or 2, y, x) complex64; those of all runs add up.
-
-    Parameters
-    ----------
-    block
-        Of `Exhaustive.block`; any worker may have it.
-    problem
-        Of `planned`, the same for all runs.
-    memory_bytes
-        Bound on the memory of all, of which one field of the volume is the sum's.
-    progress
-        Called with the fraction that is done of this run.
-
-    Raises
-    ------
-    MemoryBoundError
-        If the bound is below the least that imaging one run needs.
-    """
-    part = replace(problem, capture=block, progress=progress)
-    spare = None if memory_bytes is None else memory_bytes - field_bytes(problem)
-    return planes(bounded(part, "rsd", spare), "rsd")
-
-
-def field_bytes(problem: ImagingProblem) -> int:
-    """Return the size of a sum over runs."""
-    return 8 * (1 + problem.slopes) * problem.grid.size
-
-
-def runs(capture: Exhaustive, problem: ImagingProblem, memory_bytes: int) -> Iterator[slice]:
-    """Yield the runs of lasers: as long as one pass over the record suffices within the memory.
-
-    Where not even one laser's spectra fit, it is imaged in several passes by itself.
-
-    Raises
-    ------
-    MemoryBoundError
-        If one laser does not fit in any way.
-    """
-    size = min(RUN, capture.lasers)
-    while size > 1 and not _in_one_pass(capture.block(slice(size)), problem, memory_bytes):
-        size //= 2
-    for first in range(0, capture.lasers, size):
-        yield slice(first, min(first + size, capture.lasers))
-
-
-def _in_one_pass(block: Capture, problem: ImagingProblem, memory_bytes: int) -> bool:
-    try:
-        part = bounded(replace(problem, capture=block), "rsd", memory_bytes - field_bytes(problem))
-    except MemoryBoundError:
-        return False
-    return len(part.passes) == 1

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.capture import Capture
+from recon.exhaustive import Exhaustive
 from rig.errors import DataFileError, UsageError
 from rig.files.scan import ScanFile
 from rig.image.even_bins import corrected
@@ -30,6 +31,8 @@ class Seen:
         Full width at half maximum; None where unknown.
     rendered
         Whether it was rendered by this program: expectation values, without noise.
+    exhaustive
+        All pairs, where they are imaged by runs of lasers; ``capture`` is then their outline, to plan with.
     notes
         What was changed, and what speaks against it, as sentences.
     """
@@ -39,6 +42,12 @@ class Seen:
     instrument_response_s: float | None
     rendered: bool = False
     notes: tuple[str, ...] = ()
+    exhaustive: Exhaustive | None = None
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, or of pairs."""
+        return self.exhaustive.pairs if self.exhaustive else self.capture.positions
 
 
 def as_recorded(scan: ScanFile) -> Seen:
@@ -46,6 +55,16 @@ def as_recorded(scan: ScanFile) -> Seen:
     # Others' files of fractions may be counts that were normalised, with all their noise.
     rendered = scan.expectation and scan.simulated
     return Seen(scan.capture(), scan.fade_from_s, scan.instrument_response_s, rendered)
+
+
+def by_lasers(scan: ScanFile) -> Seen | None:
+    """Return an exhaustive capture as it was recorded; None where it is none."""
+    found = scan.exhaustive()
+    if found is None:
+        return None
+    rendered = scan.expectation and scan.simulated
+    response_s = scan.instrument_response_s
+    return Seen(found.outline(), scan.fade_from_s, response_s, rendered, exhaustive=found)
 
 
 def from_store(scan: ScanFile, store: CalibrationStore) -> Calibrations:

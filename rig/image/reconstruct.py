@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from recon import defaults
+from recon.by_lasers import image as by_lasers_image
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff
@@ -37,7 +38,7 @@ from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.origin import origin
-from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
+from rig.image.recalibrate import Seen, as_recorded, by_lasers, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
@@ -175,7 +176,7 @@ def reconstruct(
         page.save(volume, page_path)
     if video_path:
         _save_video(volume, request, video_path)
-    return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+    return Result(volume, reason, warnings, work.seen.positions, time.monotonic() - began_s)
 
 
 def _save_video(volume: Volume, request: Request, path: Path) -> None:
@@ -227,10 +228,15 @@ def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGri
     )
 
 
+def _both_sides_focus(request: Request) -> bool:
+    """Return whether an exhaustive capture is imaged as such: by runs of lasers."""
+    return request.solver == "rsd" and not (request.each_frame or CAMERAS[request.camera].film)
+
+
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
     """Return the scan as the calibrations asked for show it; by default as it was recorded."""
     if request.calibrations is None and not request.even_bins:
-        return as_recorded(scan)
+        return (_both_sides_focus(request) and by_lasers(scan)) or as_recorded(scan)
     if request.calibrations is None:
         calibrations = scan.calibrations
         seen = as_recorded(scan)
@@ -359,6 +365,16 @@ def _camera(work: Work) -> Camera:
 
 def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
     request = work.request
+    if work.seen.exhaustive:
+        return by_lasers_image(
+            work.seen.exhaustive,
+            work.pulse,
+            work.grid,
+            camera=camera,
+            window=work.window,
+            progress=progress,
+            memory_bytes=request.memory_bytes,
+        )
     return image(
         work.capture,
         work.pulse,
@@ -374,6 +390,9 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
 
 def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
+    if work.seen.exhaustive:  # whose noise is what the image shows
+        found = _focused(work, ConfocalCamera(), progress)
+        return found, find(found, quiet_level(found.intensity))
     capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
     found = _focused(reading, ConfocalCamera(), progress)
@@ -384,7 +403,8 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
 def _still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
-    attempts = ATTEMPTS if work.request.wavelength_m is None else 0
+    chosen_here = work.request.wavelength_m is None and not work.seen.exhaustive  # of which one takes minutes
+    attempts = ATTEMPTS if chosen_here else 0
     for attempt in range(1, attempts + 1):
         if surface.contrast_seen() >= WELL:
             break

@@ -41,6 +41,8 @@ from recon.wave import Band
 
 #: Time of the lattice for each FFT point, plane and frequency; half of it for confocal data.
 LATTICE_NS = 10.0
+#: The same for each of several groups with one lattice.
+SHARED_NS = 7.0
 #: Time of the table for each voxel and record.
 LOOKUP_NS = 4.5
 #: Most groups that share a lattice's waves at once: more save less than a hundredth of the time.
@@ -101,7 +103,7 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
         # term by term, from a copy of the spectra
         return Need(100 * capture.positions, 8 * capture.positions * many, many)
     round_trip_factor = groups[0].round_trip_factor
-    if together(capture, groups) and _on_a_lattice(groups[0], capture.laser_m):
+    if together(capture.laser_m, groups) and _on_a_lattice(groups[0], capture.laser_m):
         aperture = recognise(capture.laser_m[groups[0].records] - [0, 0, groups[0].depth_m])
         need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor)
         # beside the walls, the groups' own phases at the voxels of a plane, and their steps
@@ -165,14 +167,25 @@ def quicker_on_lattice(
         return False
     if _too_near(groups[0], band, grid) and not all(_on_a_lattice(group, laser_m) for group in groups):
         return False
-    points = 0.0
-    for group in groups:
-        x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
-        wavenumber = group.round_trip_factor * band.last_rad_per_s / C_M_PER_S
-        lengths = [plan_axis(axis, at, wavenumber).length for axis, at in ((x, grid.x_m), (y, grid.y_m))]
-        points += lengths[0] * lengths[1] / group.round_trip_factor
+    if len(groups) > 1 and together(laser_m, groups):
+        work_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
+    else:
+        work_ns = LATTICE_NS * sum(
+            _points(group, laser_m, band, grid) / group.round_trip_factor for group in groups
+        )
     other_ns = LOOKUP_NS if frames == 1 else TERM_NS * len(band)
-    return LATTICE_NS * points * len(grid.z_m) * len(band) < other_ns * len(laser_m) * grid.size
+    return work_ns * len(grid.z_m) * len(band) < other_ns * len(laser_m) * grid.size
+
+
+def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid) -> int:
+    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over."""
+    try:
+        aperture = recognise(laser_m[group.records] - [0, 0, group.depth_m])
+        x, y = aperture.x, aperture.y
+    except GeometryError:
+        x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
+    wavenumber = group.round_trip_factor * band.last_rad_per_s / C_M_PER_S
+    return plan_axis(y, grid.y_m, wavenumber).length * plan_axis(x, grid.x_m, wavenumber).length
 
 
 def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:
@@ -232,8 +245,10 @@ def _on_lattices(
         (len(problem.grid.z_m), 1 + problem.slopes, *problem.grid.shape[1:]), np.complex64
     )
     at_once = 1
-    if together(problem.capture, groups):
-        at_once = min(GROUPS, max(1, problem.working_bytes // _wall_bytes(problem, groups[0])))
+    laser_m = problem.capture.laser_m
+    if together(laser_m, groups):
+        wall_bytes = 8 * len(problem.band) * _points(groups[0], laser_m, problem.band, problem.grid)
+        at_once = min(GROUPS, max(1, problem.working_bytes // wall_bytes))
     for start in range(0, len(groups), at_once):
         some = groups[start : start + at_once]
         told = part_of(problem.progress, start / len(groups), (start + len(some)) / len(groups))
@@ -244,19 +259,10 @@ def _on_lattices(
     yield from total
 
 
-def together(capture: Capture, groups: Sequence[PlanarGroup]) -> bool:
+def together(laser_m: NDArray[np.float64], groups: Sequence[PlanarGroup]) -> bool:
     """Return whether all groups have the same positions in the same order, so that one lattice is theirs."""
-    first_m = capture.laser_m[groups[0].records]
-    return all(np.array_equal(capture.laser_m[group.records], first_m) for group in groups[1:])
-
-
-def _wall_bytes(problem: ImagingProblem, group: PlanarGroup) -> int:
-    """Return what the transforms of a group's wall take at all frequencies of a depth block."""
-    aperture, _ = _put(problem, np.zeros((1, problem.capture.positions), np.complex64), group)
-    wavenumber = group.round_trip_factor * problem.band.last_rad_per_s / C_M_PER_S
-    axes = (aperture.y, problem.grid.y_m), (aperture.x, problem.grid.x_m)
-    lengths = [plan_axis(axis, voxels_m, wavenumber).length for axis, voxels_m in axes]
-    return 8 * len(problem.band) * lengths[0] * lengths[1]
+    first_m = laser_m[groups[0].records]
+    return all(np.array_equal(laser_m[group.records], first_m) for group in groups[1:])
 
 
 def _shared_propagation(
