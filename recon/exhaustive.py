@@ -78,10 +78,15 @@ class Exhaustive:
 
     def block(self, lasers: slice) -> Capture:
         """Return a run of lasers as pairs, the side that focuses as laser spots."""
+        pairs = self.pairs_of(lasers)
+        return self._capture(pairs.histograms, pairs.first_bin_s, pairs.laser_m, pairs.detector_m)
+
+    def pairs_of(self, lasers: slice) -> Capture:
+        """Return a run of lasers as pairs of laser and detector spot, laser by laser."""
         lit_m = self.laser_m[lasers]
         sides_m = np.repeat(lit_m, len(self.pixel_m), axis=0), np.tile(self.pixel_m, (len(lit_m), 1))
         first_bin_s = self.first_bin_s[0] if self.first_bin_s.size == 1 else self.first_bin_s[lasers].ravel()
-        return self._capture(self.histograms.of(lasers), first_bin_s, *sides_m)
+        return Capture(self.histograms.of(lasers), self.bin_width_s, first_bin_s, *sides_m)
 
     def outline(self) -> Capture:
         """Return few pairs, in which each spot of either side is, with no histograms: to plan with.

@@ -14,10 +14,12 @@ from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
+from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load
+from recon.registry import taking as solvers_taking
 from recon.result import Image
 from recon.sampling import CONFOCAL, depth_blocks, path_limits_m
 from recon.solvers.problem import ImagingProblem, Solver, ignore
+from recon.spectrum import Spectra, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
@@ -36,6 +38,7 @@ def image(
     memory_bytes: int | None = None,
     device: str = "cpu",
     fft: bool | None = None,
+    taking: Spectra = spectra,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -72,6 +75,8 @@ def image(
         "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
     fft
         Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
+    taking
+        What takes the spectra of the capture, where they are not those of its histograms.
 
     Raises
     ------
@@ -92,6 +97,7 @@ def image(
         plan(capture, pulse, grid, camera, window, progress),
         device=device,
         fft=fft,
+        spectra=taking,
         slopes=isinstance(camera, ConfocalCamera),
     )
     if problem.frames != 1:
@@ -191,7 +197,7 @@ def check_device(solver: str, device: str) -> None:
             f"solver {solver}",
             f"device {device}",
             "it computes on the cpu alone",
-            f"Use {' or '.join(taking('device'))}, or the cpu.",
+            f"Use {' or '.join(solvers_taking('device'))}, or the cpu.",
         )
 
 

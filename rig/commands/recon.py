@@ -121,6 +121,13 @@ def recon(
             help="Average frames, one for each time that a voxel is so deep. [dim]\\[never][/dim]",
         ),
     ] = None,
+    relight: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Light one hidden point alone, e.g. 10cm,0cm,1m: of exhaustive captures.",
+        ),
+    ] = None,
     over: Annotated[
         Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
     ] = None,
@@ -166,6 +173,8 @@ def recon(
 
       rig recon scan.h5 --each-frame --video moving.gif
 
+      rig recon all.h5 --relight 10cm,0cm,1m --camera transient --video relit.gif
+
       rig recon scan.h5 --solver lct       an earlier method, to compare with
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
@@ -198,6 +207,7 @@ def recon(
         even_bins=even_bins,
         each_frame=each_frame,
         fresh_to_m=length(fresh_to),
+        relight_m=place(relight) if relight else None,
     )
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
@@ -216,6 +226,18 @@ def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
         raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
     start, stop, step = (parse(part, kind) for part in parts)
     return start, stop, step
+
+
+def place(text: str) -> tuple[float, float, float]:
+    """Read a place, three lengths with commas between them."""
+    from rig.errors import UsageError
+    from rig.model.quantities import parse
+
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise UsageError(f"'{text}' is not a place; write x, y and z, e.g. --relight 10cm,0cm,1m")
+    x_m, y_m, z_m = (parse(part, "length") for part in parts)
+    return x_m, y_m, z_m
 
 
 def depths(text: str) -> tuple[float, float, float]:

@@ -26,6 +26,7 @@ from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
 from recon.solvers.problem import ignore
+from recon.spectrum import Spectra, spectra
 from recon.surface import Surface, find
 from recon.video import FRAMES_PER_PULSE, Over, Sink, video
 from recon.video import frame_times_s as moments_s
@@ -38,7 +39,15 @@ from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.origin import origin
-from rig.image.recalibrate import Seen, as_recorded, by_lasers, from_store, recalibrated, with_even_bins
+from rig.image.recalibrate import (
+    Seen,
+    as_recorded,
+    by_lasers,
+    from_store,
+    recalibrated,
+    relit,
+    with_even_bins,
+)
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
@@ -76,6 +85,7 @@ class Request:
     even_bins: bool = False
     each_frame: bool = False
     fresh_to_m: float | None = None
+    relight_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +119,8 @@ class Work:
             parameters["falloff_power"] = found.falloff_power
         if surface:
             more["signal"] = not surface.empty
+        if self.request.relight_m is not None:
+            more["relight_m"] = list(self.request.relight_m)
         estimated = {"estimated": list(self.estimated)} if self.estimated else {}
         parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
         parameters["origin"] = dict(self.origin)
@@ -235,6 +247,8 @@ def _both_sides_focus(request: Request) -> bool:
 
 def _seen_with(scan: ScanFile, request: Request) -> Seen:
     """Return the scan as the calibrations asked for show it; by default as it was recorded."""
+    if request.relight_m is not None:
+        return relit(scan, request.relight_m)
     if request.calibrations is None and not request.even_bins:
         return (_both_sides_focus(request) and by_lasers(scan)) or as_recorded(scan)
     if request.calibrations is None:
@@ -282,12 +296,31 @@ def _check(request: Request, video_path: Path | None) -> None:
             "leave it out",
         )
     _check_each_frame(request)
+    _check_relight(request)
     if video_path:
         check_video(video_path)
         if not (CAMERAS[request.camera].film or request.each_frame):
             raise UsageError(
                 f"the {request.camera} camera makes no video; add --camera transient, or --each-frame"
             )
+
+
+def _check_relight(request: Request) -> None:
+    """Refuse what does not go with relighting a point."""
+    if request.relight_m is None:
+        return
+    if request.solver != "rsd" or request.camera == "photo":
+        raise UsageError(
+            "--relight goes with the solver rsd and the confocal or the transient camera, not with "
+            f"{request.camera} and {request.solver}; leave these out"
+        )
+    others = {
+        "--each-frame": request.each_frame,
+        "--calibrations": request.calibrations is not None,
+        "--even-bins": request.even_bins,
+        "--device": request.device != "cpu",
+    }
+    _refuse("a point is relit as the scan was recorded, so that", others, "leave it out")
 
 
 def _check_each_frame(request: Request) -> None:
@@ -365,7 +398,7 @@ def _camera(work: Work) -> Camera:
 
 def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
     request = work.request
-    if work.seen.exhaustive:
+    if work.seen.exhaustive and not work.seen.relit:
         return by_lasers_image(
             work.seen.exhaustive,
             work.pulse,
@@ -385,7 +418,13 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
         progress=progress,
         memory_bytes=request.memory_bytes,
         device=request.device,
+        taking=_spectra(work),
     )
+
+
+def _spectra(work: Work) -> Spectra:
+    """Return what takes the spectra of what is imaged."""
+    return work.seen.relit.spectra if work.seen.relit else spectra
 
 
 def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
@@ -448,7 +487,7 @@ def _film(
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
     request, grid, over = work.request, work.grid, work.request.over or "surface"
-    surface = _imaged(work, None)[1] if over == "surface" else None
+    surface = _imaged(_lit_by_all(work), None)[1] if over == "surface" else None
     depth_m = surface.depth_m if surface else None
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     begun = Image(
@@ -468,8 +507,17 @@ def _film(
             progress=progress,
             memory_bytes=request.memory_bytes,
             device=request.device,
+            taking=_spectra(work),
         )
     return work.volume(found, surface, over_depth=over)
+
+
+def _lit_by_all(work: Work) -> Work:
+    """Return the same work without relighting: what shows the scene's surface."""
+    if not (work.seen.relit and work.seen.exhaustive):
+        return work
+    seen = dataclasses.replace(work.seen, capture=work.seen.exhaustive.outline(), relit=None)
+    return dataclasses.replace(work, seen=seen)
 
 
 @contextmanager
