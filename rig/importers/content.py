@@ -39,8 +39,8 @@ class Content:
     assumed
         What was taken for granted, as plain sentences.
     pixels
-        Of an exhaustive capture, how many pixels each laser spot has: positions are laser by laser, the pixels
-        of each alike, and blocks hold whole lasers. 0 for others.
+        Of an exhaustive capture, how many pixels each laser spot has: positions are laser by laser, the
+        pixels of each alike, and blocks hold whole lasers. 0 for others.
     """
 
     laser_m: NDArray[np.float64]
