@@ -89,8 +89,9 @@ class CountForm(Form):
         """Return whether the counts are stored as this program stores them."""
         counts = transients["counts"]
         own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
-        own_chunks = counts.chunks[0] == 1 or counts.chunks[1:] == counts.shape[1:]
-        return own_filters and counts.scaleoffset is None and own_chunks
+        if not own_filters or counts.scaleoffset is not None:
+            return False
+        return counts.chunks[0] == 1 or counts.chunks[1:] == counts.shape[1:]
 
     @staticmethod
     def chunks(file: h5py.File, measured: int) -> Iterator[Chunk]:

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/exhaustive_speed.py FOLDER [--lasers 16x16] [--pixels 64x64]
 
-It prints processor seconds, peak memory and bytes read of each part, the floor of imaging (its FFTs alone), and
-how far a crop of the image is from the sum of all pairs, term by term in double precision. The rendered scan
-stays in the folder, and is used again.
+It prints processor seconds, peak memory and bytes read of each part, the floor of imaging (its FFTs alone),
+and how far a crop of the image is from the sum of all pairs, term by term in double precision. The rendered
+scan stays in the folder, and is used again.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def image(path: str) -> dict[str, Any]:
 
 
 def crop_error(whole: Any, found: Any) -> float:
-    """Return the worst difference of a few voxels from the sum over all pairs, in parts of the image's peak."""
+    """Return the worst difference of a few voxels from the sum over all pairs, in parts of the peak."""
     import numpy as np
 
     from recon.capture import C_M_PER_S
