@@ -1,6 +1,6 @@
 """How long an exhaustive capture takes: 16 x 16 lasers by 64 x 64 pixels, rendered and imaged on one core.
 
-    python tests/benchmarks/exhaustive_speed.py FOLDER [--lasers 16x16] [--pixels 64x64]
+    python tests/benchmarks/exhaustive_speed.py FOLDER [--scene patches] [--lasers 16x16] [--pixels 64x64]
 
 It prints processor seconds, peak memory and bytes read of each part, the floor of imaging (its FFTs alone),
 and how far a crop of the image is from the sum of all pairs, term by term in double precision. The rendered
@@ -25,15 +25,15 @@ MEMORY_BYTES = 2 * 10**9
 CROP = 4
 
 
-def render(folder: Path, lasers: str, pixels: str) -> dict[str, Any]:
-    """Render the letters."""
+def render(folder: Path, scene: str, lasers: str, pixels: str) -> dict[str, Any]:
+    """Render a scene, if that was not done before."""
     from rig.bench.render import TimeAxis, render_each_with_each
     from rig.commands.sim import exhaustive_spots_m
     from rig.model.config import built_in_with
 
-    path = folder / f"exhaustive-{lasers}-{pixels}.h5"
+    path = folder / f"exhaustive-{scene}-{lasers}-{pixels}.h5"
     if not path.exists():
-        config = built_in_with({"simulation": {"scene": "letters"}})
+        config = built_in_with({"simulation": {"scene": scene}})
         sides_m = exhaustive_spots_m(lasers, pixels, SPACING_M)
         render_each_with_each(*sides_m, config, TimeAxis(BINS, WIDTH_S), path)
     return {"file": str(path), "bytes": path.stat().st_size}
@@ -143,11 +143,12 @@ def _measured(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str,
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--scene", default="patches")
     parser.add_argument("--lasers", default="16x16")
     parser.add_argument("--pixels", default="64x64")
     given = parser.parse_args()
     os.environ |= dict.fromkeys(ONE_THREAD, "1")
     given.folder.mkdir(parents=True, exist_ok=True)
-    rendering = alone(render, given.folder, given.lasers, given.pixels)
+    rendering = alone(render, given.folder, given.scene, given.lasers, given.pixels)
     print(json.dumps({"render": rendering}, indent=1), flush=True)
     print(json.dumps({"image": alone(image, rendering["file"])}, indent=1))
