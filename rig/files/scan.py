@@ -31,6 +31,8 @@ PHOTONS_AT_ONCE = 2**22
 #: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
 #: their places alone take 0.5 GB.
 MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: Of histograms no places are kept: 64 x 64 lasers by 64 x 64 pixels.
+MOST_COUNTED = 2**24
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
 UNPACKED_BYTES, MOST_PACKED = 2**28, 512
@@ -238,10 +240,11 @@ class ScanFile(ScanOutline):
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
         pairs = self.steps * self.detector_m.shape[1]
-        if self.bins > MOST_BINS or pairs > MOST_PAIRS:
+        most_pairs = MOST_COUNTED if dense else MOST_PAIRS
+        if self.bins > MOST_BINS or pairs > most_pairs:
             raise DataFileError(
                 f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
-                f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
+                f"{most_pairs} and {MOST_BINS} are read: divide the scan"
             )
 
     def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
