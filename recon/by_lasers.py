@@ -25,6 +25,7 @@ from recon.errors import MemoryBoundError
 from recon.exhaustive import Exhaustive
 from recon.grid import VoxelGrid
 from recon.imaging import bounded, pictured, plan, planes
+from recon.noise import Noise, photon_noise, tallied
 from recon.result import Image
 from recon.sampling import CONFOCAL
 from recon.solvers.problem import ImagingProblem, ignore, part_of
@@ -62,12 +63,60 @@ def image(
         As `recon.imaging.image`.
     """
     problem = planned(capture, pulse, grid, camera, window or Window())
-    told = progress or ignore
-    bound = memory_bytes or USUAL_BYTES + 2 * field_bytes(problem)
+    return _summed(capture, problem, pulse, progress or ignore, memory_bytes, lambda block: block)
+
+
+def image_and_noise(
+    capture: Exhaustive,
+    pulse: VirtualPulse,
+    grid: VoxelGrid,
+    *,
+    window: Window | None = None,
+    progress: Callable[[float], None] | None = None,
+    memory_bytes: int | None = None,
+) -> tuple[Image, Noise | None]:
+    """Return the confocal camera's image of counted photons, and what noise they alone give.
+
+    Parameters and exceptions are those of `image`. The noise, a mean intensity, adds up over runs like the
+    counts; it is None where counts are no whole numbers.
+    """
+    window = window or Window()
+    problem = planned(capture, pulse, grid, CONFOCAL, window)
+    tally, levels, whole = None, np.zeros(()), True
+
+    def add() -> None:
+        nonlocal levels, whole
+        if tally is not None:
+            whole &= tally.whole
+            levels = levels + photon_noise(tally, pulse, grid).levels
+
+    def tallying(block: Capture) -> Capture:
+        nonlocal tally
+        add()  # what the run before was
+        block, tally = tallied(block, pulse, window)
+        return block
+
+    found = _summed(capture, problem, pulse, progress or ignore, memory_bytes, tallying)
+    add()
+    return found, Noise(levels, photons=True) if whole else None
+
+
+def _summed(
+    capture: Exhaustive,
+    problem: ImagingProblem,
+    pulse: VirtualPulse,
+    progress: Callable[[float], None],
+    memory_bytes: int | None,
+    seen_as: Callable[[Capture], Capture],
+) -> Image:
+    """Add up the fields of all runs, each block read as `seen_as` gives it."""
+    bound = memory_bytes or USUAL_BYTES + 2 * held_bytes(problem)
+    grid = problem.grid
     total = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
     for lasers in runs(capture, problem, bound):
-        part = part_of(told, lasers.start / capture.lasers, lasers.stop / capture.lasers)
-        for sum_, plane in zip(total, partial(capture.block(lasers), problem, bound, part), strict=True):
+        told = part_of(progress, lasers.start / capture.lasers, lasers.stop / capture.lasers)
+        block = seen_as(capture.block(lasers))
+        for sum_, plane in zip(total, partial(block, problem, bound, told), strict=True):
             sum_ += plane
     return pictured(problem, total, "rsd", pulse)
 
@@ -95,7 +144,7 @@ def partial(
     problem
         Of `planned`, the same for all runs.
     memory_bytes
-        Bound on the memory of all, of which one field of the volume is the sum's.
+        Bound on the memory of all, of which `held_bytes` are the sum's and the reader's.
     progress
         Called with the fraction that is done of this run.
 
@@ -105,13 +154,15 @@ def partial(
         If the bound is below the least that imaging one run needs.
     """
     part = replace(problem, capture=block, progress=progress)
-    spare = None if memory_bytes is None else memory_bytes - field_bytes(problem)
+    spare = None if memory_bytes is None else memory_bytes - held_bytes(problem)
     return planes(bounded(part, "rsd", spare), "rsd")
 
 
-def field_bytes(problem: ImagingProblem) -> int:
-    """Return the size of a sum over runs."""
-    return 8 * (1 + problem.slopes) * problem.grid.size
+def held_bytes(problem: ImagingProblem) -> int:
+    """Return the size of a sum over runs, and of a laser's histograms while they are read."""
+    reached = [part.bins for part in problem.depth_blocks if part.reached]
+    bins = max(bins.stop for bins in reached) - min(bins.start for bins in reached)
+    return 8 * (1 + problem.slopes) * problem.grid.size + 12 * problem.capture.positions * bins
 
 
 def runs(capture: Exhaustive, problem: ImagingProblem, memory_bytes: int) -> Iterator[slice]:
@@ -133,7 +184,7 @@ def runs(capture: Exhaustive, problem: ImagingProblem, memory_bytes: int) -> Ite
 
 def _in_one_pass(block: Capture, problem: ImagingProblem, memory_bytes: int) -> bool:
     try:
-        part = bounded(replace(problem, capture=block), "rsd", memory_bytes - field_bytes(problem))
+        part = bounded(replace(problem, capture=block), "rsd", memory_bytes - held_bytes(problem))
     except MemoryBoundError:
         return False
     return len(part.passes) == 1

@@ -26,7 +26,7 @@ from recon.sampling import DepthBlock
 from recon.spectrum import spectra
 from recon.window import Window
 
-#: Memory for the spectra of a run of lasers.
+#: Usual memory for the spectra of a run of lasers.
 RUN_BYTES = 256 * 2**20
 
 
@@ -40,10 +40,13 @@ class Relit:
         All pairs.
     point_m
         (3,) hidden point a [m].
+    run_bytes
+        Memory for the spectra of a run of lasers; those of one laser are taken in any case.
     """
 
     capture: Exhaustive
     point_m: NDArray[np.float64]
+    run_bytes: int = RUN_BYTES
 
     @property
     def to_point_m(self) -> NDArray[np.float64]:
@@ -73,14 +76,14 @@ class Relit:
     ) -> list[NDArray[np.complexfloating]]:
         """Return H^_a of all pixels, (F, D) for each depth block; parameters as of `recon.spectrum.spectra`.
 
-        Lasers are taken by runs, of which no more than `RUN_BYTES` are in memory.
+        Lasers are taken by runs, one after the other.
         """
         whole, pixels = self.capture, len(self.capture.pixel_m)
         total: list[NDArray[np.complexfloating]] = [
             np.zeros((part.reached * len(part.band), pixels), dtype) for part in depth_blocks
         ]
         of_laser = np.dtype(dtype).itemsize * sum(map(np.size, total))
-        run = max(1, RUN_BYTES // max(1, of_laser))
+        run = max(1, self.run_bytes // max(1, of_laser))
         for first in range(0, whole.lasers, run):
             lasers = slice(first, min(first + run, whole.lasers))
             found = spectra(whole.pairs_of(lasers), depth_blocks, window, None, dtype)

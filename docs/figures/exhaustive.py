@@ -100,7 +100,8 @@ def main() -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 3)
     amplitude = both.amplitude * (GRID.z_m / GRID.z_m[-1])[:, None, None] ** 2
-    most = (first * beyond).max()
+    voxels_m = np.stack(np.meshgrid(GRID.z_m, GRID.y_m, GRID.x_m, indexing="ij"), axis=-1)[..., ::-1]
+    most = first[np.linalg.norm(voxels_m - b_m, axis=-1) < SIDE_M / 2].max()
     share = most / direct.max()
     top(axes[0, 0], amplitude, "all lit, both sides focused", amplitude.max())
     top(axes[0, 1], direct, "A lit, t = 0: direct light", direct.max())

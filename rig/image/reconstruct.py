@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from recon import defaults
 from recon.by_lasers import image as by_lasers_image
+from recon.by_lasers import image_and_noise
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff
@@ -416,22 +417,43 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
         camera=camera,
         window=work.window,
         progress=progress,
-        memory_bytes=request.memory_bytes,
+        memory_bytes=_memory_bytes(work),
         device=request.device,
         taking=_spectra(work),
     )
 
 
 def _spectra(work: Work) -> Spectra:
-    """Return what takes the spectra of what is imaged."""
-    return work.seen.relit.spectra if work.seen.relit else spectra
+    """Return what takes the spectra; of a bound on memory, those of lasers have a quarter."""
+    relit_point, bound = work.seen.relit, work.request.memory_bytes
+    if relit_point is None:
+        return spectra
+    if bound is not None:
+        relit_point = dataclasses.replace(relit_point, run_bytes=min(relit_point.run_bytes, bound // 4))
+    return relit_point.spectra
+
+
+def _memory_bytes(work: Work) -> int | None:
+    """Return the bound on the memory of imaging itself."""
+    bound = work.request.memory_bytes
+    return bound if bound is None or work.seen.relit is None else bound - bound // 4
 
 
 def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
-    if work.seen.exhaustive:  # whose noise is what the image shows
+    if work.seen.relit or (work.seen.exhaustive and work.seen.rendered):
         found = _focused(work, ConfocalCamera(), progress)
         return found, find(found, quiet_level(found.intensity))
+    if work.seen.exhaustive:
+        found, counted = image_and_noise(
+            work.seen.exhaustive,
+            work.pulse,
+            work.grid,
+            window=work.window,
+            progress=progress,
+            memory_bytes=work.request.memory_bytes,
+        )
+        return found, find(found, counted or quiet_level(found.intensity))
     capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
     found = _focused(reading, ConfocalCamera(), progress)
@@ -505,7 +527,7 @@ def _film(
             sink=sink,
             window=work.window,
             progress=progress,
-            memory_bytes=request.memory_bytes,
+            memory_bytes=_memory_bytes(work),
             device=request.device,
             taking=_spectra(work),
         )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recon.by_lasers import image, partial, planned, runs
+from recon.by_lasers import image, image_and_noise, partial, planned, runs
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, MemoryBoundError
@@ -14,6 +14,7 @@ from recon.exhaustive import ArrayLaserHistograms, Exhaustive
 from recon.grid import VoxelGrid
 from recon.imaging import image as image_of_pairs
 from recon.imaging import pictured, plan
+from recon.noise import photon_noise, tallied
 from recon.sampling import CONFOCAL
 from recon.wave import VirtualPulse
 from recon.window import Window
@@ -96,6 +97,22 @@ def test_a_bound_on_memory_cuts_runs_and_passes(both):
     assert lengths[0] > lengths[1] == 1
     # another number of lasers may go another way: the tables' straight lines are right to 1.2e-4
     assert worst(image(whole, PULSE, GRID, memory_bytes=least).field, usual.field) < 2e-4
+
+
+def test_noise_of_counted_photons_adds_up_over_runs(both):
+    """Tiles are others than those of all pairs: places differ by a tenth of the wall, and paths little."""
+    capture, whole = both
+    counts = np.random.default_rng(6).poisson(whole.histograms.counts * 50)
+    counted = replace(whole, histograms=ArrayLaserHistograms(counts))
+    pairs_counted = replace(capture, histograms=ArrayHistograms(counts.reshape(-1, BINS)))
+    found, noise = image_and_noise(counted, PULSE, GRID)
+    assert worst(found.field, image(counted, PULSE, GRID).field) < 1e-6
+    tallying, tally = tallied(pairs_counted, PULSE, Window())
+    image_of_pairs(tallying, PULSE, GRID)
+    np.testing.assert_allclose(noise.levels, photon_noise(tally, PULSE, GRID).levels, rtol=0.05)
+    assert (
+        image_and_noise(replace(whole, histograms=ArrayLaserHistograms(counts * 0.5)), PULSE, GRID)[1] is None
+    )
 
 
 def test_an_outline_plans_as_all_pairs_do(both):
