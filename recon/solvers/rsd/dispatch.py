@@ -106,8 +106,9 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     if together(capture.laser_m, groups) and _on_a_lattice(groups[0], capture.laser_m):
         aperture = recognise(capture.laser_m[groups[0].records] - [0, 0, groups[0].depth_m])
         need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor)
-        # beside the walls, the groups' own phases at the voxels of a plane, and their steps
-        shared = 16 * (cpu_count() or 1) * min(len(groups), GROUPS) * planes.size // len(planes.z_m)
+        # beside the walls, the groups' own phases at the voxels of a plane, their steps, and the wave
+        pixels = planes.size // len(planes.z_m)
+        shared = (cpu_count() or 1) * (16 * min(len(groups), GROUPS) * pixels + need.least)
         return replace(need, fixed=need.fixed + (shared if len(groups) > 1 else 0))
     # The lattice over all positions is as large as that of any group.
     x, y = lattice(capture.laser_m, round_trip_factor, part.band, planes)
