@@ -6,7 +6,7 @@ The lasers' side is focused on a point a of the hidden scene, in each frequency 
 
 and what is left is a capture with one lamp, a pulse that is at a at t = 0. The pixels' side is focused on
 voxels as that of any other. U_a(v, t) is an element of the virtual light transport matrix from a to v, and
-time tells its parts apart: light scattered by a alone is seen at v = a and t = 0 (direct); light that goes on
+time separates its parts: light scattered by a alone is seen at v = a and t = 0 (direct); light that goes on
 from a to v is at v at t = |v - a|/c (first-order indirect); all else is later (higher-order indirect).
 
 After Marco et al., "Virtual light transport matrices for non-line-of-sight imaging", ICCV 2021, in the sign

@@ -80,7 +80,7 @@ def test_light_goes_on_from_the_lit_point_at_the_speed_of_light(relit):
     )
 
 
-def test_a_separating_camera_tells_direct_from_indirect(relit):
+def test_direct_and_indirect_light_are_separated(relit):
     """The other square is dark at t = 0 but for side lobes, and lit when light from the lit one is there."""
     grid = VoxelGrid(np.array([LIT_M[0], OTHER_M[0]]), np.array([0.03]), np.array([0.8]))
     camera = SeparatingCamera(np.array([2e-9]))
