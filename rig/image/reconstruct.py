@@ -167,7 +167,7 @@ def reconstruct(
     with ScanFile(scan_path) as scan:
         if request.each_frame:
             check_frames(scan)
-        work, reason = chosen(scan, request)
+        work, reason = chosen(scan, request, by_runs=True)
         camera = _camera(work)
         if request.each_frame:
             volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
@@ -206,9 +206,17 @@ def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
     return _still(work, reason, None)[:2]
 
 
-def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
-    """Choose what was not asked for; say why this wavelength."""
-    seen = _seen_with(scan, request)
+def chosen(scan: ScanFile, request: Request, *, by_runs: bool = False) -> tuple[Work, str]:
+    """Choose what was not asked for; say why this wavelength.
+
+    Parameters
+    ----------
+    scan, request
+        What, and how.
+    by_runs
+        Whether an exhaustive capture may be seen as such, its capture being an outline without histograms.
+    """
+    seen = _seen_with(scan, request, by_runs and _both_sides_focus(request))
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
@@ -243,15 +251,16 @@ def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGri
 
 def _both_sides_focus(request: Request) -> bool:
     """Return whether an exhaustive capture is imaged as such: by runs of lasers."""
-    return request.solver == "rsd" and not (request.each_frame or CAMERAS[request.camera].film)
+    on_cpu = request.device == "cpu"  # which others take one spot, or confocal data
+    return request.solver == "rsd" and on_cpu and not (request.each_frame or CAMERAS[request.camera].film)
 
 
-def _seen_with(scan: ScanFile, request: Request) -> Seen:
+def _seen_with(scan: ScanFile, request: Request, by_runs: bool) -> Seen:
     """Return the scan as the calibrations asked for show it; by default as it was recorded."""
     if request.relight_m is not None:
         return relit(scan, request.relight_m)
     if request.calibrations is None and not request.even_bins:
-        return (_both_sides_focus(request) and by_lasers(scan)) or as_recorded(scan)
+        return (by_lasers(scan) if by_runs else None) or as_recorded(scan)
     if request.calibrations is None:
         calibrations = scan.calibrations
         seen = as_recorded(scan)

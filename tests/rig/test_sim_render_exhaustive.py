@@ -8,6 +8,7 @@ import pytest
 
 from rig.files import ScanDescription, ScanWriter
 from rig.files.scan import ScanFile
+from rig.image.reconstruct import Request, chosen
 from simulators.scenes import scene
 from simulators.transport.each_with_each import EachWithEach
 from simulators.transport.renderer import Transport
@@ -55,6 +56,10 @@ def test_a_hidden_point_is_imaged_where_it_is(rig, rendered):
     assert done.code == 0, done.err
     assert json.loads(done.out)["positions"] == 36 * 256
     assert brightest("v.h5") == pytest.approx([1.0, 0.0, 0.0], abs=0.051)
+    with ScanFile("all.h5") as scan:
+        # other verbs see pairs with their histograms, `rig recon` an outline and runs of lasers
+        assert chosen(scan, Request())[0].capture.positions == 36 * 256
+        assert chosen(scan, Request(), by_runs=True)[0].capture.positions == 256
 
 
 def brightest(path):
