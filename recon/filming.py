@@ -22,6 +22,7 @@ from recon.registry import name_of
 from recon.result import Image
 from recon.sampling import path_limits_m
 from recon.solvers.problem import Solver
+from recon.spectrum import Spectra, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
@@ -49,12 +50,13 @@ def video(
     progress: Progress | None = None,
     memory_bytes: int | None = None,
     device: str = "cpu",
+    taking: Spectra = spectra,
 ) -> Image:
     """Film how the flash of one point source travels through the hidden scene.
 
     Parameters
     ----------
-    capture, pulse, grid, solver, window, progress, memory_bytes, device
+    capture, pulse, grid, solver, window, progress, memory_bytes, device, taking
         As of `recon.imaging.image`.
     camera
         Which moments to show.
@@ -100,7 +102,7 @@ def video(
         )
     window = window or Window()
     check_device(solver, device)
-    problem = replace(plan(capture, pulse, grid, camera, window, progress), device=device)
+    problem = replace(plan(capture, pulse, grid, camera, window, progress), device=device, spectra=taking)
     problem = bounded(problem, solver, memory_bytes)
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)

@@ -3,7 +3,7 @@
 The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `recon.registry` holds all.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +14,12 @@ from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, entry_of, load, name_of, taking
+from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, entry_of, load, name_of
+from recon.registry import taking as solvers_taking
 from recon.result import Image
 from recon.sampling import CONFOCAL, depth_blocks, path_limits_m
 from recon.solvers.problem import ImagingProblem, Solver, ignore
+from recon.spectrum import Spectra, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
@@ -36,6 +38,7 @@ def image(
     memory_bytes: int | None = None,
     device: str = "cpu",
     fft: bool | None = None,
+    taking: Spectra = spectra,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -74,6 +77,8 @@ def image(
         "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
     fft
         Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
+    taking
+        What takes the spectra of the capture, where they are not those of its histograms.
 
     Raises
     ------
@@ -114,6 +119,7 @@ def image(
         plan(capture, pulse, grid, camera, window, progress),
         device=device,
         fft=fft,
+        spectra=taking,
         slopes=isinstance(camera, ConfocalCamera) and not callable(solver),
     )
     if problem.frames != 1:
@@ -125,10 +131,20 @@ def image(
 
 def focused(problem: ImagingProblem, solver: str | Solver, pulse: VirtualPulse) -> Image:
     """Image a problem of one moment; raises as `image`."""
+    return pictured(problem, planes(problem, solver), solver, pulse)
+
+
+def pictured(
+    problem: ImagingProblem,
+    focused_planes: Iterable[NDArray[np.complexfloating]],
+    solver: str | Solver,
+    pulse: VirtualPulse,
+) -> Image:
+    """Put the planes of a problem of one moment, in order of depth, together to an image."""
     shape = problem.grid.shape
     field = np.empty(shape, np.complex64)
     late_s = np.empty(shape, np.float32) if problem.slopes else None
-    for index, plane in enumerate(planes(problem, solver)):
+    for index, plane in enumerate(focused_planes):
         if plane.shape[1:] != shape[1:]:
             raise ParameterError(
                 f"solver {name_of(solver)}",
@@ -212,7 +228,7 @@ def check_device(solver: str | Solver, device: str) -> None:
             f"solver {name_of(solver)}",
             f"device {device}",
             "it computes on the cpu alone",
-            f"Use {' or '.join(taking('device'))}, or the cpu.",
+            f"Use {' or '.join(solvers_taking('device'))}, or the cpu.",
         )
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from simulators.detector import Detector
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
-    from simulators.transport.light_paths import Renderer
+    from simulators.transport.renderer import Transport
     from simulators.wire.daq import DaqWiring
     from simulators.wire.harp import HarpSimulator, SimulatedFamily, Timing
     from simulators.wire.instruments import SimulatedInstruments
@@ -314,7 +314,7 @@ def mesh_triangles_m(path: Path) -> NDArray[np.float64]:
         raise DataFileError(str(error)) from None
 
 
-def renderer(config: RigConfig) -> "Renderer":
+def renderer(config: RigConfig) -> "Transport":
     """Return what follows the light in the hidden scene.
 
     Raises

@@ -122,6 +122,13 @@ def recon(
             help="Average frames, one for each time that a voxel is so deep. [dim]\\[never][/dim]",
         ),
     ] = None,
+    relight: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Light one hidden point alone, e.g. 10cm,0cm,1m: of exhaustive captures.",
+        ),
+    ] = None,
     over: Annotated[
         Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
     ] = None,
@@ -177,6 +184,8 @@ def recon(
 
       rig recon scan.h5 --each-frame --video moving.gif
 
+      rig recon all.h5 --relight 10cm,0cm,1m --camera transient --video relit.gif
+
       rig recon scan.h5 --solver lct       an earlier method, to compare with
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
@@ -206,6 +215,7 @@ def recon(
         even_bins=even_bins,
         each_frame=each_frame,
         fresh_to=fresh_to,
+        relight=relight,
     )
     if preview:
         _preview(scan, request, {"--out": out, "--page": page, "--video": video}, image, force, as_json)

@@ -2,12 +2,15 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.commands.options import BUILT_IN, AsJson, Grid, Place, Rotate, Scale, Spacing, config_option
 from rig.commands.results import told_if_stopped
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -37,6 +40,21 @@ def render(
     scale: Scale = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    lasers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLSxROWS",
+            help="Laser spots of an exhaustive capture: each with each of --pixels. [dim]\\[none][/dim]",
+        ),
+    ] = None,
+    pixels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLSxROWS",
+            help="Pixels that see the wall, --spacing apart, for each of --lasers, which are spread over "
+            "the same wall. [dim]\\[the rig's][/dim]",
+        ),
+    ] = None,
     roughness: Annotated[
         float | None,
         typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
@@ -60,11 +78,15 @@ def render(
       rig sim render office office.h5                                 the whole wall, three bounces
 
       rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm --bin-width 16ps --bins 4000
+
+      rig sim render letters all.h5 --lasers 16x16 --pixels 64x64 --spacing 2cm --bin-width 32ps --bins 512
     """
     import time
 
+    import numpy as np
+
     from rig.bench.placed import looked_at
-    from rig.bench.render import TimeAxis
+    from rig.bench.render import TimeAxis, render_each_with_each
     from rig.bench.render import render as rendered
     from rig.commands import console
     from rig.devices.kinds import time_axis
@@ -80,29 +102,57 @@ def render(
             f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
         )
     rig_config = asked.configuration(config, None, simulation)
+    if bool(lasers) != bool(pixels) or (lasers and grid):
+        raise UsageError(
+            "an exhaustive capture has --lasers and --pixels, both, and no --grid; e.g. --lasers 16x16 "
+            "--pixels 64x64"
+        )
     plan = asked.plan(rig_config, grid=grid, spacing=spacing)
+    sides_m = plan.spots_m, np.array([channel.spot_m for channel in rig_config.channels])
+    if lasers and pixels:
+        spacing_m = parse(spacing, "length") if spacing else rig_config.scan.spacing_m
+        sides_m = exhaustive_spots_m(lasers, pixels, spacing_m)
     usual_bins, usual_width_s = time_axis(rig_config)
     axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
-    spots_m = [channel.spot_m for channel in rig_config.channels]
-    hidden = looked_at(rig_config, plan.spots_m, spots_m, (0.0, axis.bins * axis.bin_width_s))
+    hidden = looked_at(rig_config, *sides_m, (0.0, axis.bins * axis.bin_width_s))
     if hidden:
         console.say(hidden.words)
         for sentence in hidden.warnings:
             console.warn(sentence)
     began_s = time.monotonic()
     with told_if_stopped([out]), console.Working(f"rendering {scene}") as progress:
-        photons = rendered(plan, rig_config, axis, out, progress)
+        if lasers:
+            positions = len(sides_m[0]) * len(sides_m[1])
+            photons = render_each_with_each(*sides_m, rig_config, axis, out, progress)
+        else:
+            positions, photons = len(plan), rendered(plan, rig_config, axis, out, progress)
     took_s = time.monotonic() - began_s
     if as_json:
-        result = {"file": str(out), "positions": len(plan), "bins": axis.bins, "expected": photons}
+        result = {"file": str(out), "positions": positions, "bins": axis.bins, "expected": photons}
         console.print_json({**result, "took_s": round(took_s, 2)})
         return
     console.print_facts(
         str(out),
         {
-            "positions": f"{len(plan):,}, {axis.bins:,} bins each",
+            "positions": f"{positions:,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
             "size": f"{out.stat().st_size / 1e6:.1f} MB",
             "took": show_duration(took_s),
         },
     )
+
+
+def exhaustive_spots_m(lasers: str, pixels: str, spacing_m: float) -> "tuple[NDArray, NDArray]":
+    """Read the options --lasers and --pixels: spots of both, spread over the same wall, its middle at zero.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If one is no grid.
+    """
+    from rig.bench.render import even_grid
+    from rig.model.asked import columns_and_rows
+
+    columns, rows = columns_and_rows(pixels)
+    wall_m = columns * spacing_m, rows * spacing_m
+    return even_grid(*columns_and_rows(lasers), *wall_m), even_grid(columns, rows, *wall_m)

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
+from recon.exhaustive import Exhaustive
 from rig.errors import DataFileError, in_shell
 from rig.files import forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import plain, reading
 from rig.files.description import Settings, rectified_by_s
-from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
+from rig.files.histograms import DenseHistograms, LaserHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal
 from rig.files.outline import ScanOutline, why_mended
 from rig.model.config import RigConfig
@@ -30,6 +31,8 @@ PHOTONS_AT_ONCE = 2**22
 #: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
 #: their places alone take 0.5 GB.
 MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: Of histograms no places are kept: 64 x 64 lasers by 64 x 64 pixels.
+MOST_COUNTED = 2**24
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
 UNPACKED_BYTES, MOST_PACKED = 2**28, 512
@@ -237,10 +240,11 @@ class ScanFile(ScanOutline):
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
         pairs = self.steps * self.detector_m.shape[1]
-        if self.bins > MOST_BINS or pairs > MOST_PAIRS:
+        most_pairs = MOST_COUNTED if dense else MOST_PAIRS
+        if self.bins > MOST_BINS or pairs > most_pairs:
             raise DataFileError(
                 f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
-                f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
+                f"{most_pairs} and {MOST_BINS} are read: divide the scan"
             )
 
     def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
@@ -430,6 +434,33 @@ class ScanFile(ScanOutline):
             first_bin_s=first_bin_s,
             laser_m=np.repeat(laser_m, count, axis=0),
             detector_m=detector_m,
+        )
+
+    def exhaustive(self) -> Exhaustive | None:
+        """Return a scan of many lasers by many pixels in rectified time, read laser by laser.
+
+        None where it is no such scan: of one frame, histograms, and pixels that are a finer aperture than the
+        lasers, or as fine. Any scan is a `capture`. It is valid while the file is open.
+
+        Raises
+        ------
+        DataFileError
+            If nothing was measured, or the passes differ in their settings.
+        """
+        if self.tagged or self.frames > 1 or len(self.detector_m) > 1 or self.version == 1:
+            return None
+        steps, _ = self.imaged
+        if not 1 < len(steps) <= len(self.channels):
+            return None
+        first_bin_s = np.full((1, 1), self.first_bin_s)
+        if self.time_origin == "laser":
+            first_bin_s = self.first_bin_s - self.rectified_by_s()[steps]
+        return Exhaustive(
+            LaserHistograms(self.path, self._file["transients/counts"], steps),
+            self.bin_width_s,
+            first_bin_s,
+            self.laser_m[steps],
+            self.detector_m[0],
         )
 
     @property

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.errors import UsageError
 from rig.image.reconstruct import Request
-from rig.model.quantities import depths, si, si_range
+from rig.model.quantities import depths, parse, si, si_range
 
 if TYPE_CHECKING:
     from recon.filming import Over
@@ -37,6 +38,7 @@ def asked(
     even_bins: bool = False,
     each_frame: bool = False,
     fresh_to: Quantity | None = None,
+    relight: str | tuple[float, float, float] | None = None,
 ) -> Request:
     """Read what is asked of imaging; the names are those of the options of `rig recon`.
 
@@ -66,4 +68,16 @@ def asked(
         even_bins=even_bins,
         each_frame=each_frame,
         fresh_to_m=si(fresh_to, "length"),
+        relight_m=_place_m(relight),
     )
+
+
+def _place_m(place: str | tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+    """Read a place: text, three lengths with commas between them, or three numbers in metres."""
+    if place is None or not isinstance(place, str):
+        return place
+    parts = place.split(",")
+    if len(parts) != 3:
+        raise UsageError(f"'{place}' is not a place; write x, y and z, e.g. --relight 10cm,0cm,1m")
+    x_m, y_m, z_m = (parse(part, "length") for part in parts)
+    return x_m, y_m, z_m

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from recon import defaults
+from recon.by_lasers import image as by_lasers_image
+from recon.by_lasers import image_and_noise
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff
@@ -27,6 +29,7 @@ from recon.result import Image
 from recon.sampling import CONFOCAL
 from recon.solvers.classic.solve import baseline_image
 from recon.solvers.problem import Solver, ignore
+from recon.spectrum import Spectra, spectra
 from recon.surface import Surface, find
 from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
@@ -37,7 +40,15 @@ from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
 from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.origin import origin
-from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
+from rig.image.recalibrate import (
+    Seen,
+    as_recorded,
+    by_lasers,
+    from_store,
+    recalibrated,
+    relit,
+    with_even_bins,
+)
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show_length
@@ -75,6 +86,7 @@ class Request:
     even_bins: bool = False
     each_frame: bool = False
     fresh_to_m: float | None = None
+    relight_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +120,8 @@ class Work:
             parameters["falloff_power"] = found.falloff_power
         if surface:
             more["signal"] = not surface.empty
+        if self.request.relight_m is not None:
+            more["relight_m"] = list(self.request.relight_m)
         estimated = {"estimated": list(self.estimated)} if self.estimated else {}
         parameters |= {"fade_from_s": found.window.start_s, **more, **calibrated, **estimated}
         parameters["origin"] = dict(self.origin)
@@ -186,7 +200,7 @@ def imaged(
         )
     if request.each_frame:
         check_frames(scan)
-    work, reason = chosen(scan, request)
+    work, reason = chosen(scan, request, by_runs=True)
     camera = _camera(work)
     if request.each_frame and volume_path:
         volume, warnings = _frame_by_frame(scan, work, volume_path, progress), warnings_of(work, camera)
@@ -201,7 +215,7 @@ def imaged(
         work, reason, volume = still(work, reason, progress)
         warnings = warnings_of(work, camera)
     warnings = (*scan.doubts, *_signal(volume), *warnings)
-    return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+    return Result(volume, reason, warnings, work.seen.positions, time.monotonic() - began_s)
 
 
 def _save_video(volume: Volume, request: Request, path: Path) -> None:
@@ -218,9 +232,17 @@ def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
     return still(work, reason, None)[:2]
 
 
-def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
-    """Choose what was not asked for; say why this wavelength."""
-    seen = _seen_with(scan, request)
+def chosen(scan: ScanFile, request: Request, *, by_runs: bool = False) -> tuple[Work, str]:
+    """Choose what was not asked for; say why this wavelength.
+
+    Parameters
+    ----------
+    scan, request
+        What, and how.
+    by_runs
+        Whether an exhaustive capture may be seen as such, its capture being an outline without histograms.
+    """
+    seen = _seen_with(scan, request, by_runs and _both_sides_focus(request))
     name = printable(scan.path.name)
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
@@ -262,10 +284,18 @@ def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGri
     )
 
 
-def _seen_with(scan: ScanFile, request: Request) -> Seen:
+def _both_sides_focus(request: Request) -> bool:
+    """Return whether an exhaustive capture is imaged as such: by runs of lasers."""
+    on_cpu = request.device == "cpu"  # which others take one spot, or confocal data
+    return request.solver == "rsd" and on_cpu and not (request.each_frame or CAMERAS[request.camera].film)
+
+
+def _seen_with(scan: ScanFile, request: Request, by_runs: bool) -> Seen:
     """Return the scan as the calibrations asked for show it; by default as it was recorded."""
+    if request.relight_m is not None:
+        return relit(scan, request.relight_m)
     if request.calibrations is None and not request.even_bins:
-        return as_recorded(scan)
+        return (by_lasers(scan) if by_runs else None) or as_recorded(scan)
     if request.calibrations is None:
         calibrations = scan.calibrations
         seen = as_recorded(scan)
@@ -313,12 +343,31 @@ def _check(request: Request, video_path: Path | None) -> None:
             "leave it out",
         )
     _check_each_frame(request)
+    _check_relight(request)
     if video_path:
         check_video(video_path)
         if not (CAMERAS[request.camera].film or request.each_frame):
             raise UsageError(
                 f"the {request.camera} camera makes no video; add --camera transient, or --each-frame"
             )
+
+
+def _check_relight(request: Request) -> None:
+    """Refuse what does not go with relighting a point."""
+    if request.relight_m is None:
+        return
+    if request.solver != "rsd" or request.camera == "photo":
+        raise UsageError(
+            "--relight goes with the solver rsd and the confocal or the transient camera, not with "
+            f"{request.camera} and {request.solver}; leave these out"
+        )
+    others = {
+        "--each-frame": request.each_frame,
+        "--calibrations": request.calibrations is not None,
+        "--even-bins": request.even_bins,
+        "--device": request.device != "cpu",
+    }
+    _refuse("a point is relit as the scan was recorded, so that", others, "leave it out")
 
 
 def _check_each_frame(request: Request) -> None:
@@ -401,6 +450,16 @@ def _camera(work: Work) -> Camera:
 
 def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
     request = work.request
+    if work.seen.exhaustive and not work.seen.relit:
+        return by_lasers_image(
+            work.seen.exhaustive,
+            work.pulse,
+            work.grid,
+            camera=camera,
+            window=work.window,
+            progress=progress,
+            memory_bytes=request.memory_bytes,
+        )
     return image(
         work.capture,
         work.pulse,
@@ -409,13 +468,43 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
         camera=camera,
         window=work.window,
         progress=progress,
-        memory_bytes=request.memory_bytes,
+        memory_bytes=_memory_bytes(work),
         device=request.device,
+        taking=_spectra(work),
     )
+
+
+def _spectra(work: Work) -> Spectra:
+    """Return what takes the spectra; of a bound on memory, those of lasers have a quarter."""
+    relit_point, bound = work.seen.relit, work.request.memory_bytes
+    if relit_point is None:
+        return spectra
+    if bound is not None:
+        relit_point = dataclasses.replace(relit_point, run_bytes=min(relit_point.run_bytes, bound // 4))
+    return relit_point.spectra
+
+
+def _memory_bytes(work: Work) -> int | None:
+    """Return the bound on the memory of imaging itself."""
+    bound = work.request.memory_bytes
+    return bound if bound is None or work.seen.relit is None else bound - bound // 4
 
 
 def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
+    if work.seen.relit or (work.seen.exhaustive and work.seen.rendered):
+        found = _focused(work, ConfocalCamera(), progress)
+        return found, find(found, quiet_level(found.intensity))
+    if work.seen.exhaustive:
+        found, counted = image_and_noise(
+            work.seen.exhaustive,
+            work.pulse,
+            work.grid,
+            window=work.window,
+            progress=progress,
+            memory_bytes=work.request.memory_bytes,
+        )
+        return found, find(found, counted or quiet_level(found.intensity))
     capture, tally = tallied(work.capture, work.pulse, work.window)
     reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
     found = _focused(reading, ConfocalCamera(), progress)
@@ -426,7 +515,8 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
 def still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
-    attempts = ATTEMPTS if work.request.wavelength_m is None else 0
+    chosen_here = work.request.wavelength_m is None and not work.seen.exhaustive  # of which one takes minutes
+    attempts = ATTEMPTS if chosen_here else 0
     for attempt in range(1, attempts + 1):
         if surface.contrast_seen() >= WELL:
             break
@@ -470,7 +560,7 @@ def _film(
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
     request, grid, over = work.request, work.grid, work.request.over or "surface"
-    surface = _imaged(work, None)[1] if over == "surface" else None
+    surface = _imaged(_lit_by_all(work), None)[1] if over == "surface" else None
     depth_m = surface.depth_m if surface else None
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     begun = Image(
@@ -496,10 +586,19 @@ def _film(
             sink=sink,
             window=work.window,
             progress=progress,
-            memory_bytes=request.memory_bytes,
+            memory_bytes=_memory_bytes(work),
             device=request.device,
+            taking=_spectra(work),
         )
     return work.volume(found, surface, over_depth=over)
+
+
+def _lit_by_all(work: Work) -> Work:
+    """Return the same work without relighting: what shows the scene's surface."""
+    if not (work.seen.relit and work.seen.exhaustive):
+        return work
+    seen = dataclasses.replace(work.seen, capture=work.seen.exhaustive.outline(), relit=None)
+    return dataclasses.replace(work, seen=seen)
 
 
 @contextmanager

@@ -107,6 +107,19 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def unfold(kernel: F32, whole: C64) -> None:
+    """Write out an even kernel's quarter (2, h + 1, w + 1) as the whole (2 h, 2 w)."""
+    height, width = whole.shape
+    half = width // 2
+    for j in range(height):
+        re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
+        for i in range(half + 1):
+            whole[j, i] = complex(re[i], im[i])
+        for i in range(half + 1, width):
+            whole[j, i] = complex(re[width - i], im[width - i])
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
     """Interpolate (lattice rows, width) along its first axis into (rows, width)."""
     for j in range(len(first)):
@@ -143,6 +156,24 @@ def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT
         for i in range(total.shape[1]):
             slope[j, i] = (slope[j, i] + total[j, i]) * step[j, i]
     add_field(total, step, rows, first, weights)
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def add_turned(total: C64, turn: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
+    """Add `turn` times the field, interpolated along the rows; then `turn` <- `turn` * `step`."""
+    for j in range(total.shape[0]):
+        sums, turns, steps, fields = total[j], turn[j], step[j], rows[j]
+        if weights.shape[1] == 1:
+            for i in range(len(sums)):
+                sums[i] += turns[i] * fields[first[i]]
+        else:
+            for i in range(len(sums)):
+                field = weights[i, 0] * fields[first[i]]
+                for t in range(1, weights.shape[1]):
+                    field += weights[i, t] * fields[first[i] + t]
+                sums[i] += turns[i] * field
+        for i in range(len(turns)):
+            turns[i] *= steps[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
