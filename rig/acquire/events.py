@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,12 +124,15 @@ class Noticed:
         The steps that it concerns.
     kind
         ``warning``, or what else it is.
+    when_s
+        Seconds since 1970 at which it began; NaN where nobody noted that.
     """
 
     sentence: str
     first: int
     last: int
     kind: str = "warning"
+    when_s: float = nan
 
 
 @dataclass(frozen=True)

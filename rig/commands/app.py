@@ -17,6 +17,7 @@ from rig.commands.info import info
 from rig.commands.laser import laser
 from rig.commands.listing import list_
 from rig.commands.measure import measure
+from rig.commands.options import WithWeb
 from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.report import report
@@ -59,8 +60,8 @@ def _root(
     pass
 
 
-app.command("scan")(scan)
-app.command("resume")(resume)
+app.command("scan", cls=WithWeb)(scan)
+app.command("resume", cls=WithWeb)(resume)
 app.command("recon")(recon)
 calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)

@@ -1,10 +1,12 @@
 """Options that several verbs have, said once."""
 
+import re
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 Config = Annotated[
     Path | None,
@@ -41,6 +43,8 @@ class Mode(Enum):
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
 ]
+#: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
+HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")
 #: What is said in place of a number of frames.
 UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
@@ -68,6 +72,15 @@ Live = Annotated[
         "display, and as pictures in SCAN-live/.",
     ),
 ]
+Web = Annotated[
+    str | None,
+    typer.Option(
+        "--web",
+        metavar="[HOST:PORT]",
+        help="Show the scan as a page in a browser, on this computer; or, with an address, on others, too, "
+        "which then need the token that is printed. [dim]\\[127.0.0.1:8642][/dim]",
+    ),
+]
 Ptu = Annotated[
     bool,
     typer.Option(
@@ -82,3 +95,16 @@ Sample = Annotated[
 Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
 Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+
+
+class WithWeb(TyperCommand):
+    """A command whose option ``--web`` may stand alone, or be followed by an address."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give ``--web`` the address of this computer where none follows."""
+        given, rest = list(args), []
+        while given and given[0] != "--":
+            word = given.pop(0)
+            alone = word == "--web" and not (given and _ADDRESS.fullmatch(given[0]))
+            rest.append(f"--web={HERE}" if alone else word)
+        return super().parse_args(ctx, rest + given)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Live, Until
+from rig.commands.options import AsJson, Live, Until, Web
 
 
 def resume(
@@ -19,6 +19,7 @@ def resume(
     ] = None,
     until: Until = None,
     live: Live = False,
+    web: Web = None,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -34,15 +35,16 @@ def resume(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
+    from rig.commands.running import Onlookers, ending, page_at, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None)
     check(plan, state, scan.parent)
+    page = page_at(web)
     require_consent(state.config, yes=yes)
     if plan.endless:
         console.say(f"{scan} has no last frame: frames go on until they are stopped.")
-    others = Onlookers(ending(until, plan, scan) if until else None, live)
+    others = Onlookers(ending(until, plan, scan) if until else None, live, web=page)
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))

@@ -24,6 +24,7 @@ from rig.commands.options import (
     Seed,
     Spacing,
     Until,
+    Web,
 )
 from rig.commands.results import require_free
 
@@ -86,6 +87,7 @@ def scan(
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
     live: Live = False,
+    web: Web = None,
     fresh_to: Annotated[
         str | None,
         typer.Option(
@@ -128,7 +130,7 @@ def scan(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
+    from rig.commands.running import Onlookers, ending, page_at, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model.plan import ScanPlan
@@ -151,7 +153,7 @@ def scan(
         motion=mode.value,
         **_frames(frames, mode),
     )
-    _check_film(plan, live, fresh_to, video)
+    _check_film(plan, live or web is not None, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     require_free([target, *([video] if video else [])])
@@ -171,10 +173,11 @@ def scan(
         return
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
+    page = page_at(web)
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
+    others, records = Onlookers(end, live, fresh_to_m, video, page), beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.acquire.events import Ended, Grown, LightChanged, Noticed, PhaseChanged, Ready
 from rig.files.description import ScanDescription
+from rig.live.web.address import Address
 from rig.model.devices import Exposure
 from rig.model.photons import TaggedExposure
 
@@ -34,6 +35,22 @@ PLAIN = Film()
 
 
 @dataclass(frozen=True)
+class Next:
+    """The commands that follow a scan, as a person types them.
+
+    Attributes
+    ----------
+    resume
+        Goes on with one that was interrupted.
+    recon
+        Images one that is complete.
+    """
+
+    resume: str = ""
+    recon: str = ""
+
+
+@dataclass(frozen=True)
 class Begun:
     """The first message.
 
@@ -49,6 +66,12 @@ class Begun:
         Whether somebody would look at a window.
     film
         How frames are shown, if there are several.
+    web
+        Where a page is served; None for nowhere.
+    then
+        Which commands follow.
+    reads
+        Whether all is read from a scan file, and not sent by the program that scans.
     """
 
     description: ScanDescription
@@ -56,6 +79,9 @@ class Begun:
     folder: Path
     window: bool
     film: Film = PLAIN
+    web: Address | None = None
+    then: Next = Next()
+    reads: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, and
-``pictured`` when the last picture is there. Three threads share its work: one reads messages; one keeps the
-state, and makes images between two messages; one draws.
+each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, ``stop WHO``
+when somebody asks on its page for the end of the scan, and ``pictured`` when the last picture is there. Three
+threads share its work: one reads messages; one keeps the state, and makes images between two messages; one
+draws. A fourth serves the page, where one is wanted.
 """
 
 import os
@@ -13,7 +14,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from rig.files.scan import ScanFile
 from rig.live.film import Filming
 from rig.live.messages import Begun, Block, Message, photons_in, say
 from rig.live.state import LiveState, Subject
+
+if TYPE_CHECKING:
+    from rig.live.web.serving import Serving
 
 #: Lower priority than anything that scans.
 NICENESS = 10
@@ -112,6 +116,8 @@ class Worker:
         Whether the last image is there, and no more will come.
     news
         Set where there is something that is worth drawing at once.
+    heard_s
+        Seconds since 1970 at which the newest message came.
     """
 
     def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
@@ -123,6 +129,7 @@ class Worker:
         self._caught_up_s = -CATCH_UP_S
         self.done = False
         self.news = threading.Event()
+        self.heard_s = time.time()
 
     def run(self) -> None:
         """Work until the scan is over and its last image is made."""
@@ -157,6 +164,7 @@ class Worker:
         else:
             if message is None:
                 return False
+            self.heard_s = time.time()
             self._take(message)
         behind_s = 0.0 if self._inbox.empty() else self._took_s  # then half of the time is for photons
         whole = self._imaging is not None and self._imaging.whole
@@ -249,7 +257,19 @@ def main() -> None:
     worker = Worker(begun, inbox)
     threading.Thread(target=read, args=(source, inbox), daemon=True).start()
     threading.Thread(target=worker.run, daemon=True).start()
+    page = _page(worker, begun)
     Showing(worker, begun).run()
+    if page is not None:
+        page.end()
+
+
+def _page(worker: Worker, begun: Begun) -> "Serving | None":
+    """Serve the page that is wanted, if one is."""
+    if begun.web is None:
+        return None
+    from rig.live.web.serving import serving
+
+    return serving(worker, begun)
 
 
 if __name__ == "__main__":
