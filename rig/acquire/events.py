@@ -1,5 +1,6 @@
 """What the scan engine tells while it runs; files and displays are consumers of these events."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -10,6 +11,12 @@ from numpy.typing import NDArray
 
 from rig.model.devices import Exposure, Rates, Settings
 from rig.model.plan import ScanPlan, Step
+
+_LIGHT_IN_WORDS = {
+    None: re.compile(r"the laser could not be confirmed dark at (?P<when>\S+): treat it as EMITTING"),
+    True: re.compile(r"laser on since (?P<when>\S+)"),
+    False: re.compile(r"laser dark, (?P<how>.+) at (?P<when>\S+)"),
+}
 
 
 class Phase(Enum):
@@ -110,6 +117,14 @@ class LightChanged:
         if self.on is None:
             return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
         return f"laser on since {self.when}" if self.on else f"laser dark, {self.how} at {self.when}"
+
+    @classmethod
+    def from_words(cls, words: str) -> "LightChanged | None":
+        """Read such a sentence, as scan files and logs keep it; None where it is another one."""
+        for on, pattern in _LIGHT_IN_WORDS.items():
+            if found := pattern.fullmatch(words):
+                return cls(on, **found.groupdict())
+        return None
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from rig.commands.scan import scan
 from rig.commands.serve import serve
 from rig.commands.sim import sim
 from rig.commands.stats import stats
+from rig.commands.watch import watch
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
 and image what is hidden.
@@ -62,6 +63,7 @@ def _root(
 
 app.command("scan", cls=WithWeb)(scan)
 app.command("resume", cls=WithWeb)(resume)
+app.command("watch", cls=WithWeb)(watch)
 app.command("recon")(recon)
 calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)

@@ -101,10 +101,15 @@ class WithWeb(TyperCommand):
     """A command whose option ``--web`` may stand alone, or be followed by an address."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give ``--web`` the address of this computer where none follows."""
+        """Read what was typed."""
+        return super().parse_args(ctx, self.with_address(args))
+
+    @staticmethod
+    def with_address(args: list[str]) -> list[str]:
+        """Return what was typed, with the address of this computer where ``--web`` has none."""
         given, rest = list(args), []
         while given and given[0] != "--":
             word = given.pop(0)
             alone = word == "--web" and not (given and _ADDRESS.fullmatch(given[0]))
             rest.append(f"--web={HERE}" if alone else word)
-        return super().parse_args(ctx, rest + given)
+        return rest + given

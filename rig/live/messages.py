@@ -11,7 +11,7 @@ from rig.acquire.events import Ended, Grown, LightChanged, Noticed, PhaseChanged
 from rig.files.description import ScanDescription
 from rig.live.web.address import Address
 from rig.model.devices import Exposure
-from rig.model.photons import TaggedExposure
+from rig.model.photons import TaggedExposure, photons_in
 
 
 @dataclass(frozen=True)
@@ -187,12 +187,3 @@ def photons_of(exposure: Exposure) -> tuple[NDArray[np.unsignedinteger], NDArray
     if isinstance(exposure, TaggedExposure):
         return exposure.photon_bins.copy(), exposure.of_channel.copy()
     return photons_in(np.atleast_2d(exposure.counts))
-
-
-def photons_in(counts: NDArray[np.integer]) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
-    """Return the bin of each photon of (rows, bins) counts, row after row, and how many each row has."""
-    bins = counts.shape[-1]
-    filled = np.flatnonzero(counts)
-    times = counts.reshape(-1)[filled]
-    small = np.uint16 if bins <= 2**16 else np.uint32
-    return np.repeat((filled % bins).astype(small), times), counts.sum(axis=-1, dtype=np.int64)

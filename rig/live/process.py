@@ -13,6 +13,7 @@ import queue
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -25,8 +26,9 @@ from recon.window import Window
 from rig.errors import RigError
 from rig.files.scan import ScanFile
 from rig.live.film import Filming
-from rig.live.messages import Begun, Block, Message, photons_in, say
+from rig.live.messages import Begun, Block, Message, say
 from rig.live.state import LiveState, Subject
+from rig.model.photons import photons_in
 
 if TYPE_CHECKING:
     from rig.live.web.serving import Serving
@@ -109,6 +111,8 @@ class Worker:
         What is known before.
     inbox
         Messages; None after the last.
+    tell
+        Takes lines as the program that scans does, of what went well or not.
 
     Attributes
     ----------
@@ -120,13 +124,16 @@ class Worker:
         Seconds since 1970 at which the newest message came.
     """
 
-    def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
-        self._begun, self._inbox = begun, inbox
+    def __init__(
+        self, begun: Begun, inbox: "queue.Queue[Message | None]", tell: Callable[[str], None] = say
+    ) -> None:
+        self._begun, self._inbox, self._tell = begun, inbox, tell
         self.state = LiveState(Subject.of(begun.scan.name, begun.description))
         self._imaging: Growing | Filming | None = None
         self._fresh = False  # photons that no image shows yet
         self._next_s = self._took_s = 0.0  # when the next image is due, and how long the newest took
         self._caught_up_s = -CATCH_UP_S
+        self._left = False
         self.done = False
         self.news = threading.Event()
         self.heard_s = time.time()
@@ -137,25 +144,34 @@ class Worker:
             self._begin_imaging()
             while self._work():
                 pass
-            self._end()
+            if not self._left:
+                self._end()
         except Exception as error:
-            say(f"trouble it failed ({type(error).__name__}: {error})")
+            self._tell(f"trouble it failed ({type(error).__name__}: {error})")
         finally:
             self.done = True
             self.news.set()
+
+    def leave(self) -> None:
+        """End soon, without a last image: nobody wants to see it."""
+        self._left = True
 
     def _begin_imaging(self) -> None:
         subject, begun = self.state.subject, self._begun
         try:
             if subject.frames > 1:
-                self._imaging = Filming(subject, begun.film, begun.folder)
+                self._imaging = Filming(
+                    subject, begun.film, None if begun.reads else begun.folder, self._tell
+                )
             else:
                 self._imaging = Growing(subject)
         except (ReconError, ValueError) as error:
-            say(f"trouble no live image can be made ({error}); all else is shown")
+            self._tell(f"trouble no live image can be made ({error}); all else is shown")
 
     def _work(self) -> bool:
         """Take a message if there is one, or make an image if it is time for one; False after the last."""
+        if self._left:
+            return False
         wait_s = max(0.0, min(0.5, self._next_s - time.monotonic())) if self._fresh else 0.5
         try:
             message = self._inbox.get(timeout=wait_s)

@@ -83,7 +83,7 @@ class Document:
             "scan": self._scan,
             "utc_offset_s": _utc_offset_s(),
             "light": light(seen, reads=self._begun.reads),
-            "phase": _phase(seen),
+            "phase": _phase(seen, "being written" if self._begun.reads else "beginning"),
             "progress": self._progress(seen),
             "numbers": self._numbers(seen),
             "newest_s": _finite(seen.newest_s),
@@ -195,9 +195,12 @@ def light(seen: Seen, *, reads: bool) -> dict[str, str]:
     """
     said = _light_said(seen.light)
     told = said["words"]
-    source = "as the scan file has it: it is no word of now" if reads else "as the laser was read back"
-    if seen.lost and said["is"] != "dark":
-        words = "LIGHT NOT KNOWN, the program that scans is gone: treat the laser as EMITTING"
+    source = (
+        "from the log that the scan file keeps: what it said last" if reads else "as the laser was read back"
+    )
+    if (seen.lost or seen.ended is not None) and said["is"] == "on":
+        why = "the program that scans is gone" if seen.lost else "nothing says that it went dark"
+        words = f"LIGHT NOT KNOWN, {why}: treat the laser as EMITTING"
         return {"is": "unknown", "words": words, "from": f"last said: {told}", "last": told}
     return {**said, "from": source if seen.light else "", "last": told}
 
@@ -232,10 +235,10 @@ def _facts(begun: Begun, subject: Subject) -> list[tuple[str, str]]:
     return [(name, text) for name, text in told.items() if text]
 
 
-def _phase(seen: Seen) -> str:
+def _phase(seen: Seen, otherwise: str) -> str:
     if seen.lost:
         return "gone"
-    return seen.ended.outcome.value if seen.ended else seen.phase or "beginning"
+    return seen.ended.outcome.value if seen.ended else seen.phase or otherwise
 
 
 def _warning(one: Noticed) -> dict[str, str]:

@@ -46,11 +46,11 @@ const silent = () => heardMs !== null && silentMs() > SILENT_MS;
 
 function showLight() {
   const light = state.light;
-  const ended = state.end !== null;
   let [kind, words, from] = [light.is, light.words, light.from];
-  if (silent() && !(ended && kind === "dark")) {
-    kind = "unknown";
-    words = "LIGHT NOT KNOWN NOW: treat the laser as EMITTING";
+  if (silent()) {
+    const dark = state.end !== null && kind === "dark";
+    kind = dark ? "unsaid" : "unknown";
+    words = dark ? "Light not known now: the scan is over" : "LIGHT NOT KNOWN NOW: treat the laser as EMITTING";
     from = `said at ${clock(heardS)}: ${light.last}`;
   }
   at("light").className = `light ${kind}${state.scan.reads || silent() ? " old" : ""}`;
@@ -81,7 +81,7 @@ function showAge() {
   };
   const told = [];
   if (state.newest_s !== null) told.push(`newest photons ${ago(state.newest_s)}`);
-  if (!state.end) told.push(`${state.scan.reads ? "file" : "scan"} heard of ${ago(state.heard_s)}`);
+  if (!state.end) told.push(`${state.scan.reads ? "file last changed" : "scan heard of"} ${ago(state.heard_s)}`);
   put("age", told.join(", "));
 }
 

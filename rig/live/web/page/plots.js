@@ -43,6 +43,8 @@ const labels = (values) => {
   return values.map((value) => (Math.abs(value) >= 1e4 ? value.toLocaleString("en") : value.toFixed(digits)));
 };
 
+const powers = (power) => [...String(power)].map((digit) => "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"[digit]).join("");
+
 function write(pen, text, x, y, align = "left", baseline = "alphabetic", colour = INK) {
   pen.fillStyle = colour;
   pen.textAlign = align;
@@ -212,7 +214,7 @@ export function drawHistogram(canvas, histogram, imagedNs) {
   const y = Array.from({ length: Math.floor(top) + 1 }, (_, power) => 10 ** power);
   axes(pen, box,
     { values: x, names: labels(x), label: "time after the pulse on the wall (ns)", place: placeX },
-    { values: y, names: y.map((value) => value.toLocaleString("en")), label: `photons in ${(1e3 * bin).toPrecision(3)} ps`,
+    { values: y, names: y.map((value) => `10${powers(Math.round(Math.log10(value)))}`), label: `photons in ${(1e3 * bin).toPrecision(3)} ps`,
       labelAt: 9, place: placeY });
 }
 
