@@ -159,8 +159,6 @@ def _feed(target: Path, others: Onlookers, stop: StopRequest, config: Path | Non
         page=Page(others.web, stop.ask, Next(_go_on(target, config), _image(target))) if others.web else None,
     )
     console.say(f"Live pictures: {feed.folder / 'now.png'}")
-    if others.web:
-        console.say(f"Live page: {others.web.url}")
     return feed
 
 

@@ -148,7 +148,7 @@ class LiveFeed:
     tell
         Called, once, with what became of the view if it did not go well.
     inform
-        Called at the end with what the view found out, a sentence each.
+        Called, from another thread too, with what the view found out, a sentence each.
     window
         Whether there is somebody who would look at a window.
     film
@@ -283,6 +283,8 @@ class LiveFeed:
                     self._fail(rest)
                 elif word == "fact":
                     self._facts.append(rest)
+                elif word == "serving" and self._page is not None:
+                    self._inform(f"Live page: {self._page.address.url}")
                 elif word == "stop" and self._page is not None:
                     self._page.stop(f"stopped by a viewer of the page in a browser, at {rest}")
         if not self._pictured.is_set():

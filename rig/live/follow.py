@@ -47,6 +47,7 @@ class Follower:
     def __init__(self, path: Path) -> None:
         self._following = Following(path)
         if self._following.scan.plan is None:
+            self.close()
             raise UsageError(
                 f"{path} does not say how it was scanned: there is nothing to watch. "
                 f"{in_shell('rig', 'report', path)} shows what it holds"

@@ -59,7 +59,12 @@ def served(request):
 
 def test_the_page_and_all_it_needs_are_served_under_a_strict_policy(served):
     _, ask, _ = served
-    for path, word in (("/", b"<html"), ("/page.css", b"{"), ("/page.js", b"import"), ("/plots.js", b"export")):
+    for path, word in (
+        ("/", b"<html"),
+        ("/page.css", b"{"),
+        ("/page.js", b"import"),
+        ("/plots.js", b"export"),
+    ):
         status, headers, body = ask(path)
         assert status == 200
         assert word in body
@@ -104,7 +109,12 @@ def test_without_the_token_nothing_is_said_and_nothing_can_be_stopped(served):
 
 def test_only_the_page_itself_stops_a_scan(served):
     scan, ask, port = served
-    for origin in ({}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://127.0.0.1:1"}):
+    for origin in (
+        {},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+    ):
         assert ask("/stop", "POST", **origin)[0] == 403
     assert ask("/stop", Origin=f"http://127.0.0.1:{port}")[0] == 405
     assert scan.stops == []

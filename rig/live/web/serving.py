@@ -57,7 +57,9 @@ def serving(known: Known, begun: Begun) -> Serving | None:
     if begun.web is None:
         return None
     try:
-        return Serving(known, begun, begun.web)
+        served = Serving(known, begun, begun.web)
+        say("serving")
+        return served
     except OSError as error:
         say(f"trouble no page can be served at {begun.web.host}:{begun.web.port} ({error.strerror})")
         return None
