@@ -16,8 +16,9 @@ from rig.live.web.address import address
 from support import browser
 
 pytestmark = pytest.mark.skipif(browser.FOUND is None, reason=browser.MISSING)
-#: Would take minutes: it is stopped long before.
-SCAN = ("--grid", "60x44", "--spacing", "3cm", "--exposure", "0.3s", "--seed", "1")
+#: Takes two minutes of real time, in which a processor has little to do: it is stopped long before.
+SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "0.6s")
+REAL_TIME = "[simulation]\nreal_time = true\n"
 NASTY = "<img src=x onerror=alert(1)>"
 #: A busy machine draws its first picture late.
 PATIENCE_MS = 60_000
@@ -71,7 +72,10 @@ def waits_for(page, element, words):
 
 def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tmp_path):
     path = tmp_path / "a.h5"
-    command = [sys.executable, "-m", "rig", "scan", *SCAN, "--web", "--sample", NASTY, "--out", str(path)]
+    rig = tmp_path / "rig.toml"
+    rig.write_text(REAL_TIME)
+    command = [sys.executable, "-m", "rig", "scan", "--config", str(rig), *SCAN, "--web", "--sample", NASTY]
+    command += ["--out", str(path)]
     with scanning(command) as scan:
         url = next(found[1] for line in scan.stderr if (found := re.search(r"Live page: (\S+)", line)))
         with opened(url) as page:
@@ -121,17 +125,16 @@ def watch(path):
     """The same page on a phone, of the file alone; and when its server is gone."""
     before, troubles = path.read_bytes(), []
     where = address("127.0.0.1")
-    with Watching(path, where, troubles.append) as watching:
-        with opened(where.url, 360, 740) as page:
-            waits_for(page, "end-words", "Interrupted after")
-            waits_for(page, "front-title", "Last image")
-            assert "log" in page.inner_text("#light-from")
-            assert not page.locator("#stop").is_visible()
-            refused = page.evaluate("fetch('stop', {method: 'POST'}).then((answer) => answer.status)")
-            assert refused == 403
-            require_usable(page)
-            watching.stop()
-            watching._serving.end()
-            waits_for(page, "lost", "served no longer since")
+    with Watching(path, where, troubles.append) as watching, opened(where.url, 360, 740) as page:
+        waits_for(page, "end-words", "Interrupted after")
+        waits_for(page, "front-title", "Last image")
+        assert "log" in page.inner_text("#light-from")
+        assert not page.locator("#stop").is_visible()
+        refused = page.evaluate("fetch('stop', {method: 'POST'}).then((answer) => answer.status)")
+        assert refused == 403
+        require_usable(page)
+        watching.stop()
+        watching._serving.end()
+        waits_for(page, "lost", "served no longer since")
     assert (troubles, path.read_bytes()) == ([], before)
-    assert {one.name for one in path.parent.iterdir()} == {"a.h5", "a.log", "a-live"}
+    assert {one.name for one in path.parent.iterdir()} == {"a.h5", "a.log", "a-live", "rig.toml"}
