@@ -3,9 +3,9 @@
     python docs/figures/screens.py docs/images [FOLDER]
 
 It scans the simulated rig in FOLDER (a temporary one without), looks at the page meanwhile, makes report and
-3-D page of the scan, and writes each as it is seen on a desk and on a phone. It needs Chromium, playwright and
-axe-core-python, and takes two minutes. It ends with 1 where axe finds something that keeps people from using
-a page.
+3-D page of the scan, and writes each as it is seen on a desk and on a phone. It needs Chromium, playwright
+and axe-core-python, and takes two minutes. It ends with 1 where axe finds something that keeps people from
+using a page.
 """
 
 import io

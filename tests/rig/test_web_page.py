@@ -24,19 +24,23 @@ NASTY = "<img src=x onerror=alert(1)>"
 PATIENCE_MS = 60_000
 
 
-@contextmanager
-def opened(url, width=1280, height=900):
-    """A page of a browser without a window; its errors are collected."""
+@pytest.fixture
+def opened():
+    """Open a page of a browser without a window; no error of its program is passed over."""
     from playwright.sync_api import sync_playwright
 
+    errors = []
     with sync_playwright() as starting:
         started = starting.chromium.launch(executable_path=browser.FOUND, args=["--no-sandbox"])
-        page = started.new_page(viewport={"width": width, "height": height})
-        page.set_default_timeout(PATIENCE_MS)
-        errors = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(url)
-        yield page
+
+        def opened(url, width=1280, height=900):
+            page = started.new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(PATIENCE_MS)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.goto(url)
+            return page
+
+        yield opened
         started.close()
     assert not errors
 
@@ -70,41 +74,39 @@ def waits_for(page, element, words):
     )
 
 
-def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tmp_path):
-    path = tmp_path / "a.h5"
-    rig = tmp_path / "rig.toml"
+def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tmp_path, opened):
+    path, rig = tmp_path / "a.h5", tmp_path / "rig.toml"
     rig.write_text(REAL_TIME)
     command = [sys.executable, "-m", "rig", "scan", "--config", str(rig), *SCAN, "--web", "--sample", NASTY]
-    command += ["--out", str(path)]
-    with scanning(command) as scan:
+    with scanning([*command, "--out", str(path)]) as scan:
         url = next(found[1] for line in scan.stderr if (found := re.search(r"Live page: (\S+)", line)))
-        with opened(url) as page:
-            waits_for(page, "light-words", "LASER ON since")
-            waits_for(page, "phase", "exposing")
-            page.wait_for_function("() => parseInt(document.getElementById('bar').ariaValueNow) > 0")
-            with ThreadPoolExecutor(10) as viewers:
-                states = list(viewers.map(lambda _: urllib.request.urlopen(f"{url}state").read(), range(10)))
-            assert all(b"LASER ON" in state for state in states)
-            require_usable(page)
-            page.reload()
-            waits_for(page, "light-words", "LASER ON since")
-            assert NASTY in page.inner_text("#facts")
-            assert page.locator("#facts img").count() == 0
-            stop_from_the_keyboard(page)
-            waits_for(page, "end-words", "Interrupted after")
-            waits_for(page, "light-words", "laser dark, read back")
-            assert page.inner_text("#end-command") == f"rig resume {path}"
-            assert not page.locator("#stop").is_visible()
-            told = scan.stderr.read()
-            waits_for(page, "lost", "served no longer since")
-            waits_for(page, "light-words", "not known now")
+        page = opened(url)
+        waits_for(page, "light-words", "LASER ON since")
+        waits_for(page, "phase", "exposing")
+        page.wait_for_function("() => parseInt(document.getElementById('bar').ariaValueNow) > 0")
+        with ThreadPoolExecutor(10) as viewers:
+            states = list(viewers.map(lambda _: urllib.request.urlopen(f"{url}state").read(), range(10)))
+        assert all(b"LASER ON" in state for state in states)
+        require_usable(page)
+        page.reload()
+        waits_for(page, "light-words", "LASER ON since")
+        assert NASTY in page.inner_text("#facts")
+        assert page.locator("#facts img").count() == 0
+        stop_from_the_keyboard(page)
+        waits_for(page, "end-words", "Interrupted after")
+        waits_for(page, "light-words", "laser dark, read back")
+        assert page.inner_text("#end-command") == f"rig resume {path}"
+        assert not page.locator("#stop").is_visible()
+        told = scan.stderr.read()
+        waits_for(page, "lost", "served no longer since")
+        waits_for(page, "light-words", "not known now")
     assert scan.returncode == 6
     assert "Stopping after this position." in told
     with ScanFile(path) as file:
         assert 0 < file.done.sum() < file.steps
         assert "page in a browser, at 127.0.0.1" in file.reason
     assert "page in a browser, at 127.0.0.1" in log_of(path).read_text()
-    watch(path)
+    watch(path, opened)
 
 
 def stop_from_the_keyboard(page):
@@ -121,11 +123,12 @@ def stop_from_the_keyboard(page):
     waits_for(page, "stop-said", "after this position")
 
 
-def watch(path):
+def watch(path, opened):
     """The same page on a phone, of the file alone; and when its server is gone."""
     before, troubles = path.read_bytes(), []
     where = address("127.0.0.1")
-    with Watching(path, where, troubles.append) as watching, opened(where.url, 360, 740) as page:
+    with Watching(path, where, troubles.append) as watching:
+        page = opened(where.url, 360, 740)
         waits_for(page, "end-words", "Interrupted after")
         waits_for(page, "front-title", "Last image")
         assert "log" in page.inner_text("#light-from")
@@ -134,7 +137,6 @@ def watch(path):
         assert refused == 403
         require_usable(page)
         watching.stop()
-        watching._serving.end()
-        waits_for(page, "lost", "served no longer since")
+    waits_for(page, "lost", "served no longer since")
     assert (troubles, path.read_bytes()) == ([], before)
     assert {one.name for one in path.parent.iterdir()} == {"a.h5", "a.log", "a-live", "rig.toml"}
