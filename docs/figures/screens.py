@@ -54,8 +54,8 @@ def shoot(
 
 
 def write(png: bytes, path: Path) -> None:
-    """Write a picture with 128 colours: a third of the bytes, and nothing that one would miss."""
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(128).save(path, optimize=True)
+    """Write a picture with 256 colours: a third of the bytes, and nothing that one would miss."""
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(path, optimize=True)
 
 
 def measured(page: Page) -> None:

@@ -143,7 +143,7 @@ export function drawImage(canvas, image, table, { label, note }) {
   const [firstX, firstY] = [image.x, image.y].map((axis) => axis.first_m - axis.pitch_m / 2);
   pen.imageSmoothingEnabled = false;
   pen.drawImage(pixels(canvas, image, table), box.left, box.top, box.width, box.height);
-  const x = ticks(firstX, firstX + wideM, Math.max(3, box.width / 70));
+  const x = ticks(firstX, firstX + wideM, Math.max(4, box.width / 70));
   const y = ticks(firstY, firstY + highM, Math.max(2, box.height / 50));
   axes(pen, box,
     { values: x, names: labels(x), label: "\u2190 x (m), as seen from the wall",
