@@ -102,4 +102,4 @@ if __name__ == "__main__":
     to = Path(sys.argv[1]).absolute()
     with tempfile.TemporaryDirectory() as temporary:
         bad = main(to, Path(sys.argv[2]) if len(sys.argv) > 2 else Path(temporary))
-    sys.exit("\n".join(bad))
+    sys.exit("\n".join(bad) or 0)

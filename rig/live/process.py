@@ -261,11 +261,16 @@ def read(source: BinaryIO, inbox: "queue.Queue[Message | None]") -> None:
     inbox.put(None)
 
 
-def main() -> None:
-    """Show a scan until it is over, and the person has closed the window if there is one."""
+def lower_priority() -> None:
+    """Let a scan on the same computer go before."""
     if sys.platform != "win32":
         with suppress(OSError):
             os.nice(NICENESS)
+
+
+def main() -> None:
+    """Show a scan until it is over, and the person has closed the window if there is one."""
+    lower_priority()
     source = sys.stdin.buffer
     begun = pickle.load(source)
     from rig.live.showing import Showing

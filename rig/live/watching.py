@@ -1,6 +1,5 @@
 """A page of a scan file that another program writes: the file is followed, and what is known of it served."""
 
-import os
 import queue
 import threading
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from rig.errors import UsageError, in_shell
 from rig.live.feed import folder_of
 from rig.live.follow import Follower
 from rig.live.messages import Begun, Message, Next
-from rig.live.process import NICENESS, WAITING, Worker
+from rig.live.process import WAITING, Worker, lower_priority
 from rig.live.web.address import Address
 from rig.live.web.serving import Serving
 
@@ -41,8 +40,7 @@ class Watching:
     """
 
     def __init__(self, scan: Path, address: Address, tell: Callable[[str], None]) -> None:
-        with suppress(OSError, AttributeError):
-            os.nice(NICENESS)  # the scan may run on the same computer
+        lower_priority()  # the scan may run on the same computer
         self._follower = Follower(scan)
         then = Next(in_shell("rig", "resume", scan), in_shell("rig", "recon", scan))
         self._begun = Begun(
