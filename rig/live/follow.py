@@ -75,6 +75,7 @@ class Follower:
         except (RigError, OSError) as error:
             self.trouble = f"the file can no longer be read: {error}"
         finally:
+            self.close()
             inbox.put(None)
 
     def _messages(self, news: News, when_s: float) -> Iterator[Message]:

@@ -80,7 +80,6 @@ class Watching:
         while self._following.is_alive():  # it may wait for room in the inbox
             with suppress(queue.Empty):
                 self._inbox.get(timeout=0.1)
-        self._follower.close()
 
     def _follow(self) -> None:
         self._follower.run(self._inbox, self._over)

@@ -230,7 +230,6 @@ def _facts(begun: Begun, subject: Subject) -> list[tuple[str, str]]:
         + (", the mirror never stops" if subject.motion == "continuous" else ""),
         "frames": f"{subject.frames:,}" if subject.frames > 1 and not subject.endless else "",
         "channels": str(subject.channels) if subject.channels > 1 else "",
-        "file": str(begun.scan),
     }
     return [(name, text) for name, text in told.items() if text]
 

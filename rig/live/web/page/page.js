@@ -12,7 +12,8 @@ const SIGNS = { on: "\u25CF", dark: "\u25CB", unknown: "\u25B2", unsaid: "?" };
 const at = (id) => document.getElementById(id);
 let state = null;
 let version = "";
-let heardMs = null; // of the newest answer, by this computer's monotonic clock
+let heardMs = null; // of the newest answer, by this computer's clocks: one may stand while the computer sleeps
+let heardDateMs = 0;
 let heardS = 0; // the same by the clock of the program that is asked
 let refused = "";
 
@@ -41,7 +42,7 @@ function clock(seconds) {
   return new Date((seconds + state.utc_offset_s) * 1000).toISOString().slice(11, 19);
 }
 
-const silentMs = () => performance.now() - heardMs;
+const silentMs = () => Math.max(performance.now() - heardMs, Date.now() - heardDateMs);
 const silent = () => heardMs !== null && silentMs() > SILENT_MS;
 
 function showLight() {
@@ -182,6 +183,7 @@ async function ask() {
   const fresh = answer.status === 200 ? await answer.json() : null;
   refused = "";
   heardMs = performance.now();
+  heardDateMs = Date.now();
   heardS = Number(answer.headers.get("Rig-Now"));
   version = answer.headers.get("Rig-Version");
   if (fresh) {
