@@ -1,7 +1,6 @@
 """A scan file that another program writes, read as it grows: what is new since the last look, and no more."""
 
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,7 +99,10 @@ class Following:
         self._path = path
         self._place = 0  # in the journal, up to which it was read
         self._given = 0  # steps
+        self._measured = 0  # steps, without those that were taken back
         self._notes: dict[int, Note] = {}  # by row, as they were given
+        self._stop: dict[str, object] | None = None  # the closing record
+        self._kept: Journal | None = None  # open since the last look; a journal that grows takes no lock
         self._longest = self.scan.steps
 
     def news(self) -> Iterator[News]:
@@ -111,28 +113,49 @@ class Following:
         rig.errors.DataFileError
             If the file has become unreadable.
         """
+        kept = self._kept
         try:
             journal = Journal(journal_of(self._path), alone=False)
         except FileNotFoundError:
-            yield from self._of_closed()
-            return
-        with closing(journal):
-            for record in journal.records(self._place):
-                self._place = record.start + record.length
-                yield from self._of(journal, record)
-            abandoned = not journal.growing  # asked when it was opened: no record came after these
-        if abandoned:
-            yield from self._of_closed()
+            if kept is None:
+                yield from self._of_closed()
+                return
+            journal, over = kept, True  # its name is gone, since the file is closed; all is in it still
+        else:
+            over = not journal.growing
+            if kept is not None:
+                kept.close()
+        self._kept = journal
+        for record in journal.records(self._place):
+            self._place = record.start + record.length
+            yield from self._of(journal, record)
+        if over:
+            self.close()
+            said = self._stop or {"status": "interrupted", "reason": "it has no closing record"}
+            yield Closed(str(said["status"]), str(said["reason"]), self._measured)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self.scan.close()
+        if self._kept is not None:
+            self._kept.close()
 
     def _of(self, journal: Journal, record: Record) -> Iterator[News]:
         match record.kind:
             case Kind.CHUNK:
                 chunk = Chunk.from_bytes(journal.payload(record))
                 stop, first = chunk.first + len(chunk.live_time_s), max(chunk.first, self._given)
+                self._measured = stop
                 if stop > first:  # a chunk that was not full comes again with more steps
                     photons, of_pair = self.scan.unpacked(chunk, first)
                     self._given = stop
                     yield Steps(first, photons, of_pair, chunk.live_time_s[first - chunk.first :])
+            case Kind.WITHDRAWN:
+                self._measured = journal.said(record)
+            case Kind.BEGUN:
+                self._stop = None  # it was resumed
+            case Kind.STOP:
+                self._stop = journal.said(record)
             case Kind.EVENT:
                 row, said = journal.said(record)
                 yield from self._of_note(row, Note(**said))
@@ -148,14 +171,13 @@ class Following:
             yield note
 
     def _of_closed(self) -> Iterator[News]:
-        """Yield what is left, from the closed file, or from a journal that nobody writes any more."""
+        """Yield what a file says that was closed before the first look."""
         with ScanOutline(self._path) as scan:
+            if scan.growing:  # it was resumed just now: the next look finds its journal
+                return
             for row, note in enumerate(scan.events):
                 yield from self._of_note(row, note)
             measured = int(np.count_nonzero(scan.marked))
-            if measured > self._given:
-                yield Unread(self._given, measured)
-                self._given = measured
-            status, reason = scan.status, scan.reason
-        if status != "running":  # somebody may have resumed it between two looks
-            yield Closed(status, reason, measured)
+            if measured:
+                yield Unread(0, measured)
+            yield Closed(scan.status, scan.reason, measured)

@@ -58,25 +58,29 @@ class Follower:
 
     def close(self) -> None:
         """Let go of the file."""
-        self._following.scan.close()
+        self._following.close()
 
     def run(self, inbox: "queue.Queue[Message | None]", stop: threading.Event) -> None:
         """Look again and again, until the end; the inbox gets None then."""
-        first = True
+        when_s = nan  # what is there at first was measured earlier
         try:
-            while not stop.is_set():
-                for news in self._following.news():
-                    for message in self._messages(news, nan if first else time.time()):
-                        inbox.put(message)
-                    if isinstance(news, Closed):
-                        return
-                first = False
+            while not (stop.is_set() or self._look(inbox, when_s)):
                 stop.wait(LOOK_S)
+                when_s = time.time()
         except (RigError, OSError) as error:
             self.trouble = f"the file can no longer be read: {error}"
         finally:
             self.close()
             inbox.put(None)
+
+    def _look(self, inbox: "queue.Queue[Message | None]", when_s: float) -> bool:
+        """Put into the inbox what is new; return whether the scan is over."""
+        for news in self._following.news():
+            for message in self._messages(news, when_s):
+                inbox.put(message)
+            if isinstance(news, Closed):
+                return True
+        return False
 
     def _messages(self, news: News, when_s: float) -> Iterator[Message]:
         match news:

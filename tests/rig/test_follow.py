@@ -62,7 +62,7 @@ def test_what_is_new_in_a_growing_file_comes_once_and_in_order(tmp_path, tagged)
         writer.close("complete", "all positions measured")
     np.testing.assert_array_equal(np.stack([found[step] for step in range(40)]), counts)
     assert list(following.news())[-1] == Closed("complete", "all positions measured", 40)
-    following.scan.close()
+    following.close()
 
 
 def test_steps_that_came_between_two_looks_and_the_end_are_in_the_closed_file(tmp_path):
@@ -73,7 +73,7 @@ def test_steps_that_came_between_two_looks_and_the_end_are_in_the_closed_file(tm
             writer.append(counts[step], 0.01)
         writer.close("interrupted", "stopped by the operator")
     assert list(following.news()) == [Unread(0, 20), Closed("interrupted", "stopped by the operator", 20)]
-    following.scan.close()
+    following.close()
 
 
 def test_a_file_whose_program_was_killed_ends_as_interrupted(tmp_path):
@@ -87,7 +87,7 @@ def test_a_file_whose_program_was_killed_ends_as_interrupted(tmp_path):
     *steps, closed = following.news()
     assert sorted(histograms_of(steps)) == list(range(20))
     assert (closed.status, closed.steps_done) == ("interrupted", 20)
-    following.scan.close()
+    following.close()
 
 
 def test_a_follower_gives_the_messages_of_a_scan_that_runs(tmp_path, monkeypatch):
@@ -109,7 +109,7 @@ def test_a_follower_gives_the_messages_of_a_scan_that_runs(tmp_path, monkeypatch
         writer.close("complete", "all positions measured")
     messages += iter(inbox.get, None)
     thread.join()
-    follower.close()
+    assert follower.trouble == ""
     assert isinstance(first, Block)
     assert np.isnan(first.when_s)  # it was there before
     blocks = [one for one in messages if isinstance(one, Block | Gap)]
