@@ -60,6 +60,13 @@ class VoxelGrid:
             If a size or a step is not positive, or depths run backwards.
         MemoryBoundError
             If there are more voxels than this computer holds, or than make sense; nothing is allocated.
+
+        Examples
+        --------
+        >>> import recon
+        >>> grid = recon.VoxelGrid.from_spec(1.8, 1.3, 0.1, depth_m=(0.5, 3.0, 0.02))
+        >>> grid.shape, round(float(grid.x_m[0]), 3), float(grid.z_m[0])
+        ((126, 13, 18), -0.85, 0.5)
         """
         near, far, step = depth_m
         numbers = (width_m, height_m, voxel_m, *depth_m)

@@ -4,10 +4,12 @@ What computes is named by its place and imported when it is used, so that a comm
 without loading any library. A new solver is its file and an entry here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
+
+from recon.errors import ParameterError
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,28 @@ WAVE_SOLVERS = tuple(name for name, entry in SOLVERS.items() if entry.virtual_wa
 CLASSIC_SOLVERS = tuple(name for name, entry in SOLVERS.items() if not entry.virtual_wave)
 #: Those that can keep to a bound on memory.
 BOUNDED = tuple(name for name, entry in SOLVERS.items() if entry.needs)
+
+
+def name_of(solver: str | Callable[..., Any]) -> str:
+    """Return what a solver is called, one of the program's or a function of a person's own."""
+    return getattr(solver, "__name__", type(solver).__name__) if callable(solver) else solver
+
+
+def entry_of(solver: str | Callable[..., Any]) -> SolverEntry:
+    """Return the entry of a solver; a function of a person's own forms a virtual wave, and takes no options.
+
+    Raises
+    ------
+    recon.errors.ParameterError
+        If there is none of this name.
+    """
+    if callable(solver):
+        return SolverEntry("", "of your own", "as you wrote it", "any")
+    if solver not in SOLVERS:
+        raise ParameterError(
+            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
+        )
+    return SOLVERS[solver]
 
 
 def taking(option: str) -> tuple[str, ...]:

@@ -51,6 +51,23 @@ def spectra(
     -------
     list of ndarray
         (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
+
+    Examples
+    --------
+    The photons of one position, all in one bin, have the same magnitude at all frequencies:
+
+    >>> import numpy as np, recon
+    >>> from recon.sampling import depth_blocks
+    >>> from recon.spectrum import spectra
+    >>> counts = np.zeros((1, 600))
+    >>> counts[0, 340] = 5
+    >>> spots_m = np.zeros((1, 3))
+    >>> capture = recon.Capture(recon.ArrayHistograms(counts), 20e-12, np.zeros(1), spots_m, spots_m)
+    >>> grid = recon.VoxelGrid.from_spec(0.2, 0.2, 0.1, (0.95, 1.05, 0.05))
+    >>> blocks = depth_blocks(capture, recon.VirtualPulse(0.1), grid)
+    >>> (of_block,) = spectra(capture, blocks, recon.Window())
+    >>> sorted({float(one) for one in np.abs(of_block).round(3).ravel()})
+    [5.0]
     """
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:

@@ -87,6 +87,13 @@ class VirtualPulse:
     ParameterError
         If the wavelength is outside `MIN_WAVELENGTH_M` to `MAX_WAVELENGTH_M`, the pulse so short (below
         `MIN_CYCLES`) that its band would come near zero frequency, or longer than `MAX_CYCLES`.
+
+    Examples
+    --------
+    >>> import recon
+    >>> pulse = recon.VirtualPulse(wavelength_m=0.04)
+    >>> f"{pulse.sigma_s * 1e12:.0f} ps, {len(pulse.band(period_s=10e-9))} frequencies within 10 ns"
+    '113 ps, 85 frequencies within 10 ns'
     """
 
     wavelength_m: float

@@ -17,6 +17,8 @@ Each message names the thing, what was asked, what came back and what to do abou
 import os
 import shlex
 import subprocess
+import sys
+from pathlib import Path
 
 
 class RigError(Exception):
@@ -81,6 +83,14 @@ def in_shell(*words: object) -> str:
     """Return a command as it is typed: words with blanks or signs of the shell are quoted."""
     texts = [str(word) for word in words]
     return subprocess.list2cmdline(texts) if os.name == "nt" else shlex.join(texts)
+
+
+def command_line() -> str:
+    """Return the command that runs, as it is typed; empty where another program uses this one."""
+    program = Path(sys.argv[0] if sys.argv else "")
+    if program.stem not in ("rig", "rig-script") and program.parts[-2:] != ("rig", "__main__.py"):
+        return ""
+    return in_shell("rig", *sys.argv[1:])
 
 
 def _escaped(character: str) -> str:

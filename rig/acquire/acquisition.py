@@ -1,13 +1,12 @@
 """One whole scan: devices opened, the plan run, the photons on disk."""
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from rig.acquire.connect import open_devices
+from rig.acquire.connect import Own, open_devices
 from rig.acquire.engine import Devices, ScanEngine
 from rig.acquire.events import (
     Consumer,
@@ -24,7 +23,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.log import ScanLog, log_of
 from rig.acquire.raw import RawRecords
-from rig.errors import DataFileError, RefusedError, UsageError, in_shell
+from rig.errors import DataFileError, RefusedError, UsageError, command_line, in_shell
 from rig.files.description import ScanDescription
 from rig.files.records import beside
 from rig.files.scan import ScanFile
@@ -159,7 +158,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         plan=plan,
         state=state,
         simulated=config.rehearsed,
-        command=in_shell("rig", *sys.argv[1:]),
+        command=command_line(),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
@@ -269,11 +268,12 @@ def resume(
     target: Path,
     watch: Watch | None = None,
     operator: Operator | None = None,
+    own: Own | None = None,
 ) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
-    ``operator`` sets what has no data interface. Where the instrument's records were kept beside it, those of
-    what follows are kept in a file of their own.
+    ``operator`` sets what has no data interface, ``own`` are devices as of `open_devices`. Where the
+    instrument's records were kept beside it, those of what follows are kept in a file of their own.
 
     Raises
     ------
@@ -288,7 +288,7 @@ def resume(
         return _end(target)
     begin_s = _begin_s(plan, state, measured)
     opened = open_devices(
-        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator
+        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator, own=own
     )
     with opened as devices:
         with ScanFile(target) as scan:

@@ -1,16 +1,18 @@
 """What is known of a scan before anything moves: how much it is, and whether the rig can do it."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
+from rig.bench.placed import Hidden, looked_at
 from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError
 from rig.files.writer import RESERVE_BYTES
+from rig.model.config import HarpConfig
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
 from rig.model.state import RigState
@@ -41,6 +43,8 @@ class Estimate:
     sweeps, loaded, loading_s
         Of a mirror that never stops: number of sweeps, positions that are loaded into it for all of them, and
         how long that takes; 0 of one that stops.
+    hidden
+        What is known of a mesh that is the hidden scene of a simulated rig, once it was looked at.
     """
 
     bins: int
@@ -52,6 +56,7 @@ class Estimate:
     sweeps: int = 0
     loaded: int = 0
     loading_s: float = 0.0
+    hidden: Hidden | None = None
 
 
 def estimate(plan: ScanPlan, state: RigState) -> Estimate:
@@ -142,7 +147,23 @@ def check_rig(plan: ScanPlan, state: RigState) -> Estimate:
         if one.motion == "step":  # otherwise the point clock ticks, of which the instrument knows nothing
             limits.check_exposure(one.exposure_s)
     check_times(plan, state)
-    return found
+    return replace(found, hidden=_look_at_mesh(plan, state))
+
+
+def _look_at_mesh(plan: ScanPlan, state: RigState) -> Hidden | None:
+    """Refuse a mesh that the record of a simulated scan does not hold."""
+    config, gate = state.config, state.gate
+    if config.simulation is None or config.simulation.mesh is None:
+        return None
+    bins, bin_width_s = time_axis(config)
+    begin_s = config.tcspc.offset_s if isinstance(config.tcspc, HarpConfig) else 0.0
+    end_s = begin_s + bins * bin_width_s
+    if gate:
+        begin_s, end_s = max(begin_s, gate.delay_s), min(end_s, gate.delay_s + gate.width_s)
+    detector_m = np.array([channel.spot_m for channel in state.channels])
+    delay_s = state.delays.delay_s(plan.spots_m[:, None], detector_m)
+    record_s = begin_s - float(delay_s.max()), end_s - float(delay_s.min())
+    return looked_at(config, plan.spots_m, detector_m, record_s)
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:

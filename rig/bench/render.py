@@ -1,6 +1,5 @@
 """Rendering a hidden scene: what a scan of it would give on average, without noise and instrument."""
 
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.bench.simulated import renderer, true_geometry
-from rig.errors import UsageError, in_shell
+from rig.errors import UsageError, command_line
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
 from rig.model.config import RigConfig
@@ -81,7 +80,7 @@ def render(
         channels=state.channels,
         state=state,
         simulated=True,
-        command=in_shell("rig", *sys.argv[1:]),
+        command=command_line(),
         dtype="<f4",
     )
     photons = 0.0

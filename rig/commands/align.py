@@ -66,12 +66,12 @@ def align(
     from rig.commands.align_view import AlignmentView
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.scan import configured
+    from rig.model.asked import configuration
     from rig.model.quantities import parse
     from rig.model.state import RigState
     from rig.show.levels import Levels
 
-    state = RigState.resolve(_in_real_time(configured(config, None, {"scene": scene, "seed": seed}, {})))
+    state = RigState.resolve(_in_real_time(configuration(config, None, {"scene": scene, "seed": seed}, {})))
     once, longest_s = lap(_spots(at, circle, state), parse(exposure, "time")), parse(longest, "time")
     check_alignment(once, state)
     plan = laps(once, longest_s)

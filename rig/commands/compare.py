@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.options import AsJson
-from rig.commands.recon import depths
 from rig.commands.results import Force, names, require_free, told_if_stopped
 
 if TYPE_CHECKING:
@@ -69,16 +68,11 @@ def compare(
       rig compare night.h5 --depth 0.8m:1.8m:5mm --truth object.ply
     """
     from rig.commands import console
+    from rig.image.asked import asked
     from rig.image.compare import check_comparable
     from rig.image.compare import compare as compared
-    from rig.image.reconstruct import Request
-    from rig.model.quantities import parse
 
-    request = Request(
-        wavelength_m=parse(wavelength, "length") if wavelength else None,
-        depth_m=depths(depth) if depth else None,
-        voxel_m=parse(voxel, "length") if voxel else None,
-    )
+    request = asked(wavelength=wavelength, depth=depth, voxel=voxel)
     for file in files:
         check_comparable(file, console.warn)
     sheets, keep = _places(files, out, force)

@@ -100,9 +100,9 @@ def import_(
       rig import scan.ptu a.h5 --grid 64x64 --spacing 1cm --detector confocal --point-marker 1    PicoQuant
     """
     from rig.commands import console
-    from rig.commands.scan import columns_and_rows
     from rig.errors import in_shell
     from rig.importers import import_scan
+    from rig.model.asked import columns_and_rows
     from rig.model.quantities import parse
 
     with told_if_stopped([target]):

@@ -15,7 +15,7 @@ def measure(
         typer.Option(
             metavar="FILE|scene:NAME",
             help="What is really there: a depth map (.npz, or HDF5 with the group truth), another volume, "
-            "a mesh (.obj, .ply, .stl), or a scene of the simulator.",
+            "a mesh (.obj, .ply, .stl), a simulated scan, or a scene of the simulator.",
         ),
     ] = None,
     scan: Annotated[

@@ -71,11 +71,6 @@ class Order(Enum):
     PROGRESSIVE = "progressive"
     RANDOM = "random"
 
-    @property
-    def in_plan(self) -> str:
-        """The plan's word: its raster is a snake, lines alternate in direction."""
-        return "snake" if self is Order.RASTER else self.value
-
 
 class Mode(Enum):
     """How the mirror goes through the positions; the value is the plan's word, too."""
@@ -86,6 +81,20 @@ class Mode(Enum):
 
 Spacing = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
+]
+Place = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="Where the middle of a mesh is, e.g. 0cm,0cm,1.2m. [dim]\\[as it stands][/dim]"
+    ),
+]
+Rotate = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="Turn a mesh about x, then y, then z, e.g. 0deg,90deg,0deg."),
+]
+Scale = Annotated[
+    float | None,
+    typer.Option(min=0, help="Multiply a mesh's coordinates, e.g. 0.001 of millimetres. [dim]\\[1][/dim]"),
 ]
 #: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
 HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")

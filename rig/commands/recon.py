@@ -11,6 +11,7 @@ from rig.commands.options import AsJson
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
+    from rig.image.reconstruct import Request
     from rig.image.result import Result
 
 
@@ -147,6 +148,14 @@ def recon(
         Path | None,
         typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
     ] = None,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="A quick, coarse picture to try wavelength and depth: SCAN-preview.png, which is replaced "
+            "each time, and no volume. What was read is kept for the next one.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -157,6 +166,8 @@ def recon(
       rig recon scan.h5                    everything chosen by the program
 
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
+
+      rig recon scan.h5 --preview --wavelength 8cm        a quick look, again and again
 
       rig recon scan.h5 --page letters.html        to be turned in any browser
 
@@ -171,34 +182,34 @@ def recon(
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
     from rig.commands import console
-    from rig.image.reconstruct import Request, reconstruct
-    from rig.model.quantities import parse
+    from rig.image.asked import asked
+    from rig.image.reconstruct import reconstruct
     from rig.show.volume import check_picture
 
-    def length(text: str | None) -> float | None:
-        return parse(text, "length") if text else None
-
-    request = Request(
+    request = asked(
         camera=camera.value,
         solver=solver.value,
-        wavelength_m=length(wavelength),
+        wavelength=wavelength,
         cycles=cycles,
-        depth_m=depths(depth) if depth else None,
-        frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
+        depth=depth,
+        frames=frames,
         over=over.value if over else None,
         all_depths=all_depths,
-        width_m=length(width),
-        height_m=length(height),
-        voxel_m=length(voxel),
-        fade_from_s=parse(fade_from, "time") if fade_from else None,
+        width=width,
+        height=height,
+        voxel=voxel,
+        fade_from=fade_from,
         snr=snr,
-        memory_bytes=int(parse(memory, "memory")) if memory else None,
+        memory=memory,
         device=device.value,
         calibrations=calibrations,
         even_bins=even_bins,
         each_frame=each_frame,
-        fresh_to_m=length(fresh_to),
+        fresh_to=fresh_to,
     )
+    if preview:
+        _preview(scan, request, {"--out": out, "--page": page, "--video": video}, image, force, as_json)
+        return
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
@@ -207,27 +218,27 @@ def recon(
     _show(result, files, as_json)
 
 
-def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
+def _preview(
+    scan: Path,
+    request: "Request",
+    others: dict[str, Path | None],
+    image: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from rig.commands import console
     from rig.errors import UsageError
-    from rig.model.quantities import parse
+    from rig.image.preview import preview
+    from rig.show.volume import check_picture
 
-    parts = text.split(":")
-    if len(parts) != 3:
-        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
-    start, stop, step = (parse(part, kind) for part in parts)
-    return start, stop, step
-
-
-def depths(text: str) -> tuple[float, float, float]:
-    """Read the option --depth."""
-    from rig.errors import UsageError
-
-    start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")
-    if not (0 < start_m <= stop_m and step_m > 0):
-        raise UsageError(
-            f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
-        )
-    return start_m, stop_m, step_m
+    if given := [option for option, path in others.items() if path is not None]:
+        raise UsageError(f"a preview is a picture alone: leave {' and '.join(given)} out, or --preview")
+    # the one result that is replaced unasked: its own name says that it is no result
+    files = names(scan, {"picture": "-preview.png"}, {"picture": image}, force=force or image is None)
+    check_picture(files["picture"])
+    with told_if_stopped(files.values()), console.Working("previewing") as working:
+        result = preview(scan, request, files["picture"], working)
+    _show(result, files, as_json)
 
 
 def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:

@@ -69,23 +69,16 @@ def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
     UsageError
         If there is one.
     """
+    from rig.files.taken import is_scan
+
     for path in paths:
         if not os.path.lexists(path):
             continue
         if not force:
             otherwise = "move it away" if force is None else "replace it with --force"
             raise UsageError(f"{path} exists and is not overwritten; give another name, or {otherwise}")
-        if _is_scan(path):
+        if is_scan(path):
             raise UsageError(f"{path} is a scan, which --force does not replace; give another name")
-
-
-def _is_scan(path: Path) -> bool:
-    import h5py
-
-    from rig.files.journal import journal_of
-    from rig.files.volume import is_volume
-
-    return os.path.exists(journal_of(path)) or (path.is_file() and h5py.is_hdf5(path) and not is_volume(path))
 
 
 @contextmanager

@@ -8,8 +8,6 @@ import typer
 
 from rig.commands.consent import Yes
 from rig.commands.options import (
-    BUILT_IN,
-    UNTIL_STOPPED,
     AsJson,
     Config,
     Frames,
@@ -19,9 +17,12 @@ from rig.commands.options import (
     Note,
     Operator,
     Order,
+    Place,
     Ptu,
     Purpose,
+    Rotate,
     Sample,
+    Scale,
     Seed,
     Spacing,
     Until,
@@ -31,7 +32,6 @@ from rig.commands.results import require_free
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
-    from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
     from rig.model.state import RigState
@@ -55,6 +55,7 @@ def scan(
     frames: Frames = None,
     order: Annotated[
         Order,
+        Place,
         typer.Option(
             help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
             "coarse to fine, the whole wall again and again. random: anywhere."
@@ -68,6 +69,9 @@ def scan(
             help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
         ),
     ] = None,
+    place: Place = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     preset: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
@@ -118,6 +122,8 @@ def scan(
 
       rig scan --preset office-10ms          a dataset of the paper
 
+      rig scan --scene model.obj --scale 0.001 --place 0cm,0cm,1.2m    a mesh in millimetres
+
       rig scan --config lab.toml --dry-run   what would be done
 
       rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
@@ -134,7 +140,7 @@ def scan(
     from rig.commands.running import Onlookers, ending, page_at, run
     from rig.errors import UsageError
     from rig.files.records import beside
-    from rig.model.plan import ScanPlan
+    from rig.model import asked
     from rig.model.quantities import parse
     from rig.model.state import RigState
 
@@ -142,17 +148,16 @@ def scan(
         _show_presets(as_json)
         return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    state = RigState.resolve(configured(config, preset, {"scene": scene, "seed": seed}, notes))
-    columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.grid(
+    simulation = {"scene": scene, "seed": seed, **asked.placement(place, rotate, scale)}
+    state = RigState.resolve(asked.configuration(config, preset, simulation, notes))
+    plan = asked.plan(
         state.config,
-        columns=columns,
-        rows=rows,
-        spacing_m=parse(spacing, "length") if spacing else None,
-        exposure_s=parse(exposure, "time") if exposure else None,
-        order=order.in_plan,
-        motion=mode.value,
-        **_frames(frames, mode),
+        exposure=exposure,
+        grid=grid,
+        spacing=spacing,
+        mode=mode.value,
+        frames=frames,
+        order=order.value,
     )
     _check_film(plan, live or web is not None, fresh_to, video)
     end = ending(until, plan) if until else None
@@ -167,6 +172,10 @@ def scan(
             "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
         )
     found = check(plan, state, target.parent)
+    if found.hidden:
+        console.say(found.hidden.words)
+        for sentence in found.hidden.warnings:
+            console.warn(sentence)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     if dry_run:
@@ -194,27 +203,6 @@ def scan(
         needed,
         others,
     )
-
-
-def _frames(text: str | None, mode: Mode) -> dict[str, object]:
-    """Read the option --frames, as the plan has it."""
-    from rig.errors import UsageError
-    from rig.model.plan import FIRST_FRAMES
-
-    if text is None:
-        return {}
-    if text.strip() != UNTIL_STOPPED:
-        if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
-            raise UsageError(
-                f"'{text}' is no number of frames; write one from 1 on, e.g. --frames 10, or "
-                f"--frames {UNTIL_STOPPED}"
-            )
-        return {"frames": int(text)}
-    if mode is not Mode.CONTINUOUS:
-        raise UsageError(
-            f"--frames {UNTIL_STOPPED} needs --mode continuous; add it, or give a number of frames"
-        )
-    return {"frames": FIRST_FRAMES, "until_stopped": True}
 
 
 def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path | None) -> None:
@@ -245,49 +233,6 @@ def _show_presets(as_json: bool) -> None:
         console.print_json({"presets": about()})
     else:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
-
-
-def configured(
-    path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
-) -> "RigConfig":
-    """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""
-    from rig.errors import UsageError
-    from rig.model.config import built_in_with, load
-    from rig.model.presets import merged
-    from rig.model.presets import preset as changes_of
-
-    overlay = changes_of(preset) if preset else {}
-    given = {name: value for name, value in simulation.items() if value is not None}
-    said = {name: text for name, text in notes.items() if text is not None}
-    if path and (preset or given) and not load(path).simulated:
-        option = "preset" if preset else next(iter(given))
-        raise UsageError(
-            f"--{option} is for the simulated rig, and {path} names real devices; leave it out, or use "
-            f"--config {BUILT_IN}"
-        )
-    changes = merged(overlay, {"simulation": given} if given else {})
-    changes = merged(changes, {"notes": said} if said else {})
-    return load(path, changes) if path else built_in_with(changes)
-
-
-def columns_and_rows(text: str) -> tuple[int, int]:
-    """Read a grid like 180x130.
-
-    Raises
-    ------
-    rig.errors.UsageError
-        If it is none.
-    """
-    from rig.errors import UsageError
-
-    columns, separator, rows = text.lower().partition("x")
-    numbers = [text.strip() for text in (columns, rows)]
-    plain = all(number.isascii() and number.isdecimal() and len(number) < 10 for number in numbers)
-    if not (separator and plain and min(map(int, numbers)) > 1):
-        raise UsageError(
-            f"'{text}' is not a grid; write columns and rows, each at least 2, e.g. --grid 180x130"
-        )
-    return int(numbers[0]), int(numbers[1])
 
 
 def _default_name() -> str:

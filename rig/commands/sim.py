@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.options import BUILT_IN, AsJson, Grid, Spacing, config_option
+from rig.commands.options import BUILT_IN, AsJson, Grid, Place, Rotate, Scale, Spacing, config_option
 from rig.commands.results import told_if_stopped
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
@@ -32,6 +32,9 @@ def render(
     bounces: Annotated[
         int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
     ] = None,
+    place: Place = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     grid: Grid = None,
     spacing: Spacing = None,
     roughness: Annotated[
@@ -60,32 +63,32 @@ def render(
     """
     import time
 
+    from rig.bench.placed import looked_at
     from rig.bench.render import TimeAxis
     from rig.bench.render import render as rendered
     from rig.commands import console
-    from rig.commands.scan import columns_and_rows
     from rig.devices.kinds import time_axis
     from rig.errors import UsageError
-    from rig.model.config import built_in_with, load
-    from rig.model.plan import ScanPlan
+    from rig.model import asked
+    from rig.model.config import load
     from rig.model.quantities import parse, show_duration
 
-    simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
-    changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
+    simulation: dict[str, object] = {"scene": scene, "bounces": bounces, "roughness": roughness}
+    simulation |= {"gloss": gloss, **asked.placement(place, rotate, scale)}
     if config and not load(config).simulated:
         raise UsageError(
             f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
         )
-    rig_config = load(config, changes) if config else built_in_with(changes)
-    columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.grid(
-        rig_config,
-        columns=columns,
-        rows=rows,
-        spacing_m=parse(spacing, "length") if spacing else None,
-    )
+    rig_config = asked.configuration(config, None, simulation)
+    plan = asked.plan(rig_config, grid=grid, spacing=spacing)
     usual_bins, usual_width_s = time_axis(rig_config)
     axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
+    spots_m = [channel.spot_m for channel in rig_config.channels]
+    hidden = looked_at(rig_config, plan.spots_m, spots_m, (0.0, axis.bins * axis.bin_width_s))
+    if hidden:
+        console.say(hidden.words)
+        for sentence in hidden.warnings:
+            console.warn(sentence)
     began_s = time.monotonic()
     with told_if_stopped([out]), console.Working(f"rendering {scene}") as progress:
         photons = rendered(plan, rig_config, axis, out, progress)

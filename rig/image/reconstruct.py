@@ -1,7 +1,6 @@
 """From a scan file to a volume file and pictures: choose what was not asked for, focus, find depths."""
 
 import dataclasses
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,21 +16,22 @@ from recon import defaults
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
 from recon.depth import compensate_falloff
+from recon.filming import FRAMES_PER_PULSE, Over, Sink, video
+from recon.filming import frame_times_s as moments_s
 from recon.frames import FrameImager
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.noise import photon_noise, quiet_level, tallied
-from recon.registry import CAMERAS, SOLVERS, load, taking
+from recon.registry import CAMERAS, entry_of, load, name_of, taking
 from recon.result import Image
+from recon.sampling import CONFOCAL
 from recon.solvers.classic.solve import baseline_image
-from recon.solvers.problem import ignore
+from recon.solvers.problem import Solver, ignore
 from recon.surface import Surface, find
-from recon.video import FRAMES_PER_PULSE, Over, Sink, video
-from recon.video import frame_times_s as moments_s
 from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
 from recon.window import Window
-from rig.errors import UsageError, in_shell, printable
+from rig.errors import UsageError, command_line, printable
 from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
@@ -57,7 +57,7 @@ class Request:
     """What was asked for; None leaves the choice to the program."""
 
     camera: str = "confocal"
-    solver: str = "rsd"
+    solver: str | Solver = "rsd"
     wavelength_m: float | None = None
     cycles: float | None = None
     depth_m: tuple[float, float, float] | None = None
@@ -122,7 +122,7 @@ class Work:
             parameters=parameters,
             scan=self.scan,
             scan_digest=self.scan_digest,
-            command=in_shell("rig", *sys.argv[1:]),
+            command=command_line(),
         )
 
 
@@ -151,30 +151,56 @@ def reconstruct(
     check_picture(picture_path)
     _check_page(request, page_path)
     with ScanFile(scan_path) as scan:
-        if request.each_frame:
-            check_frames(scan)
-        work, reason = chosen(scan, request)
-        camera = _camera(work)
-        if request.each_frame:
-            volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
-        elif not SOLVERS[request.solver].virtual_wave:
-            volume, warnings, reason = *_classic(work, progress), ""
-        elif isinstance(camera, TransientCamera):
-            volume, warnings = _film(work, camera, volume_path, progress), _warnings(work, camera)
-        elif isinstance(camera, PhotoCamera):
-            # Depth is told by the pulse alone.
-            volume, warnings = work.volume(_focused(work, camera, progress)), _warnings(work, camera)
-        else:
-            work, reason, volume = _still(work, reason, progress)
-            warnings = _warnings(work, camera)
-        warnings = (*scan.doubts, *_signal(volume), *warnings)
-        if not (request.each_frame or request.all_depths):  # which were written meanwhile
-            write_volume(volume_path, volume)
-    save(picture(volume), picture_path)
+        result = imaged(scan, request, progress, volume_path)
+    if not (request.each_frame or request.all_depths):  # which were written meanwhile
+        write_volume(volume_path, result.volume)
+    save(picture(result.volume), picture_path)
     if page_path:
-        page.save(volume, page_path)
+        page.save(result.volume, page_path)
     if video_path:
-        _save_video(volume, request, video_path)
+        _save_video(result.volume, request, video_path)
+    return dataclasses.replace(result, took_s=time.monotonic() - began_s)
+
+
+def imaged(
+    scan: ScanFile,
+    request: Request,
+    progress: Callable[[float], None] | None = None,
+    volume_path: Path | None = None,
+) -> Result:
+    """Image an open scan with a virtual camera.
+
+    Nothing is written, but for ``all_depths`` and ``each_frame``: what these make need not fit in memory, and
+    goes to the volume file at once.
+
+    Raises
+    ------
+    As `reconstruct`.
+    """
+    began_s = time.monotonic()
+    _check(request, None)
+    if volume_path is None and (request.all_depths or request.each_frame):
+        raise UsageError(
+            "films of all depths, and of each frame, are written to a file while they are made: use "
+            "rig recon with --all-depths or --each-frame, and open its volume"
+        )
+    if request.each_frame:
+        check_frames(scan)
+    work, reason = chosen(scan, request)
+    camera = _camera(work)
+    if request.each_frame and volume_path:
+        volume, warnings = _frame_by_frame(scan, work, volume_path, progress), warnings_of(work, camera)
+    elif not entry_of(request.solver).virtual_wave:
+        volume, warnings, reason = *_classic(work, progress), ""
+    elif isinstance(camera, TransientCamera):
+        volume, warnings = _film(work, camera, volume_path, progress), warnings_of(work, camera)
+    elif isinstance(camera, PhotoCamera):
+        # Depth is told by the pulse alone.
+        volume, warnings = work.volume(_focused(work, camera, progress)), warnings_of(work, camera)
+    else:
+        work, reason, volume = still(work, reason, progress)
+        warnings = warnings_of(work, camera)
+    warnings = (*scan.doubts, *_signal(volume), *warnings)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
 
 
@@ -189,31 +215,40 @@ def _save_video(volume: Volume, request: Request, path: Path) -> None:
 def settled(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for, a longer wavelength where photons are too few; say why this one."""
     work, reason = chosen(scan, request)
-    return _still(work, reason, None)[:2]
+    return still(work, reason, None)[:2]
 
 
 def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     """Choose what was not asked for; say why this wavelength."""
     seen = _seen_with(scan, request)
+    name = printable(scan.path.name)
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
     choice = _wavelength(request, seen)
-    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
-    pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
-    grid = _voxels(request, seen.capture, pulse)
-    work = Work(
-        request,
-        seen,
-        pulse,
-        grid,
-        window,
-        printable(scan.path.name),
-        scan.digest,
-        estimated=tuple(scan.estimated),
-        origin=origin(scan),
+    work = planned(
+        dataclasses.replace(request, wavelength_m=choice.value), seen, name, scan.digest, origin(scan)
     )
-    return work, choice.reason
+    return dataclasses.replace(work, request=request, estimated=tuple(scan.estimated)), choice.reason
+
+
+def planned(request: Request, seen: Seen, scan: str, digest: str, came: Mapping[str, Any]) -> Work:
+    """Choose pulse, voxels and window for a wavelength that was chosen.
+
+    Parameters
+    ----------
+    request
+        What was asked; it names a wavelength.
+    seen
+        What is imaged, the side that focuses as its laser spots.
+    scan, digest, came
+        Name and digest of the scan, and where it comes from (`rig.image.origin`).
+    """
+    assert request.wavelength_m is not None
+    window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
+    pulse = VirtualPulse(request.wavelength_m, CYCLES if request.cycles is None else request.cycles)
+    grid = _voxels(request, seen.capture, pulse)
+    return Work(request, seen, pulse, grid, window, scan, digest, origin=came)
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
@@ -242,7 +277,9 @@ def _seen_with(scan: ScanFile, request: Request) -> Seen:
 
 def _check(request: Request, video_path: Path | None) -> None:
     """Refuse options that do not go together."""
-    solver, entry = request.solver, SOLVERS[request.solver]
+    if request.camera not in CAMERAS:
+        raise UsageError(f"there is no camera {request.camera!r}; choose among {', '.join(CAMERAS)}")
+    solver, entry = name_of(request.solver), entry_of(request.solver)
     if request.snr is not None and "snr" not in entry.options:
         raise UsageError(
             f"solver {solver} has no Wiener filter; --snr is for --solver {' or '.join(taking('snr'))}"
@@ -325,11 +362,11 @@ def _refuse(why: str, options: Mapping[str, bool], remedy: str) -> None:
         raise UsageError(f"{why} {' and '.join(given)} would have no effect; {remedy}")
 
 
-def _warnings(work: Work, camera: Camera) -> tuple[str, ...]:
+def warnings_of(work: Work, camera: Camera = CONFOCAL) -> tuple[str, ...]:
     """List what may spoil the image."""
     response_s = work.seen.instrument_response_s
     found = defaults.warnings(work.capture, work.pulse, work.grid, response_s, camera.light(work.pulse))
-    if own := SOLVERS[work.request.solver].warnings:
+    if own := entry_of(work.request.solver).warnings:
         found += load(own)(work.capture, work.pulse.wavelength_m, work.grid)
     return tuple(found)
 
@@ -338,7 +375,12 @@ def _classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volu
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
     request = work.request
     found = baseline_image(
-        work.capture, work.grid, solver=request.solver, window=work.window, snr=request.snr, progress=progress
+        work.capture,
+        work.grid,
+        solver=name_of(request.solver),
+        window=work.window,
+        snr=request.snr,
+        progress=progress,
     )
     snr = {} if found.snr is None else {"snr": found.snr}
     return work.volume(found, find(found, quiet_level(found.intensity)), **snr), found.notes
@@ -381,7 +423,7 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
     return found, find(found, noise)
 
 
-def _still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
+def still(work: Work, reason: str, progress: Callable[[float], None] | None) -> tuple[Work, str, Volume]:
     """Image with the wavelength asked for, or else with a longer one where photons are too few."""
     best, (found, surface) = work, _imaged(work, progress)
     attempts = ATTEMPTS if work.request.wavelength_m is None else 0
@@ -424,7 +466,7 @@ def _frame_by_frame(
 
 
 def _film(
-    work: Work, camera: TransientCamera, volume_path: Path, progress: Callable[[float], None] | None
+    work: Work, camera: TransientCamera, volume_path: Path | None, progress: Callable[[float], None] | None
 ) -> Volume:
     """Make the video; its planes go to the volume file at once, if all depths are to be kept."""
     request, grid, over = work.request, work.grid, work.request.over or "surface"
@@ -432,9 +474,17 @@ def _film(
     depth_m = surface.depth_m if surface else None
     dark = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     begun = Image(
-        grid, None, request.solver, work.window, camera, work.pulse, times_s=camera.times_s, frames=dark
+        grid,
+        None,
+        name_of(request.solver),
+        work.window,
+        camera,
+        work.pulse,
+        times_s=camera.times_s,
+        frames=dark,
     )
-    with _sink(volume_path, work.volume(begun, surface, over_depth=over), request.all_depths) as sink:
+    kept = volume_path if request.all_depths else None
+    with _sink(kept, work.volume(begun, surface, over_depth=over)) as sink:
         found = video(
             work.capture,
             work.pulse,
@@ -453,9 +503,9 @@ def _film(
 
 
 @contextmanager
-def _sink(path: Path, volume: Volume, all_depths: bool) -> Iterator[Sink | None]:
+def _sink(path: Path | None, volume: Volume) -> Iterator[Sink | None]:
     """Open the volume file for planes, if all depths are to be kept."""
-    if not all_depths:
+    if path is None:
         yield None
         return
     with volume_by_planes(path, volume) as dataset:

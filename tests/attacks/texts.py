@@ -81,7 +81,7 @@ def grid_option(random: Random) -> tuple[str, str, str]:
 def read_grid(given: tuple[str, str, str]) -> None:
     """Make a plan of it, and look at what a dry run looks at."""
     from rig.acquire.preflight import check
-    from rig.commands.scan import columns_and_rows
+    from rig.model.asked import columns_and_rows
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState

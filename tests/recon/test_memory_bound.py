@@ -12,10 +12,10 @@ import pytest
 from recon.camera import TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import MemoryBoundError, ParameterError
+from recon.filming import video
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.sampling import CONFOCAL
-from recon.video import video
 from recon.wave import VirtualPulse
 from support.hidden_points import histograms, wall
 

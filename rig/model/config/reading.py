@@ -56,8 +56,19 @@ def built_in_with(changes: Table) -> RigConfig:
     ConfigError
         If a value is wrong.
     """
+    return of_tables(merged(_BUILT_IN, changes))
+
+
+def of_tables(tables: Table) -> RigConfig:
+    """Return the configuration that a file with these tables would be.
+
+    Raises
+    ------
+    ConfigError
+        If a key is unknown, or a value is wrong.
+    """
     try:
-        return RigConfig.model_validate(merged(_BUILT_IN, changes))
+        return RigConfig.model_validate(tables)
     except ValidationError as error:
         raise ConfigError(explained(error)) from None
 

@@ -1,11 +1,15 @@
 """Sections of the simulated bench."""
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from rig.model.config.section import Point, Section
 from rig.model.quantities import Hertz, Metres, Radians, Seconds, Volts
+
+#: Endings of mesh files.
+MESH_ENDINGS = (".obj", ".ply", ".stl")
 
 
 class MisalignmentConfig(Section):
@@ -103,6 +107,15 @@ class SimulationConfig(Section):
 
     scene: str = "letters"
     """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
+    place_m: Point | None = None
+    """Where the middle of a mesh's bounding box is put; None leaves it where its file has it."""
+    rotate_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
+    """A mesh is turned about x, then y, then z, about that middle."""
+    scale: float = Field(1.0, gt=0, le=1e6)
+    """The coordinates of a mesh's file are multiplied by it: 0.001 of a file in millimetres."""
+    mesh_sha256: str = ""
+    """Of a mesh's file; another file is refused then. Scan files have it, so that a scan is resumed with the
+    mesh that it began with."""
     bounces: Literal[3, 4, 5] = 3
     """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
     roughness: float | None = Field(None, ge=0.05, le=1)
@@ -120,6 +133,22 @@ class SimulationConfig(Section):
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
     by_hand: ByHandConfig = ByHandConfig()
+
+    @property
+    def mesh(self) -> Path | None:
+        """The mesh file that is the scene; None of a built-in scene."""
+        path = Path(self.scene)
+        return path if path.suffix.lower() in MESH_ENDINGS else None
+
+    @model_validator(mode="after")
+    def _places_meshes_alone(self) -> "SimulationConfig":
+        placed = self.place_m is not None or any(self.rotate_rad) or self.scale != 1
+        if placed and self.mesh is None:
+            raise ValueError(
+                f"place, rotate and scale are for a mesh file, and the scene '{self.scene}' is built in: "
+                f"leave them out, or name an {', '.join(MESH_ENDINGS)} file"
+            )
+        return self
 
     @model_validator(mode="after")
     def _moves_without_interreflections(self) -> "SimulationConfig":
