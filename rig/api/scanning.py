@@ -406,7 +406,7 @@ def _ran(
     return Scan(target)
 
 
-def _stoppable() -> AbstractContextManager[Callable[[], bool]]:
+def _stoppable() -> AbstractContextManager[Callable[[], bool | str]]:
     """Take Ctrl-C as a wish to stop; signals reach the main thread alone."""
     if threading.current_thread() is threading.main_thread():
         return StopRequest(lambda sentence: None)

@@ -20,6 +20,7 @@ from rig.commands.init import init
 from rig.commands.laser import laser
 from rig.commands.listing import list_
 from rig.commands.measure import measure
+from rig.commands.options import WithWeb
 from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.report import report
@@ -28,6 +29,7 @@ from rig.commands.scan import scan
 from rig.commands.serve import serve
 from rig.commands.sim import sim
 from rig.commands.stats import stats
+from rig.commands.watch import watch
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
 and image what is hidden.
@@ -62,8 +64,9 @@ def _root(
     pass
 
 
-app.command("scan")(scan)
-app.command("resume")(resume)
+app.command("scan", cls=WithWeb)(scan)
+app.command("resume", cls=WithWeb)(resume)
+app.command("watch", cls=WithWeb)(watch)
 app.command("align")(align)
 app.command("recon")(recon)
 calibrate.command("all")(calibrate_all)

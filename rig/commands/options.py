@@ -1,11 +1,13 @@
 """Options that several verbs have, said once."""
 
 import os
+import re
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
@@ -94,6 +96,8 @@ Scale = Annotated[
     float | None,
     typer.Option(min=0, help="Multiply a mesh's coordinates, e.g. 0.001 of millimetres. [dim]\\[1][/dim]"),
 ]
+#: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
+HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")
 #: What is said in place of a number of frames.
 UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
@@ -121,6 +125,15 @@ Live = Annotated[
         "display, and as pictures in SCAN-live/.",
     ),
 ]
+Web = Annotated[
+    str | None,
+    typer.Option(
+        "--web",
+        metavar="[HOST:PORT]",
+        help="Show the scan as a page in a browser, on this computer; or, with an address, on others, too, "
+        "which then need the token that is printed. [dim]\\[127.0.0.1:8642][/dim]",
+    ),
+]
 Ptu = Annotated[
     bool,
     typer.Option(
@@ -135,3 +148,21 @@ Sample = Annotated[
 Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
 Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+
+
+class WithWeb(TyperCommand):
+    """A command whose option ``--web`` may stand alone, or be followed by an address."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read what was typed."""
+        return super().parse_args(ctx, self.with_address(args))
+
+    @staticmethod
+    def with_address(args: list[str]) -> list[str]:
+        """Return what was typed, with the address of this computer where ``--web`` has none."""
+        given, rest = list(args), []
+        while given and given[0] != "--":
+            word = given.pop(0)
+            alone = word == "--web" and not (given and _ADDRESS.fullmatch(given[0]))
+            rest.append(f"--web={HERE}" if alone else word)
+        return rest + given

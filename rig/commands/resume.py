@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import VARIABLE, AsJson, Live, Until, chosen, usual_configuration
+from rig.commands.options import VARIABLE, AsJson, Live, Until, Web, chosen, usual_configuration
 
 
 def resume(
@@ -24,6 +24,7 @@ def resume(
     ] = None,
     until: Until = None,
     live: Live = False,
+    web: Web = None,
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
@@ -39,11 +40,12 @@ def resume(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
+    from rig.commands.running import Onlookers, ending, page_at, run
     from rig.model.config import load
 
     plan, state = acquisition.interrupted(scan, load(config) if config else None, usual_configuration)
     check(plan, state, scan.parent)
+    page = page_at(web)
     require_consent(state.config, yes=yes)
     if plan.endless:
         console.say(f"{scan} has no last frame: frames go on until they are stopped.")
@@ -53,4 +55,4 @@ def resume(
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))
 
-    run(resumed, plan, scan, as_json, config, Onlookers(end, live, notify=notify))
+    run(resumed, plan, scan, as_json, config, Onlookers(end, live, web=page, notify=notify))

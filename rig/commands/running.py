@@ -27,6 +27,7 @@ from rig.model.quantities import show, show_duration
 if TYPE_CHECKING:
     from rig.image.until import Until
     from rig.live.feed import LiveFeed
+    from rig.live.web.address import Address
 
 #: Where no configuration is here, or it names nobody.
 NOBODY = NotifyConfig()
@@ -46,6 +47,8 @@ class Onlookers:
         Whether it is shown while it runs.
     fresh_to_m, video
         How frames are shown then (`rig.live.messages.Film`).
+    web
+        Where a page shows it; None for nowhere.
     notify
         Who gets a message at the end; of the configuration that is here, never of a file.
     """
@@ -54,7 +57,17 @@ class Onlookers:
     live: bool = False
     fresh_to_m: float | None = None
     video: Path | None = None
+    web: "Address | None" = None
     notify: NotifyConfig = NOBODY
+
+
+def page_at(given: str | None) -> "Address | None":
+    """Return where a page is served, by the option ``--web``."""
+    if given is None:
+        return None
+    from rig.live.web.address import address
+
+    return address(given)
 
 
 def ending(rule: str, plan: ScanPlan, scan: Path | None = None) -> "Until":
@@ -101,7 +114,7 @@ def run(
     try:
         with ExitStack() as stack:
             stop = stack.enter_context(StopRequest(console.say))
-            feed = _feed(target, others) if others.live else None
+            feed = _feed(target, others, stop, config) if others.live or others.web else None
             if feed is not None:
                 stack.callback(feed.close)
             lookers = [one for one in (until, feed) if one is not None]
@@ -142,17 +155,18 @@ def _watch(
     return Watch([progress, *lookers], lambda: stop() or (until.reason() if until else False), begun)
 
 
-def _feed(target: Path, others: Onlookers) -> "LiveFeed":
-    from rig.live.feed import LiveFeed
-    from rig.live.messages import Film
+def _feed(target: Path, others: Onlookers, stop: StopRequest, config: Path | None) -> "LiveFeed":
+    from rig.live.feed import LiveFeed, Page
+    from rig.live.messages import Film, Next
 
     video = others.video.absolute() if others.video else None
     feed = LiveFeed(
         target,
         console.warn,
         inform=console.say,
-        window=console.err.is_terminal,
+        window=others.live and console.err.is_terminal,
         film=Film(others.fresh_to_m, video),
+        page=Page(others.web, stop.ask, Next(_go_on(target, config), _image(target))) if others.web else None,
     )
     console.say(f"Live pictures: {feed.folder / 'now.png'}")
     return feed
@@ -165,7 +179,7 @@ def _is_there(target: Path) -> bool:
 
 def _safe(target: Path, config: Path | None) -> str:
     """Say how much of a scan that ended early can be read back from its file, and how to go on."""
-    again = in_shell("rig", "resume", target, *(("--config", config) if config else ()))
+    again = _go_on(target, config)
     try:
         with ScanFile(target) as scan:
             measured, steps = int(np.count_nonzero(scan.done)), scan.steps
@@ -176,6 +190,16 @@ def _safe(target: Path, config: Path | None) -> str:
         if measured
         else f"No position was measured yet: {target} is safe and empty. Go on with: {again}"
     )
+
+
+def _go_on(target: Path, config: Path | None) -> str:
+    """Return the command that takes a scan up again."""
+    return in_shell("rig", "resume", target, *(("--config", config) if config else ()))
+
+
+def _image(target: Path) -> str:
+    """Return the command that images a scan."""
+    return in_shell("rig", "recon", target)
 
 
 def _light(result: ScanResult) -> dict[str, object] | None:
@@ -241,4 +265,4 @@ def _show(result: ScanResult, plan: ScanPlan, summary: dict[str, Any], as_json: 
         },
     )
     if result.ended.outcome is Outcome.COMPLETE:
-        console.say(f"Next: {in_shell('rig', 'recon', target)}")
+        console.say(f"Next: {_image(target)}")

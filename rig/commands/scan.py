@@ -26,6 +26,7 @@ from rig.commands.options import (
     Seed,
     Spacing,
     Until,
+    Web,
 )
 from rig.commands.results import require_free
 
@@ -91,6 +92,7 @@ def scan(
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
     live: Live = False,
+    web: Web = None,
     fresh_to: Annotated[
         str | None,
         typer.Option(
@@ -135,7 +137,7 @@ def scan(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
+    from rig.commands.running import Onlookers, ending, page_at, run
     from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model import asked
@@ -157,7 +159,7 @@ def scan(
         frames=frames,
         order=order.value,
     )
-    _check_film(plan, live, fresh_to, video)
+    _check_film(plan, live or web is not None, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     require_free([target, *([video] if video else [])])
@@ -181,10 +183,11 @@ def scan(
         return
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
+    page = page_at(web)
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others = Onlookers(end, live, fresh_to_m, video, state.config.notify)
+    others = Onlookers(end, live, fresh_to_m, video, page, state.config.notify)
     records = beside(target) if ptu else None
     run(
         lambda watch: acquire(

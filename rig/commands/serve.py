@@ -66,7 +66,7 @@ def serve(
     if write_config:
         _refuse_foreign(write_config)
     with served(rig_config, log) as server:
-        _end_in_order(server.stop)
+        end_in_order(server.stop)
         signal.signal(signal.SIGUSR1, lambda *_: server.switch_interlock())
         if write_config:
             _write(configuration(rig_config, server.addresses), write_config)
@@ -80,7 +80,7 @@ def serve(
         server.run()
 
 
-def _end_in_order(stop: Callable[[], None]) -> None:
+def end_in_order(stop: Callable[[], None]) -> None:
     """Let Ctrl-C, SIGTERM and a closed terminal end the server; with nohup it outlives its terminal."""
     if sys.platform == "win32":
         return

@@ -18,6 +18,7 @@ from rig.files.blocks import read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.journal import Chunk
+from rig.model.photons import photons_in
 
 #: Histograms in one chunk of the file: 1 MB of 15,000 bins.
 CHUNK_HISTOGRAMS = 16
@@ -100,6 +101,18 @@ class CountForm(Form):
         for first in range(0, measured, counts.chunks[0]):
             pieces = [counts.id.read_direct_chunk((first, *place))[1] for place in _places(counts)]
             yield Chunk(first, live_time_s[first : first + counts.chunks[0]], _joined(pieces))
+
+    @staticmethod
+    def unpacked(
+        transients: h5py.Group, chunk: Chunk, first: int
+    ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
+        """Return the photons of a journal's chunk, from one of its steps on."""
+        counts = transients["counts"]
+        shape = (counts.chunks[0], *counts.shape[1:])
+        stored = np.frombuffer(zlib.decompress(chunk.packed), np.uint8).reshape(counts.dtype.itemsize, -1)
+        values = np.ascontiguousarray(stored.T).view(counts.dtype).reshape(shape)
+        wanted = values[first - chunk.first : len(chunk.live_time_s)]
+        return photons_in(wanted.reshape(-1, shape[-1]))
 
     @staticmethod
     def stored_sums(file: h5py.File) -> NDArray[np.uint32]:
