@@ -22,6 +22,11 @@ LASER, DETECTOR = np.array([-0.55, 2.55]), np.array([0.0, 2.55])
 DARK, GREEN, BLUE, RED = "0.25", "#1b8a3c", "#2166ac", "#b2182b"
 
 
+def beside(place: np.ndarray, x_m: float, z_m: float) -> tuple[float, float]:
+    """Return a place next to another one."""
+    return place[0] + x_m, place[1] + z_m
+
+
 def draw_room(axes: Axes) -> None:
     """Draw wall, rig, screen and hidden object from above."""
     axes.fill_between([-1.35, 1.5], -0.12, 0.0, color="0.75")
@@ -31,10 +36,10 @@ def draw_room(axes: Axes) -> None:
     axes.fill_betweenx([0.95, 2.75], 0.42, 0.48, color="0.45")
     axes.text(0.52, 2.35, "screen: the rig\ndoes not see\nwhat is behind it", color=DARK, va="center")
     axes.plot([HIDDEN[0] - 0.22, HIDDEN[0] + 0.22], [HIDDEN[1]] * 2, color=RED, linewidth=6)
-    axes.text(*(HIDDEN + [0.0, 0.14]), "hidden object", color=RED, ha="center", va="top")
+    axes.text(*beside(HIDDEN, 0.0, 0.14), "hidden object", color=RED, ha="center", va="top")
     for place, name, color in ((LASER, "laser and\ngalvo mirror", GREEN), (DETECTOR, "detector", BLUE)):
         axes.plot(*place, "s", color=color, markersize=12)
-        axes.text(*(place + [0.0, 0.12]), name, color=color, ha="center", va="top")
+        axes.text(*beside(place, 0.0, 0.12), name, color=color, ha="center", va="top")
     for start, end, color in (
         (LASER, X_P, GREEN),
         (X_P, HIDDEN, GREEN),
@@ -48,8 +53,8 @@ def draw_room(axes: Axes) -> None:
     axes.plot(*X_C, "o", color=BLUE, markersize=9)
     axes.text(X_P[0], -0.2, "laser spot $x_p$\n(it moves)", color=GREEN, ha="center")
     axes.text(X_C[0], -0.2, "detector spot\n$x_c$", color=BLUE, ha="center")
-    axes.text(*(X_P + 0.3 * (HIDDEN - X_P) + [-0.1, 0.14]), "$r_p$", color=GREEN, fontsize=15)
-    axes.text(*((X_C + HIDDEN) / 2 + [0.07, -0.02]), "$r_c$", color=BLUE, fontsize=15)
+    axes.text(*beside(X_P + 0.3 * (HIDDEN - X_P), -0.1, 0.14), "$r_p$", color=GREEN, fontsize=15)
+    axes.text(*beside((X_C + HIDDEN) / 2, 0.07, -0.02), "$r_c$", color=BLUE, fontsize=15)
     draw_axes(axes)
     axes.set(xlim=(-1.4, 1.55), ylim=(2.9, -0.45), aspect="equal")
     axes.set_axis_off()
@@ -64,7 +69,7 @@ def draw_axes(axes: Axes) -> None:
         axes.text(*(begin + 1.25 * np.array(step)), name, ha="center", va="center", fontsize=12)
     axes.plot(*begin, "o", color="white", markeredgecolor="black", markersize=10)
     axes.plot(*begin, ".", color="black")
-    axes.text(*(begin + [-0.12, -0.06]), "y, up", ha="right", va="center")
+    axes.text(*beside(begin, -0.12, -0.06), "y, up", ha="right", va="center")
 
 
 def draw_times(axes: Axes) -> None:

@@ -41,9 +41,8 @@ def main(folder: Path, images: Path) -> None:
     figure = Figure(figsize=(13, 2.9), layout="constrained")
     for axes, (name, title) in zip(figure.subplots(1, len(VOLUMES)), VOLUMES.items(), strict=True):
         volume = read_volume(folder / name)
-        amplitude = np.sqrt(volume.intensity * volume.z_m[:, None, None] ** 4).max(
-            axis=0
-        )  # as rig recon shows
+        # the amplitude that rig recon shows
+        amplitude = np.sqrt(volume.intensity * volume.z_m[:, None, None] ** 4).max(axis=0)
         draw_front(axes, amplitude, volume.x_m, volume.y_m, "inferno")
         axes.set_title(title)
     save(figure, images / "tutorial_wavelengths.png")
