@@ -12,7 +12,7 @@ author = "the authors of rig"
 copyright = author
 release = version = rig.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "beyond"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "beyond", "reference"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_ext", "figures"]
 
@@ -24,6 +24,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 napoleon_google_docstring = False
+
+suppress_warnings = ["ref.python"]  # drivers and rig each have a RefusedError, which docstrings call so
 
 html_theme = "furo"
 html_title = "rig"

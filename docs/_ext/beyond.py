@@ -11,6 +11,7 @@ they are read:
 import re
 from pathlib import Path
 
+from pages_made import write
 from sphinx.application import Sphinx
 
 #: Pages whose links are the site's table of contents.
@@ -36,13 +37,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", _copy_pages_beside)
     app.connect("source-read", _read)
     return {"parallel_read_safe": True}
-
-
-def write(page: Path, text: str) -> None:
-    """Write a page that the site makes, unless it is there as it is: then Sphinx need not read it again."""
-    if not page.exists() or page.read_text(encoding="utf-8") != text:
-        page.parent.mkdir(exist_ok=True)
-        page.write_text(text, encoding="utf-8")
 
 
 def _copy_pages_beside(app: Sphinx) -> None:

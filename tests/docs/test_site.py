@@ -10,6 +10,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from rig.commands.documents import DOCUMENTS
+from rig.model.config.kinds import ROLES
 from support.pages import ROOT, pages
 
 
@@ -76,3 +78,16 @@ def test_every_relative_link_of_a_page_is_a_file():
         for link in re.findall(r"\]\(([^)#:\s]+)(?:#[^)\s]*)?\)", page.read_text(encoding="utf-8")):
             target = (page.parent / link).resolve()
             assert target.exists() or str(target.relative_to(ROOT)).startswith(made), f"{page.name}: {link}"
+
+
+def test_the_pages_from_the_code_leave_nothing_out(site):
+    """Each verb is there, each kind of device, and each key of the configuration says what it is."""
+    made = ROOT / "docs/reference"
+    commands = (made / "commands.md").read_text(encoding="utf-8")
+    assert {f"## rig {verb}" for verb in DOCUMENTS} <= set(commands.splitlines())
+    configuration = (made / "configuration.md").read_text(encoding="utf-8")
+    for role, one in ROLES.items():
+        assert all(f'{role}.kind = "{kind}"' in configuration for kind in one.kinds)
+    keys = [line for line in configuration.splitlines() if line.startswith("| `")]
+    assert len(keys) > 200
+    assert not [key for key in keys if key.endswith("|  |")]

@@ -28,6 +28,7 @@ class RigConfig(Section):
     """The whole rig. Its defaults are the built-in rig, but for delayer, point clock and simulation."""
 
     name: str = "simulated rig"
+    """What the rig is called; its calibrations are found by this name."""
     galvo: Annotated[GalvoConfig, ROLES["galvo"]] = OptotuneConfig()
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
