@@ -20,6 +20,7 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
 highlight_language = "none"  # a block says what it is, or is plain text
 
+toc_object_entries = False  # functions and classes are found by search, and by the index
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"

@@ -26,8 +26,8 @@ LIMITS = {"gt": "above", "ge": "from", "lt": "below", "le": "to", "max_length": 
 _HEAD = """# Configuration: every key
 
 A configuration is a TOML file. A value with a unit is text, `exposure = "10ms"`; a key that is not known is
-an error that names the nearest one. What is left out has the default given here, which is that of the built-in
-simulated rig.
+an error that names the nearest one. What is left out has the default given here, which is that of the
+built-in simulated rig.
 [The built-in rig, written out with comments](../../configs/simulated.toml), is a good beginning.
 
 Sections of devices have kinds: `kind` chooses one, and the section has the keys of that kind.

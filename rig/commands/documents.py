@@ -613,10 +613,7 @@ DOCUMENTS: dict[str, Any] = {
     "sim serve": Served,
     "calibrate show": Calibrations,
     "calibrate all": CalibratedAll,
-    **{
-        f"calibrate {kind}": Calibrated
-        for kind in ("galvo", "time-zero", "lag", "irf", "dark", "gate", "dnl")
-    },
+    **{f"calibrate {kind}": Calibrated for kind in KINDS},
 }
 
 
