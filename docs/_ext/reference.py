@@ -45,6 +45,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Add to Sphinx what these pages need."""
     app.connect("builder-inited", _write_all)
     app.connect("autodoc-process-docstring", _escape_bars)
+    app.connect("autodoc-skip-member", _skip_constants)
     return {"parallel_read_safe": True}
 
 
@@ -55,6 +56,11 @@ def _write_all(app: Sphinx) -> None:
     write(folder / "json.md", documents.page())
     write(folder / "python.md", python_page())
     documents.write_schemas(folder / "schemas")
+
+
+def _skip_constants(app: Sphinx, what: str, name: str, member: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what is neither a class nor a function: numbers of a module are its own affair."""
+    return True if what == "module" and not callable(member) else None
 
 
 def _escape_bars(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
