@@ -11,7 +11,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pages_made import first_paragraph, flat, table
-from pydantic import BaseModel
+from pydantic import BaseModel, SecretStr
 from pydantic.fields import FieldInfo
 
 from rig.model.config.kinds import ROLES
@@ -97,7 +97,14 @@ def _quantity(name: str) -> str | None:
 def _written(name: str, field: FieldInfo) -> str:
     """Say how a value is written."""
     kind = _quantity(name)
-    words = {int: "whole number", float: "number", str: "text", bool: "`true` or `false`", Path: "path"}
+    words = {
+        int: "whole number",
+        float: "number",
+        str: "text",
+        bool: "`true` or `false`",
+        Path: "path",
+        SecretStr: "text",
+    }
 
     def words_of(hint: Any) -> str:
         origin, inner = get_origin(hint), [one for one in get_args(hint) if one is not NoneType]

@@ -69,6 +69,46 @@ class Measured(Document):
     """None where no laser was opened."""
     unverified: list[str]
     """What a person has set and no program can check, as sentences."""
+    sentence: str
+    """All of it in short, as a message has it."""
+
+
+class AlignedPeak(Part):
+    """The highest peak of the histogram."""
+
+    time_s: float
+    """After the sync pulse."""
+    width_s: float | None
+    """Full width at half maximum."""
+
+
+class Aligned(Document):
+    """`rig align`: what was seen; rates are counts a second, None where nothing was counted for them."""
+
+    rig: str
+    simulated: bool
+    spots_m: list[tuple[float, float, float]]
+    """The spots that were lit."""
+    reason: str
+    """Why it ended."""
+    sync_hz: float
+    photons: int
+    live_time_s: float
+    last_hz: float | None
+    """The rate at the end."""
+    mean_hz: float | None
+    highest_hz: float | None
+    channels_hz: dict[str, float | None]
+    """The rate of each channel at the end."""
+    detections_per_pulse: float | None
+    dark_hz: float | None
+    """The rate without light."""
+    background_hz: float | None
+    """The rate beside the peak, within the gate."""
+    peak: AlignedPeak | None
+    took_s: float
+    laser: Light | None
+    unverified: list[str]
 
 
 class Planned(Document):
@@ -595,6 +635,7 @@ class CalibratedAll(Document):
 DOCUMENTS: dict[str, Any] = {
     "scan": Measured | Planned | Presets,
     "resume": Measured,
+    "align": Aligned,
     "recon": Imaged,
     "import": Imported,
     "export": Exported,

@@ -5,6 +5,7 @@ each page in one folder; so is each block of Python. A block that cannot run her
 ``<!-- not run: REASON -->`` above it, and `NOT_RUN` counts these.
 """
 
+import re
 import tomllib
 from collections import Counter
 
@@ -15,7 +16,7 @@ from rig.commands import app
 from rig.commands.scan import columns_and_rows
 from rig.model.config import built_in_with
 from rig.model.quantities import parse
-from support.pages import ROOT, Block, blocks, commands
+from support.pages import ROOT, Block, blocks, commands, pages
 
 SHELL = blocks("sh")
 TABLES = [block for block in blocks("toml") if not block.reason]
@@ -73,6 +74,12 @@ def test_the_command_line_takes_every_command(block):
         for takes, value in read(words):
             if isinstance(value, str) and takes in READERS:
                 READERS[takes](value)
+
+
+def test_no_command_stands_where_it_is_not_tried():
+    """In an indented block, that is, which has no language."""
+    for page in pages():
+        assert not re.findall(r"^ {4}rig .*", page.read_text(encoding="utf-8"), re.MULTILINE), page.name
 
 
 def test_blocks_that_are_not_run_are_counted():

@@ -32,6 +32,7 @@ COMMANDS = [
     ("devices", "probe"),
     ("laser", "status"),
     ("laser", "off"),
+    ("align", "--for", "300ms", "--yes"),
     ("sim", "render", "letters", "c.h5", *FEW),
     ("calibrate", "irf"),
     ("calibrate", "show"),
