@@ -1,16 +1,13 @@
 """The page of all sections and keys of a configuration, from the models that read it."""
 
-import ast
 import inspect
-import textwrap
 from collections.abc import Iterator
-from functools import cache
 from math import degrees
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pages_made import first_paragraph, flat, table
+from pages_made import flat, table
 from pydantic import BaseModel, SecretStr
 from pydantic.fields import FieldInfo
 
@@ -18,6 +15,7 @@ from rig.model.config.kinds import ROLES
 from rig.model.config.rig import RigConfig
 from rig.model.config.section import Section
 from rig.model.quantities import KINDS, show, show_length
+from rig.setup.described import descriptions, headline
 
 #: The ending of a field's name says which quantity it is.
 QUANTITIES = {"s": "time", "m": "length", "hz": "frequency", "rad": "angle", "v": "voltage", "w": "power"}
@@ -45,13 +43,13 @@ def page() -> str:
         if not sections:
             continue
         heading = f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
-        parts += [f"## `{heading}`\n", said(RigConfig, name) + "\n"]
+        parts += [f"## `{heading}`\n", descriptions(RigConfig).get(name, "") + "\n"]
         if name in ROLES:
             for kind, section in ROLES[name].kinds.items():
                 usual = ", where no kind is named" if section is ROLES[name].usual else ""
                 parts += [
                     f'### `{name}.kind = "{kind}"`{usual}\n',
-                    first_paragraph(section.__doc__) + "\n",
+                    headline(section) + "\n",
                     _keys(section),
                 ]
         else:
@@ -61,7 +59,7 @@ def page() -> str:
 
 def _section(section: type[BaseModel], name: str) -> Iterator[str]:
     """Yield a section and the sections within it."""
-    yield first_paragraph(section.__doc__) + "\n"
+    yield headline(section) + "\n"
     yield _keys(section)
     for field in section.model_fields.values():
         for inner in _sections(field):
@@ -76,13 +74,14 @@ def _sections(field: FieldInfo) -> list[type[Section]]:
 
 
 def _keys(section: type[BaseModel]) -> str:
+    said = descriptions(section)
     rows = [
         (
             f"`{field.alias or name}`",
             _written(name, field),
             _usual(name, field),
             _limits(name, field),
-            said(section, name),
+            said.get(name, ""),
         )
         for name, field in section.model_fields.items()
         if name != "kind" and not _sections(field)
@@ -154,23 +153,3 @@ def _limits(name: str, field: FieldInfo) -> str:
             if (limit := getattr(one, bound, None)) is not None:
                 found.append(f"{word} {_value_in_words(limit, kind) if limit else 0}")
     return ", ".join(found)
-
-
-def said(section: type[BaseModel], name: str) -> str:
-    """Return the docstring below a field, of the section or of those that it is derived from."""
-    for base in section.__mro__:
-        if base is not BaseModel and issubclass(base, BaseModel) and name in (said := _docstrings(base)):
-            return said[name]
-    return ""
-
-
-@cache
-def _docstrings(section: type[BaseModel]) -> dict[str, str]:
-    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(section))).body
-    assert isinstance(tree, ast.ClassDef)
-    found = {}
-    for before, after in zip(tree.body, tree.body[1:], strict=False):
-        match before, after:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                found[name] = " ".join(text.split())
-    return found

@@ -501,9 +501,13 @@ class Compared(Document):
 class Finding(Part):
     """The result of one check."""
 
+    check: str
+    """The check that it is of."""
     what: str
-    verdict: Literal["ok", "warning", "missing"]
+    """What was looked at."""
+    verdict: Literal["ok", "warning", "missing", "optional"]
     found: str
+    """What is there."""
     remedy: str
     """What to do; empty where nothing is to be done."""
 
@@ -511,7 +515,52 @@ class Finding(Part):
 class Examined(Document):
     """`rig doctor`."""
 
+    headline: str
+    """All of it in a line."""
+    missing: int
+    """How many things are missing that this rig needs."""
+    warnings: int
     findings: list[Finding]
+
+
+class Connected(Part):
+    """Something that is connected."""
+
+    address: str
+    said: str
+    """What it says of itself."""
+    way: Literal["serial", "usb", "daq", "library"]
+    guess: tuple[str, str] | None
+    """Role and kind that it may be."""
+
+
+class Initialised(Document):
+    """`rig init`: the configuration that was written."""
+
+    file: str
+    name: str
+    simulated: bool
+    refused: str
+    """Why a dry run refuses this rig; empty if it does not."""
+    found: list[Connected]
+
+
+class ConfigValue(Part):
+    """A value of a configuration."""
+
+    key: str
+    """With its section."""
+    text: str
+    """As TOML has it; empty where it is not set."""
+    origin: str
+    """The file that says it, or `default`."""
+
+
+class ConfigShown(Document):
+    """`rig config show`."""
+
+    name: str
+    values: list[ConfigValue]
 
 
 class Guard(Part):
@@ -646,6 +695,8 @@ DOCUMENTS: dict[str, Any] = {
     "plot": Plotted,
     "measure": MeasuredImage,
     "compare": Compared,
+    "init": Initialised,
+    "config show": ConfigShown,
     "doctor": Examined,
     "devices probe": Probed,
     "laser off": LightOff,

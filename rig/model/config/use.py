@@ -31,7 +31,8 @@ class CalibrationConfig(Section):
     """What the rig has learned of itself."""
 
     folder: Path = Path("calibrations")
-    """Where calibrations are kept; a relative path begins where the program is called."""
+    """Where calibrations are kept. A relative path begins at the folder of the configuration file that says
+    it, and where the program is called for the built-in rig, which has no file."""
     use: bool = True
     """Whether scans use them."""
 
