@@ -4,7 +4,7 @@ The pages know nothing of Sphinx but for ``docs/index.md``. What a site needs be
 they are read:
 
 - A list of links is a table of contents. The pages that lead to others (`LEADING`) get a hidden table
-  of the pages that they link to, in that order.
+  of the pages that they link to, in that order; that of a folder also leads to what else is in it.
 - Links that leave ``docs/`` go to the site's own copy of that page; those to files are downloads.
 """
 
@@ -62,7 +62,14 @@ def _read(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def _contents(name: str, text: str, docs: Path) -> str:
-    folder = (docs / name).parent
-    pages = dict.fromkeys((folder / link).resolve() for link in _LINK.findall(text))
-    entries = [f"/{page.relative_to(docs).with_suffix('')}" for page in pages if page.is_relative_to(folder)]
-    return "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(entries) + "\n```\n"
+    """Return the tables of contents of a page: of what it links to, and of what else lies in its folder."""
+    page = docs / f"{name}.md"
+    linked = dict.fromkeys((page.parent / link).resolve() for link in _LINK.findall(text))
+    hidden = [one for one in linked if one.is_relative_to(page.parent)]
+    others = sorted(set(page.parent.glob("*.md")) - {page, *hidden}) if page.stem == "README" else []
+    return _toctree(docs, hidden, ":hidden:") + (_toctree(docs, others, ":maxdepth: 1") if others else "")
+
+
+def _toctree(docs: Path, pages: list[Path], option: str) -> str:
+    entries = [f"/{one.relative_to(docs).with_suffix('')}" for one in pages]
+    return f"\n\n```{{toctree}}\n{option}\n\n" + "\n".join(entries) + "\n```\n"
