@@ -17,7 +17,7 @@ source_suffix = {".md": "markdown"}
 exclude_patterns = ["_ext", "figures"]
 
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "html_image"]
 highlight_language = "none"  # a block says what it is, or is plain text
 
 toc_object_entries = False  # functions and classes are found by search, and by the index

@@ -198,6 +198,15 @@ class Served(Document):
     """When the bench's clock was zero, in seconds since 1970."""
 
 
+class Watched(Document):
+    """`rig watch`, when the page can be reached."""
+
+    file: str
+    """The scan file."""
+    page: str
+    """The page's address, with its token if it has one."""
+
+
 class Imported(Document):
     """`rig import`."""
 
@@ -703,6 +712,7 @@ DOCUMENTS: dict[str, Any] = {
     "laser status": LightStatus,
     "sim render": Rendered,
     "sim serve": Served,
+    "watch": Watched,
     "calibrate show": Calibrations,
     "calibrate all": CalibratedAll,
     **{f"calibrate {kind}": Calibrated for kind in KINDS},

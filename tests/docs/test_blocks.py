@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from rig.commands import app
-from rig.commands.scan import columns_and_rows
+from rig.model.asked import columns_and_rows
 from rig.model.config import load
 from rig.model.quantities import parse
 from support.pages import ROOT, Block, blocks, commands, pages
@@ -123,7 +123,8 @@ def test_blocks_of_python_run(rig):
     for words in ("scan --out scan.h5", "recon scan.h5 --voxel 5cm", "export scan-volume.h5 letters.ply"):
         done = rig(*words.split(), *(FEW if words.startswith("scan") else ()))
         assert done.code == 0, done.err
-    found = [block for block in blocks("python") if not block.reason]
+    # docs/python.md is one walk, which tests/api goes
+    found = [block for block in blocks("python") if not block.reason and block.page != "docs/python.md"]
     assert found
     for block in found:
         exec(compile(block.text, str(block), "exec"), {"__name__": "block"})  # its place is in the traceback

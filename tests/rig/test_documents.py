@@ -79,7 +79,8 @@ def test_what_verbs_print_is_as_their_schemas_say(rig):
         jsonschema.validate(json.loads(done.out), schema(verb_of(command)))
         seen.add(verb_of(command))
     of_scans = {"resume"}  # the document of `rig scan`
-    elsewhere = {"compare", "sim serve"}  # test_compare_command.py, test_sim_serve.py
+    # test_compare_command.py, test_sim_serve.py, test_web_page.py
+    elsewhere = {"compare", "sim serve", "watch"}
     assert seen | of_scans | elsewhere >= {verb for verb in DOCUMENTS if not verb.startswith("calibrate ")}
 
 
