@@ -17,6 +17,7 @@ from rig.commands.info import info
 from rig.commands.laser import laser
 from rig.commands.listing import list_
 from rig.commands.measure import measure
+from rig.commands.options import AsJson
 from rig.commands.plot import plot
 from rig.commands.recon import recon
 from rig.commands.report import report
@@ -25,19 +26,22 @@ from rig.commands.scan import scan
 from rig.commands.serve import serve
 from rig.commands.sim import sim
 from rig.commands.stats import stats
+from rig.commands.verbs import Log, Quiet, Verbose, Verbs, alike
 
 _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a single-photon detector,
 and image what is hidden.
 
-Exit codes: 0 done; 1 a defect in rig; 2 usage or configuration; 3 device; 4 refused by a limit or for safety;
-5 invalid data file; 6 stopped, what was measured is safe; 130 stopped by Ctrl-C.
+Exit codes: 0 done; 1 a defect in rig; 2 usage or configuration; 3 device; 4 refused by a limit or \
+for safety; 5 invalid data file; 6 stopped, what was measured is safe; 130 stopped by Ctrl-C.
+
+README.md begins at the beginning; docs/command-line.md has units, streams, --json, and completion.
 """
 
 app = typer.Typer(
     name="rig",
     help=_HELP,
     no_args_is_help=True,
-    add_completion=False,
+    cls=Verbs,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -55,8 +59,21 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    log: Log = None,
 ) -> None:
     pass
+
+
+def version(as_json: AsJson = False) -> None:
+    """Say which version this is."""
+    if as_json:
+        from rig.commands import console
+
+        console.print_json({"version": rig.__version__})
+    else:
+        typer.echo(f"rig {rig.__version__}")
 
 
 app.command("scan")(scan)
@@ -79,3 +96,5 @@ sim.command("serve")(serve)
 app.add_typer(devices, name="devices")
 app.add_typer(laser, name="laser")
 app.add_typer(sim, name="sim")
+app.command("version")(version)
+alike(app)

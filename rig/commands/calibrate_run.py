@@ -79,7 +79,7 @@ def calibrated(
     with TemporaryDirectory(prefix="rig-calibrate-") as temporary:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
+        with StopRequest(console.announce) as stop, console.Counting(routine.kind) as counting:
             operator = ConsoleOperator(stop, yes=yes)
             files = measured(routine, config, operator, folder, Watch([counting], stop))
         if stop():

@@ -39,15 +39,15 @@ def require_consent(config: "RigConfig", *, yes: bool) -> None:
         f"{laser.repetition_hz / 1e6:g} MHz"
     )
     if yes:
-        console.say(f"This lights {what}.")
+        console.announce(f"This lights {what}.")
     elif sys.stdin.isatty():
-        console.say(f"This lights {what}. Goggles on, doors closed, nobody in the beam's way?")
+        console.announce(f"This lights {what}. Goggles on, doors closed, nobody in the beam's way?")
         if not Confirm.ask("Light it", console=console.err, default=False):
             raise RefusedError("the laser was not lit, as you said")
     else:
-        console.say(f"This lights {what} in {COUNTDOWN_S} s; Ctrl-C prevents it, --yes does not wait.")
+        console.announce(f"This lights {what} in {COUNTDOWN_S} s; Ctrl-C prevents it, --yes does not wait.")
         for left in range(COUNTDOWN_S, 0, -1):
-            console.say(f"{left} ...")
+            console.announce(f"{left} ...")
             time.sleep(1.0)
 
 

@@ -92,14 +92,17 @@ def _is_scan(path: Path) -> bool:
 def told_if_stopped(results: Iterable[Path]) -> Iterator[None]:
     """Say at Ctrl-C which results are there: each appears whole or not at all."""
     before = {path: _state(path) for path in results}
+    from rig.commands import console
+
     try:
         yield
+        for path in before:
+            if path.is_file():
+                console.detail(f"wrote {path}, {path.stat().st_size:,} bytes")
     except KeyboardInterrupt:
-        from rig.commands import console
-
         whole = [str(path) for path, state in before.items() if _state(path) not in (None, state)]
         left = f"{', '.join(whole)} is there, and whole" if whole else "no file was written or changed"
-        console.say(f"Stopped before its end: {left}.")
+        console.announce(f"Stopped before its end: {left}.")
         raise
 
 

@@ -92,7 +92,7 @@ def run(
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with ExitStack() as stack:
-            stop = stack.enter_context(StopRequest(console.say))
+            stop = stack.enter_context(StopRequest(console.announce))
             feed = _feed(target, others) if others.live else None
             if feed is not None:
                 stack.callback(feed.close)
@@ -102,9 +102,9 @@ def run(
         raise
     except Exception:
         if not here and not _is_there(target):
-            console.say("Nothing was measured, and no scan file was made.")
+            console.announce("Nothing was measured, and no scan file was made.")
         else:
-            console.say(_safe(target, config))
+            console.announce(_safe(target, config))
         raise
     _show(result, plan, target, time.monotonic() - began_s, as_json)
     if until and until.trouble:

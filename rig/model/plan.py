@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rig.errors import DataFileError, UsageError
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
+from rig.model.problems import in_words
 from rig.model.quantities import show, show_length
 
 Point = tuple[float, float, float]
@@ -456,6 +457,5 @@ def _with_passes(older: dict[str, Any]) -> dict[str, Any]:
 
 def _explain(error: ValidationError) -> str:
     return "; ".join(
-        f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
-        for problem in error.errors()
+        f"{'.'.join(map(str, problem['loc']))}: {in_words(problem)}" for problem in error.errors()
     )

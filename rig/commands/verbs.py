@@ -1,0 +1,120 @@
+"""What all verbs have: how they show their help, and the options for what is said."""
+
+from collections.abc import Callable
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from rig.commands.voice import voice
+
+#: The panel of a verb's help that has the options of all verbs.
+PANEL = "Of every verb"
+
+
+class _Tidy:
+    """Help in which a flag is its name alone, with no type behind it."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the options and arguments, that for help among them."""
+        parameters = super().get_params(ctx)  # type: ignore[misc]
+        for one in parameters:
+            if getattr(one, "is_flag", False):
+                one.metavar = ""
+            if one.name == "help":
+                one.rich_help_panel = PANEL
+        return list(parameters)
+
+
+class Verb(_Tidy, TyperCommand):
+    """A verb."""
+
+
+class Verbs(_Tidy, TyperGroup):
+    """Several verbs under one name."""
+
+
+def _quiet(wanted: bool) -> None:
+    voice.choose(quiet=wanted)
+
+
+def _verbose(wanted: bool) -> None:
+    voice.choose(verbose=wanted)
+
+
+def _log(path: Path | None) -> None:
+    if path is not None:
+        voice.keep_in(path)
+
+
+#: Options that every verb has, and the program before it: a callback sees to each, the verb knows nothing.
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "--quiet",
+        "-q",
+        callback=_quiet,
+        is_eager=True,
+        expose_value=False,
+        rich_help_panel=PANEL,
+        help="Say results, errors, and what concerns the light; nothing else.",
+    ),
+]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose",
+        "-v",
+        callback=_verbose,
+        is_eager=True,
+        expose_value=False,
+        rich_help_panel=PANEL,
+        help="Say what is done, too, with times.",
+    ),
+]
+Log = Annotated[
+    Path | None,
+    typer.Option(
+        "--log",
+        metavar="FILE",
+        callback=_log,
+        is_eager=True,
+        expose_value=False,
+        rich_help_panel=PANEL,
+        help="Append what is said to this file, with times.",
+    ),
+]
+COMMON = (
+    Parameter("quiet", Parameter.KEYWORD_ONLY, default=False, annotation=Quiet),
+    Parameter("verbose", Parameter.KEYWORD_ONLY, default=False, annotation=Verbose),
+    Parameter("log", Parameter.KEYWORD_ONLY, default=None, annotation=Log),
+)
+
+
+def alike(app: typer.Typer) -> None:
+    """Give all verbs of an application, and of the groups in it, the options and the help of all."""
+    for command in app.registered_commands:
+        command.cls = Verb
+        command.callback = _with_common(command.callback)
+    for group in app.registered_groups:
+        group.cls = Verbs
+        assert group.typer_instance is not None
+        alike(group.typer_instance)
+
+
+def _with_common(verb: Callable[..., Any] | None) -> Callable[..., Any]:
+    """Return a verb that has the common options, but for those of which it has one of that name."""
+    assert verb is not None
+    own = signature(verb, eval_str=True).parameters
+
+    def with_common(**options: Any) -> Any:
+        return verb(**{name: value for name, value in options.items() if name in own})
+
+    extra = [one for one in COMMON if one.name not in own]
+    with_common.__doc__, with_common.__name__ = verb.__doc__, verb.__name__
+    with_common.__signature__ = signature(verb, eval_str=True).replace(  # type: ignore[attr-defined]
+        parameters=[*own.values(), *extra]
+    )
+    return with_common
