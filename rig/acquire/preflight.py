@@ -9,7 +9,7 @@ import numpy as np
 from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
 from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
-from rig.errors import RefusedError
+from rig.errors import RefusedError, UsageError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show_length
@@ -98,6 +98,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
 
     Raises
     ------
+    UsageError
+        If there is no such folder.
     RefusedError
         If a spot is outside the mirror's limits, times do not fit each other, the disk would overflow, or
         the rig has not what a mirror that never stops needs.
@@ -105,7 +107,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         If laser or timing instrument cannot be set so.
     """
     if not folder.is_dir():
-        raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
+        raise UsageError(f"{folder} is not a folder; make it first, or choose another place with --out")
     if not len(plan):
         raise RefusedError(
             "the plan has no positions: the skipped square covers the whole grid; make skip smaller"

@@ -94,7 +94,7 @@ def compare(
 
 def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path], Path | None]:
     """Return where each file's sheet goes, and the folder for volumes if they are kept."""
-    from rig.errors import UsageError
+    from rig.errors import UsageError, reason
     from rig.image.compare import volumes_of
 
     if out is None:
@@ -112,7 +112,9 @@ def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"cannot make the folder {out}: {error}; name another, or a .png") from error
+        raise UsageError(
+            f"cannot make the folder {out} ({reason(error)}); name another, or a .png"
+        ) from error
     sheets = [out / f"{stem}-compare.png" for stem in stems]
     require_free([*sheets, *(path for file in files for path in volumes_of(file, out).values())], force=force)
     return sheets, out

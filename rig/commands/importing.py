@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import AsJson
-from rig.commands.results import told_if_stopped
+from rig.commands.results import require_free, told_if_stopped
 
 
 def import_(
@@ -105,6 +105,7 @@ def import_(
     from rig.importers import import_scan
     from rig.model.quantities import parse
 
+    require_free([target])
     with told_if_stopped([target]):
         report = import_scan(
             source,

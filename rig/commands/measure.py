@@ -32,7 +32,10 @@ def measure(
         ),
     ] = None,
     falloff: Annotated[
-        float, typer.Option(metavar="POWER", help="Power of depth that undoes the fall-off of intensity.")
+        float,
+        typer.Option(
+            metavar="POWER", min=0, max=10, help="Power of depth that undoes the fall-off of intensity."
+        ),
     ] = 4.0,
     as_json: AsJson = False,
 ) -> None:

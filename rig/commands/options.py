@@ -82,3 +82,23 @@ Sample = Annotated[
 Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
 Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+
+
+def above_zero(option: str, text: str, kind: str) -> float:
+    """Read a quantity of an option that has to be above zero.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If it is no such quantity, or not above zero.
+    """
+    from rig.errors import UsageError
+    from rig.model.quantities import KINDS, parse
+
+    try:
+        value = parse(text, kind)
+    except UsageError as error:
+        raise UsageError(f"{option}: {error}") from None
+    if value <= 0:
+        raise UsageError(f"{option} {text}: is not above zero; write a {kind} such as {KINDS[kind][1]}")
+    return value

@@ -125,6 +125,7 @@ def scan(
     """
     from rig.acquire.acquisition import acquire
     from rig.acquire.preflight import check
+    from rig.bench.simulated import hidden_scene
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
@@ -163,6 +164,8 @@ def scan(
         raise UsageError(
             "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
         )
+    if state.config.simulation:
+        hidden_scene(state.config)  # a dry run refuses a wrong name, too
     found = check(plan, state, target.parent)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")

@@ -6,8 +6,11 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.options import AsJson, Grid, Spacing
-from rig.commands.results import told_if_stopped
+from rig.commands.options import AsJson, Grid, Spacing, above_zero
+from rig.commands.results import require_free, told_if_stopped
+
+#: Narrowest bin that is rendered: a thousandth of the finest of any timing instrument.
+LEAST_BIN_S = 1e-15
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -48,7 +51,9 @@ def render(
     bin_width: Annotated[
         str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
     ] = None,
-    bins: Annotated[int | None, typer.Option(min=1, help="Number of bins. [dim]\\[15000][/dim]")] = None,
+    bins: Annotated[
+        int | None, typer.Option(min=1, max=10_000_000, help="Number of bins. [dim]\\[15000][/dim]")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Render what a scan of a hidden scene gives on average: no noise, no gate, no instrument.
@@ -86,7 +91,8 @@ def render(
         spacing_m=parse(spacing, "length") if spacing else None,
     )
     usual_bins, usual_width_s = time_axis(rig_config)
-    axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
+    axis = TimeAxis(bins or usual_bins, _bin_width_s(bin_width, usual_width_s))
+    require_free([out])
     began_s = time.monotonic()
     with told_if_stopped([out]), console.Working(f"rendering {scene}") as progress:
         photons = rendered(plan, rig_config, axis, out, progress)
@@ -104,3 +110,15 @@ def render(
             "took": show_duration(took_s),
         },
     )
+
+
+def _bin_width_s(text: str | None, usual_s: float) -> float:
+    """Read --bin-width; light of a scene is rendered in bins that an instrument could have."""
+    from rig.errors import UsageError
+
+    if text is None:
+        return usual_s
+    width_s = above_zero("--bin-width", text, "time")
+    if width_s < LEAST_BIN_S:
+        raise UsageError(f"--bin-width {text}: bins are {LEAST_BIN_S * 1e15:g} fs wide or more, e.g. 4ps")
+    return width_s

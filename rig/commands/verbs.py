@@ -14,8 +14,21 @@ from rig.commands.voice import voice
 PANEL = "Of every verb"
 
 
+#: Options whose value is text for people: an empty one says that there is nothing to say.
+MAY_BE_EMPTY = frozenset({"operator", "sample", "purpose", "note"})
+
+
 class _Tidy:
-    """Help in which a flag is its name alone, with no type behind it."""
+    """Help in which a flag is its name alone, with no type behind it; values that are empty are refused."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse values that are empty, as of a shell variable that is not set, and read the others."""
+        given, _, _ = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+        for one in self.get_params(ctx):
+            value = given.get(one.name)
+            if one.name not in MAY_BE_EMPTY and "" in (value if isinstance(value, list | tuple) else [value]):
+                raise typer.BadParameter("its value is empty; give one, or leave it out", ctx=ctx, param=one)
+        return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the options and arguments, that for help among them."""

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO
 
-from rig.errors import UsageError, in_shell, printable
+from rig.errors import UsageError, in_shell, printable, reason
 
 
 class Voice:
@@ -63,7 +63,7 @@ class Voice:
             self._log = path.open("a", buffering=1, encoding="utf-8")
             self._log.write(f"{_now()} command: {in_shell('rig', *map(printable, sys.argv[1:]))}\n")
         except OSError as problem:
-            self._log = None
+            self._close()
             raise UsageError(
                 f"--log {path}: cannot be written ({problem.strerror}); name a file in a folder that is there"
             ) from None
@@ -81,6 +81,9 @@ class Voice:
         self.note("end", how)
         if self.verbose:
             print(f"{self.elapsed_s:8.3f} s  exit code {code}", file=sys.stderr)
+        self._close()
+
+    def _close(self) -> None:
         log, self._log = self._log, None
         if log is not None:
             with suppress(OSError):
@@ -103,9 +106,11 @@ def _require_log(path: Path) -> None:
     except FileNotFoundError:
         return
     except (OSError, ValueError) as problem:
-        raise UsageError(f"--log {path}: cannot be written ({problem}); give another name") from None
+        raise UsageError(f"--log {path}: cannot be written ({reason(problem)}); give another name") from None
     if foreign:
-        raise UsageError(f"--log {path}: is there and no log of this program; give another name")
+        raise UsageError(
+            f"--log {path}: there is something else of this name, and no log of this program; give another name"
+        )
 
 
 def _is_log(path: Path) -> bool:

@@ -40,7 +40,7 @@ from rig.image.origin import origin
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
-from rig.model.quantities import show_length
+from rig.model.quantities import show, show_length
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import check_picture, save, volume_figure
@@ -198,6 +198,7 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
+    _check_fade(request, capture)
     choice = _wavelength(request, seen)
     window = Window(start_s=seen.fade_from_s if request.fade_from_s is None else request.fade_from_s)
     pulse = VirtualPulse(choice.value, CYCLES if request.cycles is None else request.cycles)
@@ -214,6 +215,16 @@ def chosen(scan: ScanFile, request: Request) -> tuple[Work, str]:
         origin=origin(scan),
     )
     return work, choice.reason
+
+
+def _check_fade(request: Request, capture: Capture) -> None:
+    """Refuse a fade after which the record has nothing."""
+    end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
+    if request.fade_from_s is not None and request.fade_from_s >= end_s:
+        raise UsageError(
+            f"--fade-from {show(request.fade_from_s, 's')} ignores all light: the record ends at "
+            f"{show(end_s, 's')}; give an earlier time"
+        )
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:

@@ -456,6 +456,8 @@ def _with_passes(older: dict[str, Any]) -> dict[str, Any]:
 
 
 def _explain(error: ValidationError) -> str:
-    return "; ".join(
-        f"{'.'.join(map(str, problem['loc']))}: {in_words(problem)}" for problem in error.errors()
-    )
+    told = []
+    for problem in error.errors():
+        place = ".".join(map(str, problem["loc"]))
+        told.append(f"{place}: {in_words(problem)}" if place else in_words(problem))
+    return "; ".join(told)

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError, in_shell, printable
+from rig.errors import DataFileError, in_shell, no_file, printable
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
@@ -77,7 +77,7 @@ def about(path: Path) -> About:
     if journal_of(path).exists():
         return _scan(path)
     if not path.is_file():
-        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+        raise DataFileError(no_file(path))
     if h5py.is_hdf5(path):
         return _hdf5(path)
     with path.open("rb") as file:

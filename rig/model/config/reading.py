@@ -80,9 +80,13 @@ def load(path: Path, changes: Table | None = None) -> RigConfig:
 def _table(path: Path) -> Table:
     """Read a TOML file; raises as `load`."""
     try:
+        if path.is_fifo():
+            raise ConfigError(
+                f"{path}: is a pipe, which is read once alone; write the configuration to a file"
+            )
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")  # some editors begin a file with a mark of its encoding
         if len(content) > MOST_BYTES or _LONG_KEY.search(text):
             raise ConfigError(
                 f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
@@ -94,7 +98,11 @@ def _table(path: Path) -> Table:
         ) from None
     except RecursionError:
         raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
-    except ValueError as error:  # what TOML forbids, bytes that are no text, numbers of thousands of digits
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path}: is not text in UTF-8 (its byte {error.start} is none); save it as UTF-8"
+        ) from None
+    except ValueError as error:  # what TOML forbids, numbers of thousands of digits
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
 
 
