@@ -219,7 +219,7 @@ def voxels(
 
 
 def _check_reach(capture: Capture, far_m: float) -> None:
-    """Refuse depths far beyond the record: light of a depth z takes 2 z / c at least, and darkness takes long."""
+    """Refuse depths far beyond the record: light of a depth z takes 2 z / c at least."""
     end_m = C_M_PER_S * (float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s)
     if 0 < end_m < far_m < inf:
         raise ReachError(

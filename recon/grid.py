@@ -64,7 +64,8 @@ class VoxelGrid:
         if not (all(map(isfinite, numbers)) and min(width_m, height_m, voxel_m, step) > 0 and far >= near):
             raise ParameterError(
                 "volume",
-                f"{width_m:g} m x {height_m:g} m of {voxel_m:g} m voxels, depths {near:g} m to {far:g} m by {step:g} m",
+                f"{width_m:g} m x {height_m:g} m of {voxel_m:g} m voxels, depths {near:g} m to {far:g} m by "
+                f"{step:g} m",
                 "sizes and steps must be finite and positive, and depths ascend",
                 "Write depths as near:far:step.",
             )

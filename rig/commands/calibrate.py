@@ -104,9 +104,7 @@ def gate(
     nearest: Annotated[
         str, typer.Option(metavar="LENGTH", help="Distance from the wall of the nearest object to be seen.")
     ] = "50cm",
-    columns: Annotated[
-        int, typer.Option(min=3, max=200, help="Columns of the grid; as many rows as fit.")
-    ] = 9,
+    columns: Annotated[int, typer.Option(min=3, max=200, help="Columns; as many rows as fit.")] = 9,
     exposure: Annotated[
         str, typer.Option(metavar="TIME", help="Measurement time at each position and delay.")
     ] = "30ms",
@@ -166,9 +164,7 @@ def time_zero(
 
 @_routine("lag")
 def lag(
-    rows: Annotated[
-        int, typer.Option(min=2, max=1000, help="Rows, passed to the right and to the left in turn.")
-    ] = 6,
+    rows: Annotated[int, typer.Option(min=2, max=1000, help="Rows, passed there and back.")] = 6,
     point: Annotated[
         str, typer.Option(metavar="TIME", help="Time of a point: how fast the mirror moves.")
     ] = "1ms",
