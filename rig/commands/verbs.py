@@ -28,7 +28,7 @@ class _Tidy:
             value = given.get(one.name)
             if one.name not in MAY_BE_EMPTY and "" in (value if isinstance(value, list | tuple) else [value]):
                 raise typer.BadParameter("its value is empty; give one, or leave it out", ctx=ctx, param=one)
-        return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
+        return super().parse_args(ctx, args)  # type: ignore[misc]
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the options and arguments, that for help among them."""
