@@ -108,9 +108,7 @@ def _require_log(path: Path) -> None:
     except (OSError, ValueError) as problem:
         raise UsageError(f"--log {path}: cannot be written ({reason(problem)}); give another name") from None
     if foreign:
-        raise UsageError(
-            f"--log {path}: there is something else of this name, and no log of this program; give another name"
-        )
+        raise UsageError(f"--log {path}: exists and is no log of this program; give another name")
 
 
 def _is_log(path: Path) -> bool:

@@ -308,7 +308,7 @@ def too_late(number, frame):
 
 @pytest.fixture
 def refused(folder, capsys, monkeypatch):
-    """Run a command line in that folder, and return exit code, stdout and stderr; nothing may change there."""
+    """Run a command line in that folder, where nothing may change; return exit code, stdout and stderr."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "200")
 
@@ -317,13 +317,13 @@ def refused(folder, capsys, monkeypatch):
         before, on_ctrl_c = state(folder), signal.getsignal(signal.SIGINT)
         on_alarm = signal.signal(signal.SIGALRM, too_late)
         signal.setitimer(signal.ITIMER_REAL, BOUND_S)
-        with pytest.raises(SystemExit) as ended:
-            try:
+        try:
+            with pytest.raises(SystemExit) as ended:
                 main()
-            finally:
-                signal.setitimer(signal.ITIMER_REAL, 0)
-                signal.signal(signal.SIGALRM, on_alarm)
-                signal.signal(signal.SIGINT, on_ctrl_c)
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, on_alarm)
+            signal.signal(signal.SIGINT, on_ctrl_c)
         assert state(folder) == before
         streams = capsys.readouterr()
         return ended.value.code, streams.out, streams.err
@@ -337,8 +337,10 @@ def test_wrong_input_is_refused_in_words_and_as_a_document(refused, line, code, 
     assert "Traceback" not in err
     assert came == code, err
     message = err[err.rindex("rig: ") + 5 :]
-    assert thing in message and remedy in message, message
-    assert "Input should" not in err and "Errno" not in err
+    assert thing in message, message
+    assert remedy in message, message
+    assert "Input should" not in err
+    assert "Errno" not in err
     document = json.loads(out)  # exactly one, or this fails
     assert document["schema_version"] == 1
     assert document["exit_code"] == code
@@ -363,7 +365,6 @@ def test_all_verbs_are_in_the_table():
         f"{DRY} --config pipe.h5",
         "stats BYTES",
         "version --log pipe.h5",
-        "recon small.h5 --depth 0.5m:300m:1mm",
     ],
 )
 def test_a_process_of_its_own_refuses_alike(folder, line):
@@ -376,7 +377,8 @@ def test_a_process_of_its_own_refuses_alike(folder, line):
         check=False,
     )
     assert done.returncode in {2, 5}
-    assert b"Traceback" not in done.stderr and done.stderr.count(b"rig: ") == 1
+    assert b"Traceback" not in done.stderr
+    assert done.stderr.count(b"rig: ") == 1
     assert json.loads(done.stdout)["exit_code"] == done.returncode
 
 

@@ -81,9 +81,7 @@ def _table(path: Path) -> Table:
     """Read a TOML file; raises as `load`."""
     try:
         if path.is_fifo():
-            raise ConfigError(
-                f"{path}: is a pipe, which is read once alone; write the configuration to a file"
-            )
+            raise ConfigError(f"{path}: is a pipe, read once alone; write the configuration to a file")
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         text = content.decode("utf-8-sig")  # some editors begin a file with a mark of its encoding
