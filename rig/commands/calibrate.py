@@ -72,7 +72,9 @@ def galvo(
 def dark(
     exposure: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Exposure of each step. [dim]\\[200s, uncovered 100s][/dim]"),
+        typer.Option(
+            metavar="TIME", help="Exposure of each step. [dim]\\[default: 200s, uncovered 100s][/dim]"
+        ),
     ] = None,
     hold_offs: Annotated[
         str,

@@ -6,10 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands.options import MEANWHILE
+
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
 
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Light a real laser without a question before.")]
+Yes = Annotated[
+    bool,
+    typer.Option(
+        "--yes", "-y", rich_help_panel=MEANWHILE, help="Light a real laser without a question before."
+    ),
+]
 
 #: Where nobody can answer, so long is waited before there is light.
 COUNTDOWN_S = 5

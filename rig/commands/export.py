@@ -31,13 +31,14 @@ def export(
 
     [bold]Examples[/bold]
 
-      rig export scan-volume.h5 letters.vti      for ParaView, in metres
-
-      rig export scan-volume.h5 letters.html     turned by hand in any browser
-
-      rig export scan.h5 letters.hdf5            for y-tal
-
-      rig export scan.h5 letters.hdf5 --rectified    for programs that cannot take path delays
+      # for ParaView, in metres
+      rig export scan-volume.h5 letters.vti
+      # turned by hand in any browser
+      rig export scan-volume.h5 letters.html
+      # for y-tal
+      rig export scan.h5 letters.hdf5
+      # for programs that cannot take path delays
+      rig export scan.h5 letters.hdf5 --rectified
     """
     from rig.commands import console
     from rig.exporters import export

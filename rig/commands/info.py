@@ -25,9 +25,7 @@ def info(
     [bold]Examples[/bold]
 
       rig info scan.h5
-
       rig info scan-volume.h5 --json
-
       rig info lab.toml
     """
     from rig.commands import console

@@ -16,7 +16,9 @@ laser = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
 ThisRig = Annotated[
     Path | None,
-    typer.Option("--config", "-c", metavar="FILE", help="The rig. [dim]\\[all that are lit from here][/dim]"),
+    typer.Option(
+        "--config", "-c", metavar="FILE", help="The rig. [dim]\\[default: all that are lit from here][/dim]"
+    ),
 ]
 
 

@@ -13,11 +13,15 @@ def report(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     volume: Annotated[
         Path | None,
-        typer.Argument(metavar="VOLUME.h5", help="Its image. [dim]\\[SCAN-volume.h5, if there][/dim]"),
+        typer.Argument(
+            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if there][/dim]"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE.html", help="The page. [dim]\\[SCAN-report.html][/dim]"),
+        typer.Option(
+            "--out", "-o", metavar="FILE.html", help="The page. [dim]\\[default: SCAN-report.html][/dim]"
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -30,7 +34,6 @@ def report(
     [bold]Examples[/bold]
 
       rig report scan.h5
-
       rig report scan.h5 scan-2-volume.h5 --out tuesday.html
     """
     from rig.commands import console

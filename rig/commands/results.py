@@ -16,12 +16,18 @@ from typing import Annotated
 
 import typer
 
+from rig.commands.options import RESULTS
 from rig.errors import DataFileError, UsageError, no_file, reason
 
 #: Longest name of a result, in bytes: what is written beside it first has a longer one, of 255 at most.
 LONGEST_NAME = 200
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that have these names; never a scan.")]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", rich_help_panel=RESULTS, help="Replace files that have these names; never a scan."
+    ),
+]
 
 
 def names(

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.consent import Yes
 from rig.commands.options import (
+    MEANWHILE,
+    RESULTS,
     UNTIL_STOPPED,
     AsJson,
     Config,
@@ -39,7 +42,7 @@ def scan(
     config: Config = None,
     exposure: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
+        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[default: 10ms][/dim]"),
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
@@ -63,18 +66,27 @@ def scan(
         str | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
+            autocompletion=completing.scenes,
+            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[default: letters][/dim]",
         ),
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completing.presets,
+            help="A dataset of the paper, e.g. office-10ms; 'list' names all.",
+        ),
     ] = None,
     seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
+            "--out",
+            "-o",
+            rich_help_panel=RESULTS,
+            metavar="SCAN.h5",
+            help="The scan file. [dim]\\[default: scan-DATE-TIME.h5][/dim]",
         ),
     ] = None,
     operator: Operator = None,
@@ -89,15 +101,18 @@ def scan(
     fresh_to: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=MEANWHILE,
             metavar="DEPTH",
             help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
-            "[dim]\\[never][/dim]",
+            "[dim]\\[default: never][/dim]",
         ),
     ] = None,
     video: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.gif", help="With --live and --frames: a video of them; .mp4 needs ffmpeg."
+            rich_help_panel=MEANWHILE,
+            metavar="FILE.gif",
+            help="With --live and --frames: a video of them; .mp4 needs ffmpeg.",
         ),
     ] = None,
     yes: Yes = False,
@@ -107,19 +122,20 @@ def scan(
 
     [bold]Examples[/bold]
 
-      rig scan --exposure 10ms               simulated rig, the whole wall
-
-      rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
-
-      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
-
-      rig scan --preset office-10ms          a dataset of the paper
-
-      rig scan --config lab.toml --dry-run   what would be done
-
-      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
-
-      rig scan --config configs/video.toml --mode continuous --frames 10 --live    and seen meanwhile
+      # simulated rig, the whole wall
+      rig scan --exposure 10ms
+      # a coarse one, quickly
+      rig scan --grid 60x44 --spacing 3cm
+      # the whole wall in 24 s, once the mirror is loaded
+      rig scan --exposure 1ms --mode continuous
+      # a dataset of the paper
+      rig scan --preset office-10ms
+      # what would be done
+      rig scan --config lab.toml --dry-run
+      # a moving hidden object, frame by frame
+      rig scan --config configs/video.toml --frames 10
+      # and seen meanwhile
+      rig scan --config configs/video.toml --mode continuous --frames 10 --live
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.options import AsJson, Grid, Spacing, above_zero
 from rig.commands.results import require_free, told_if_stopped
 
@@ -29,30 +30,42 @@ def _sim() -> None:
 
 @sim.command("render")
 def render(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of a built-in scene, or a mesh file.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            autocompletion=completing.scenes,
+            help="Name of a built-in scene, or a mesh file.",
+        ),
+    ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The scan file to make.")],
     config: Annotated[
         Path | None,
-        typer.Option("--config", "-c", metavar="FILE", help="The simulated rig. [dim]\\[built-in][/dim]"),
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The simulated rig. [dim]\\[default: built-in][/dim]"
+        ),
     ] = None,
     bounces: Annotated[
-        int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
+        int | None,
+        typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[default: 3][/dim]"),
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
     roughness: Annotated[
         float | None,
-        typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
+        typer.Option(
+            min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[default: each its own][/dim]"
+        ),
     ] = None,
     gloss: Annotated[
         Gloss | None,
-        typer.Option(help="Model of all glossy surfaces. [dim]\\[each its own][/dim]"),
+        typer.Option(help="Model of all glossy surfaces. [dim]\\[default: each its own][/dim]"),
     ] = None,
     bin_width: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
+        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[default: 4ps][/dim]")
     ] = None,
     bins: Annotated[
-        int | None, typer.Option(min=1, max=10_000_000, help="Number of bins. [dim]\\[15000][/dim]")
+        int | None, typer.Option(min=1, max=10_000_000, help="Number of bins. [dim]\\[default: 15000][/dim]")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -62,9 +75,9 @@ def render(
 
     [bold]Examples[/bold]
 
-      rig sim render office office.h5                                 the whole wall, three bounces
-
-      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm --bin-width 16ps --bins 4000
+      # the whole wall, three bounces
+      rig sim render office office.h5
+      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm
     """
     import time
 

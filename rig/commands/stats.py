@@ -18,7 +18,8 @@ def stats(
         typer.Option(
             "--from",
             metavar="TIME",
-            help="Count from this time after the pulse on the wall on. [dim]\\[3.332ns, bin 833][/dim]",
+            help="Count from this time after the pulse on the wall on. "
+            "[dim]\\[default: 3.332ns, bin 833][/dim]",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -28,7 +29,6 @@ def stats(
     [bold]Examples[/bold]
 
       rig stats scan.h5
-
       rig stats office-*.h5 --json
     """
     from rig.commands import console

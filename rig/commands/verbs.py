@@ -1,18 +1,15 @@
 """What all verbs have: how they show their help, and the options for what is said."""
 
 from collections.abc import Callable
-from inspect import Parameter, signature
+from inspect import Parameter, cleandoc, signature
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from rig.commands.options import EVERY
 from rig.commands.voice import voice
-
-#: The panel of a verb's help that has the options of all verbs.
-PANEL = "Of every verb"
-
 
 #: Options whose value is text for people: an empty one says that there is nothing to say.
 MAY_BE_EMPTY = frozenset({"operator", "sample", "purpose", "note"})
@@ -20,6 +17,10 @@ MAY_BE_EMPTY = frozenset({"operator", "sample", "purpose", "note"})
 
 class _Tidy:
     """Help in which a flag is its name alone, with no type behind it; values that are empty are refused."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.help = _flowing(self.help or "")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Refuse values that are empty, as of a shell variable that is not set, and read the others."""
@@ -37,8 +38,14 @@ class _Tidy:
             if getattr(one, "is_flag", False):
                 one.metavar = ""
             if one.name == "help":
-                one.rich_help_panel = PANEL
+                one.rich_help_panel = EVERY
         return list(parameters)
+
+
+def _flowing(text: str) -> str:
+    """Return help whose paragraphs have no line ends of the source; lines of an example keep theirs."""
+    paragraphs = cleandoc(text).split("\n\n")
+    return "\n\n".join(one if one.startswith("  ") else " ".join(one.split()) for one in paragraphs)
 
 
 class Verb(_Tidy, TyperCommand):
@@ -71,7 +78,7 @@ Quiet = Annotated[
         callback=_quiet,
         is_eager=True,
         expose_value=False,
-        rich_help_panel=PANEL,
+        rich_help_panel=EVERY,
         help="Say results, errors, and what concerns the light; nothing else.",
     ),
 ]
@@ -83,7 +90,7 @@ Verbose = Annotated[
         callback=_verbose,
         is_eager=True,
         expose_value=False,
-        rich_help_panel=PANEL,
+        rich_help_panel=EVERY,
         help="Say what is done, too, with times.",
     ),
 ]
@@ -95,7 +102,7 @@ Log = Annotated[
         callback=_log,
         is_eager=True,
         expose_value=False,
-        rich_help_panel=PANEL,
+        rich_help_panel=EVERY,
         help="Append what is said to this file, with times.",
     ),
 ]
