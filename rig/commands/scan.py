@@ -139,6 +139,9 @@ def scan(
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
+    if preset == "list":
+        _show_presets(as_json)
+        return
     from rig.acquire.acquisition import acquire
     from rig.acquire.preflight import check
     from rig.bench.simulated import hidden_scene
@@ -152,9 +155,6 @@ def scan(
     from rig.model.quantities import parse
     from rig.model.state import RigState
 
-    if preset == "list":
-        _show_presets(as_json)
-        return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
     state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
