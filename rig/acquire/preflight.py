@@ -12,7 +12,7 @@ from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
 from rig.errors import RefusedError, UsageError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.plan import Grid, ScanPlan
-from rig.model.quantities import show_length
+from rig.model.quantities import show_bytes, show_length
 from rig.model.state import RigState
 from rig.model.sweep import Trajectories
 
@@ -127,7 +127,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(
-            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
+            f"the scan needs about {show_bytes(found.bytes_on_disk)}, {folder} has {show_bytes(free)} "
             "free. Free some space, or choose another place with --out"
         )
     return found

@@ -76,6 +76,11 @@ def _shows_bars() -> bool:
     return err.is_terminal and not voice.quiet
 
 
+def _bar_width() -> int:
+    """Return how wide a bar may be, so that what stands beside it fits the line: a wrapped one would stay."""
+    return max(6, min(30, err.width - 74))
+
+
 #: The bars that are drawn now.
 _drawn: "list[Progress]" = []
 
@@ -178,7 +183,7 @@ class ScanProgress:
             SpinnerColumn(),
             TextColumn("{task.fields[light]}"),
             TextColumn("{task.fields[phase]:>14}"),
-            BarColumn(bar_width=30),
+            BarColumn(bar_width=_bar_width()),
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]}"),
             TextColumn("{task.fields[left]}"),
@@ -334,7 +339,7 @@ class Working:
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=30),
+            BarColumn(bar_width=_bar_width()),
             TextColumn("{task.percentage:>3.0f} %"),
             console=err,
             transient=True,

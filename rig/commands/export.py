@@ -42,6 +42,7 @@ def export(
     """
     from rig.commands import console
     from rig.exporters import export
+    from rig.model.quantities import show_bytes
 
     require_free([target], force=force)
     with told_if_stopped([target]):
@@ -50,7 +51,7 @@ def export(
     if as_json:
         console.print_json({"file": str(target), "layout": layout, "bytes": size_bytes})
     else:
-        facts = {"layout": layout, "size": f"{size_bytes / 1e6:.3g} MB"}
+        facts = {"layout": layout, "size": show_bytes(size_bytes)}
         if rectified:
             facts["time"] = "begins when the pulse is on the wall; what came before is left out"
         console.print_facts(str(target), facts)

@@ -40,6 +40,7 @@ def report(
     from rig.files.scan import ScanFile
     from rig.files.volume import read_volume
     from rig.image.reconstruct import picture
+    from rig.model.quantities import show_bytes
     from rig.show.report import Imaged, save_report
 
     page = names(scan, {"page": "-report.html"}, {"page": out}, force=force)["page"]
@@ -54,5 +55,5 @@ def report(
     if as_json:
         console.print_json({**result, "doubts": doubts})
         return
-    size = f"{page.stat().st_size / 1e6:.1f} MB"
+    size = show_bytes(page.stat().st_size)
     console.print_facts(str(page), {"scan": str(scan), "image": str(volume or "none"), "size": size})

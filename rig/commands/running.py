@@ -20,7 +20,7 @@ from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
 from rig.files.scan import ScanFile
 from rig.model.plan import ScanPlan
-from rig.model.quantities import show, show_duration
+from rig.model.quantities import show, show_bytes, show_duration
 
 if TYPE_CHECKING:
     from rig.image.until import Until
@@ -212,7 +212,7 @@ def _show(result: ScanResult, plan: ScanPlan, target: Path, took_s: float, as_js
             **({"frames": f"{whole:,}" if plan.endless else f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{photons:,} ({show(rate_hz, 'photons/s')})",
             **now,
-            "size": f"{target.stat().st_size / 1e6:.1f} MB",
+            "size": show_bytes(target.stat().st_size),
             "took": show_duration(took_s),
         },
     )

@@ -312,13 +312,14 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
     from rig.commands import console
     from rig.model.plan import Grid
-    from rig.model.quantities import show, show_duration, show_length
+    from rig.model.quantities import show, show_bytes, show_duration, show_length
 
     config, (one,) = state.config, plan.passes
     grid = one.positions
     assert isinstance(grid, Grid)
-    angles = [degrees(angle) for angle in found.mirror_rad]
-    limits = [degrees(config.galvo.max_angle_x_rad), degrees(config.galvo.max_angle_y_rad)]
+    angles = [round(degrees(angle), 9) for angle in found.mirror_rad]
+    most_rad = (config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)
+    limits = [round(degrees(angle), 9) for angle in most_rad]  # 24, not 23.999999999999996
     if as_json:
         console.print_json(
             {
@@ -364,8 +365,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
-            "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
-            f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
+            "file": f"~{show_bytes(found.bytes_on_disk)} compressed, "
+            f"{show_bytes(found.bytes_in_memory)} of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
             **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),

@@ -89,7 +89,7 @@ def render(
     from rig.errors import UsageError
     from rig.model.config import built_in_with, load
     from rig.model.plan import ScanPlan
-    from rig.model.quantities import parse, show_duration
+    from rig.model.quantities import parse, show_bytes, show_duration
 
     simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
     changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
@@ -119,7 +119,7 @@ def render(
         {
             "positions": f"{len(plan):,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
-            "size": f"{out.stat().st_size / 1e6:.1f} MB",
+            "size": show_bytes(out.stat().st_size),
             "took": show_duration(took_s),
         },
     )

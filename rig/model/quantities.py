@@ -111,6 +111,14 @@ def show_length(value_m: float, digits: int = 3) -> str:
     raise AssertionError("unreachable")
 
 
+def show_bytes(count: float) -> str:
+    """Write a number of bytes in the unit that suits it, e.g. ``15.4 MB`` or ``812 kB``."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= 0.9995 * size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count:.0f} bytes"
+
+
 def show_duration(duration_s: float) -> str:
     """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``."""
     if duration_s < 60:

@@ -45,8 +45,11 @@ class Statistics:
     per_position: float
 
     def as_dict(self) -> dict[str, float]:
-        """Return the numbers by name."""
-        return asdict(self)
+        """Return the numbers by name; counts of a scan that was counted are whole."""
+        found = asdict(self)
+        for name in ("photons", "largest"):
+            found[name] = int(found[name]) if float(found[name]).is_integer() else found[name]
+        return found
 
 
 @dataclass(frozen=True)
