@@ -1,4 +1,4 @@
-"""How long the program takes to start, beside the import of its command line library; reported, never asserted.
+"""How long the program takes to start, beside the import of its command line library; never asserted.
 
 Run with ``pytest tests/benchmarks/test_start_speed.py -n 0 --benchmark-only -s``.
 """
