@@ -20,7 +20,7 @@ class _Tidy:
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.help = _flowing(self.help or "")
+        self.help: str | None = _flowing(self.help or "")
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Refuse values that are empty, as of a shell variable that is not set, and read the others."""
