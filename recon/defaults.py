@@ -198,7 +198,7 @@ def voxels(
         If depths go on to where all light comes after the record's end, twice as far as its last light.
     """
     if depth_m is not None:
-        _check_reach(capture, depth_m[1])
+        _check_reach(capture, *depth_m[:2])
     low, high = extent(capture)
     pitch_m = spacing_m(capture)
     voxel_m = _on_the_lattice_m(capture, pitch_m) if voxel_m is None else voxel_m
@@ -218,10 +218,10 @@ def voxels(
     return VoxelGrid(_snapped(grid.x_m, aperture.x), _snapped(grid.y_m, aperture.y), grid.z_m)
 
 
-def _check_reach(capture: Capture, far_m: float) -> None:
+def _check_reach(capture: Capture, near_m: float, far_m: float) -> None:
     """Refuse depths far beyond the record: light of a depth z takes 2 z / c at least."""
     end_m = C_M_PER_S * (float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s)
-    if 0 < end_m < far_m < inf:
+    if near_m < end_m / 2 and end_m < far_m < inf:  # where all is beyond, imaging itself refuses
         raise ReachError(
             "volume",
             f"depths to {far_m:g} m",

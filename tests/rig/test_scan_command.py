@@ -78,7 +78,7 @@ def test_json_is_one_document(rig):
 def test_a_dry_run_shows_the_plan_and_leaves_nothing(rig, tmp_path):
     done = rig("scan", "--config", CONFIGS / "lab.toml", "--dry-run")
     assert done.code == 0, done.err
-    for told in ("23,364 of 180 x 130", "6 h", "MB", "deg, limits"):
+    for told in ("23,364 of 180 x 130", "6 h", "1.4 GB", "deg, limits"):
         assert told in done.out
     assert list(tmp_path.iterdir()) == []
 
