@@ -193,7 +193,7 @@ def test_other_files_are_refused_by_what_they_are(tmp_path):
         ScanFile(text)
     with pytest.raises(DataFileError, match="does not exist"):
         ScanFile(tmp_path / "none.h5")
-    with pytest.raises(DataFileError, match="is a folder, and no file|does not exist"):
+    with pytest.raises(DataFileError, match="is a folder, and no file"):
         ScanFile(tmp_path)
     foreign = tmp_path / "b.h5"
     with h5py.File(foreign, "w") as file:
