@@ -5,15 +5,18 @@ from typing import Annotated
 import typer
 
 import rig
+from rig.commands.align import align
 from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
 from rig.commands.compare import compare
+from rig.commands.config import config
 from rig.commands.devices import devices
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
 from rig.commands.info import info
+from rig.commands.init import init
 from rig.commands.laser import laser
 from rig.commands.listing import list_
 from rig.commands.measure import measure
@@ -78,6 +81,7 @@ def version(as_json: AsJson = False) -> None:
 
 app.command("scan")(scan)
 app.command("resume")(resume)
+app.command("align")(align)
 app.command("recon")(recon)
 calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)
@@ -91,7 +95,9 @@ app.command("report")(report)
 app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)
+app.command("init")(init)
 app.command("doctor")(doctor)
+app.add_typer(config, name="config")
 sim.command("serve")(serve)
 app.add_typer(devices, name="devices")
 app.add_typer(laser, name="laser")

@@ -19,10 +19,12 @@ from rig.model.quantities import show, show_duration
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rig.acquire.doctor import Finding
+    from rich.live import Live
+
     from rig.files.scan import ScanFile
     from rig.model.devices import Exposure
     from rig.model.plan import Step
+    from rig.setup.doctor import Finding
 
 
 #: Positions whose time says how long the others will take; the first has what happens once in it.
@@ -81,21 +83,35 @@ def _bar_width() -> int:
     return max(6, min(30, err.width - 74))
 
 
-#: The bars that are drawn now.
-_drawn: "list[Progress]" = []
+#: What is drawn and redrawn now, below the messages.
+_drawn: "list[Progress | Live]" = []
+
+
+def draw(what: "Progress | Live") -> None:
+    """Begin to draw something that is redrawn; it leaves the terminal while a person is asked something."""
+    what.start()
+    if what not in _drawn:
+        _drawn.append(what)
+
+
+def wipe(what: "Progress | Live") -> None:
+    """Draw it no more."""
+    what.stop()
+    if what in _drawn:
+        _drawn.remove(what)
 
 
 @contextmanager
 def aside() -> "Iterator[None]":
-    """Take drawn bars away while a person is asked something."""
-    bars = list(_drawn)
-    for bar in bars:
-        bar.stop()
+    """Take away what is drawn while a person is asked something."""
+    drawn = list(_drawn)
+    for one in drawn:
+        one.stop()
     try:
         yield
     finally:
-        for bar in bars:
-            bar.start()
+        for one in drawn:
+            one.start()
 
 
 def _plain(text: str) -> Text:
@@ -136,9 +152,9 @@ def print_table(
     Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
 
 
-def print_findings(findings: "Sequence[Finding]") -> None:
+def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
-    colours = {"ok": "green", "warning": "yellow", "missing": "red"}
+    colours = {"ok": "green", "warning": "yellow", "missing": "red", "optional": "dim"}
     table = Table.grid(padding=(0, 2))
     table.add_column()
     table.add_column(overflow="fold")
@@ -149,7 +165,9 @@ def print_findings(findings: "Sequence[Finding]") -> None:
         if finding.remedy:
             found.append("\n").append(printable(finding.remedy), "dim")
         table.add_row(verdict, _plain(finding.what), found)
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    console.print(Text(printable(headline), "bold"))
+    console.print(table)
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -215,27 +233,17 @@ class ScanProgress:
                 self._positions = len(plan)
                 self._bar.update(self._task, total=self._positions)
             case Ended():
-                self._stop_bar()
+                wipe(self._bar)
 
     def _show_phase(self, phase: str) -> None:
         self._phase = phase
         if _shows_bars():
             detail(phase)
-            self._start_bar()
+            draw(self._bar)
             self._draw(0 if phase == "aiming" else None)
         else:
             say(phase)
         self._since_s = time.monotonic()
-
-    def _start_bar(self) -> None:
-        self._bar.start()
-        if self._bar not in _drawn:
-            _drawn.append(self._bar)
-
-    def _stop_bar(self) -> None:
-        self._bar.stop()
-        if self._bar in _drawn:
-            _drawn.remove(self._bar)
 
     def _count(self, step: "Step", exposure: "Exposure") -> None:
         if not self._measured:  # of a scan that is resumed: what is there already is no progress of now

@@ -9,6 +9,7 @@ import typer
 from rig.commands import completing
 from rig.commands.consent import Yes
 from rig.commands.options import (
+    BUILT_IN,
     MEANWHILE,
     RESULTS,
     UNTIL_STOPPED,
@@ -156,7 +157,7 @@ def scan(
     from rig.model.state import RigState
 
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
+    state = RigState.resolve(configured(config, preset, {"scene": scene, "seed": seed}, notes))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(
         state.config,
@@ -193,7 +194,8 @@ def scan(
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
+    others = Onlookers(end, live, fresh_to_m, video, state.config.notify)
+    records = beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
@@ -261,7 +263,7 @@ def _show_presets(as_json: bool) -> None:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
 
 
-def _configuration(
+def configured(
     path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
 ) -> "RigConfig":
     """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""
@@ -275,7 +277,10 @@ def _configuration(
     said = {name: text for name, text in notes.items() if text is not None}
     if path and (preset or given) and not load(path).simulated:
         option = "preset" if preset else next(iter(given))
-        raise UsageError(f"--{option} is for the simulated rig, and {path} names real devices; leave it out")
+        raise UsageError(
+            f"--{option} is for the simulated rig, and {path} names real devices; leave it out, or use "
+            f"--config {BUILT_IN}"
+        )
     changes = merged(overlay, {"simulation": given} if given else {})
     changes = merged(changes, {"notes": said} if said else {})
     return load(path, changes) if path else built_in_with(changes)

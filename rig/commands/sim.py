@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rig.commands import completing
-from rig.commands.options import AsJson, Grid, Spacing, above_zero
+from rig.commands.options import BUILT_IN, AsJson, Grid, Spacing, above_zero, config_option
 from rig.commands.results import require_free, told_if_stopped
 
 #: Narrowest bin that is rendered: a thousandth of the finest of any timing instrument.
@@ -40,10 +40,7 @@ def render(
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The scan file to make.")],
     config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The simulated rig. [dim]\\[default: built-in][/dim]"
-        ),
+        Path | None, config_option("The simulated rig. [dim]\\[default: built-in][/dim]")
     ] = None,
     bounces: Annotated[
         int | None,
@@ -94,7 +91,9 @@ def render(
     simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
     changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
     if config and not load(config).simulated:
-        raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
+        raise UsageError(
+            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+        )
     rig_config = load(config, changes) if config else built_in_with(changes)
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(
