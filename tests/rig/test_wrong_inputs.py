@@ -209,6 +209,11 @@ CASES = [
     ("export volume.h5 /proc/x.npz", 2, "/proc", "another folder"),
     ("export volume.h5 new.npz --rectified", 2, "--rectified", "Leave it out"),
     # the rig
+    ("align --config nowhere.toml", 2, "nowhere.toml", "path of a TOML file"),
+    ("config show --config latin.toml", 2, "latin.toml", "UTF-8"),
+    ("config bogus", 2, "'bogus'", "rig config --help"),
+    ("init --out small.h5", 2, "small.h5 exists", "another name"),
+    ("init --bogus", 2, "--bogus", "rig init --help"),
     ("doctor --config types.toml", 2, "scan.columns: 1.5", "whole number"),
     ("doctor --confg x", 2, "--confg", "--config"),
     ("doctor extra", 2, "(extra)", "rig doctor --help"),
