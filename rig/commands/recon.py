@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import AsJson
+from rig.commands.options import RESULTS, AsJson
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ class Camera(StrEnum):
     vars().update({name: name for name in registry.CAMERAS})
 
 
+VOLUME, LIGHT, VIDEO, COMPUTER = "Volume", "Light that counts", "Video", "Computer"
 _CAMERA, _SOLVER = Camera("confocal"), Solver("rsd")
 _WITH_SNR, _BOUNDED = " and ".join(registry.taking("snr")), " and ".join(registry.BOUNDED)
 
@@ -52,74 +53,111 @@ def recon(
     solver: Annotated[Solver, typer.Option(help=registry.solvers_help())] = _SOLVER,
     wavelength: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[by spacing and response][/dim]"),
+        typer.Option(
+            metavar="LENGTH", help="Of the virtual wave. [dim]\\[default: by spacing and response][/dim]"
+        ),
     ] = None,
     cycles: Annotated[
-        float | None, typer.Option(help="Length of the virtual pulse, in wavelengths. [dim]\\[2][/dim]")
+        float | None,
+        typer.Option(
+            metavar="NUMBER", help="Length of the virtual pulse, in wavelengths. [dim]\\[default: 2][/dim]"
+        ),
     ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VOLUME,
             metavar="FROM:TO:STEP",
-            help="Depths to image, e.g. 0.5m:3m:2cm. [dim]\\[the record's reach][/dim]",
+            help="Depths to image, e.g. 0.5m:3m:2cm. [dim]\\[default: the record's reach][/dim]",
         ),
     ] = None,
     width: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Width of the volume. [dim]\\[the wall's][/dim]")
+        str | None,
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Width of the volume. [dim]\\[default: the wall's][/dim]",
+        ),
     ] = None,
     height: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Height of the volume. [dim]\\[the wall's][/dim]")
+        str | None,
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Height of the volume. [dim]\\[default: the wall's][/dim]",
+        ),
     ] = None,
     voxel: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Voxel side across. [dim]\\[the wall's spacing][/dim]"),
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Voxel side across. [dim]\\[default: the wall's spacing][/dim]",
+        ),
     ] = None,
     fade_from: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
+            rich_help_panel=LIGHT,
+            metavar="TIME",
+            help="Ignore light that comes earlier than this after the pulse is on the wall.",
         ),
     ] = None,
     snr: Annotated[
         float | None,
         typer.Option(
             metavar="RATIO",
-            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[0.8][/dim]",
+            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[default: 0.8][/dim]",
         ),
     ] = None,
     memory: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=COMPUTER,
             metavar="BYTES",
-            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. [dim]\\[what is quickest][/dim]",
+            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. "
+            "[dim]\\[default: what is quickest][/dim]",
         ),
     ] = None,
-    device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
+    device: Annotated[
+        Device, typer.Option(rich_help_panel=COMPUTER, help="Where the rsd solver computes images.")
+    ] = Device.CPU,
     calibrations: Annotated[
         Path | None,
         typer.Option(
+            rich_help_panel=LIGHT,
             metavar="FOLDER",
             help="Use the newest calibrations of this folder instead of those that the scan was taken with.",
         ),
     ] = None,
     even_bins: Annotated[
-        bool, typer.Option("--even-bins", help="Divide counts by the calibrated widths of the bins.")
+        bool,
+        typer.Option(
+            "--even-bins", rich_help_panel=LIGHT, help="Divide counts by the calibrated widths of the bins."
+        ),
     ] = False,
     frames: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VIDEO,
             metavar="FROM:TO:STEP",
-            help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
+            help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[default: the light's way][/dim]",
         ),
     ] = None,
     each_frame: Annotated[
-        bool, typer.Option("--each-frame", help="Image each frame of a scan by itself: a moving object.")
+        bool,
+        typer.Option(
+            "--each-frame",
+            rich_help_panel=VIDEO,
+            help="Image each frame of a scan by itself: a moving object.",
+        ),
     ] = False,
     fresh_to: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VIDEO,
             metavar="DEPTH",
-            help="Average frames, one for each time that a voxel is so deep. [dim]\\[never][/dim]",
+            help="Average frames, one for each time that a voxel is so deep. [dim]\\[default: never][/dim]",
         ),
     ] = None,
     relight: Annotated[
@@ -130,30 +168,46 @@ def recon(
         ),
     ] = None,
     over: Annotated[
-        Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
+        Over | None,
+        typer.Option(
+            rich_help_panel=VIDEO, help="What a video shows of all depths. [dim]\\[default: surface][/dim]"
+        ),
     ] = None,
     all_depths: Annotated[
-        bool, typer.Option("--all-depths", help="Store the video of every voxel, (t, z, y, x).")
+        bool,
+        typer.Option(
+            "--all-depths", rich_help_panel=VIDEO, help="Store the video of every voxel, (t, z, y, x)."
+        ),
     ] = False,
     video: Annotated[
-        Path | None, typer.Option(metavar="FILE.gif", help="The video; .mp4 needs ffmpeg.")
+        Path | None,
+        typer.Option(rich_help_panel=VIDEO, metavar="FILE.gif", help="The video; .mp4 needs ffmpeg."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             "-o",
+            rich_help_panel=RESULTS,
             metavar="VOLUME.h5",
-            help="The volume. [dim]\\[SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
+            help="The volume. [dim]\\[default: SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
         ),
     ] = None,
     image: Annotated[
         Path | None,
-        typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]"),
+        typer.Option(
+            rich_help_panel=RESULTS,
+            metavar="PICTURE.png",
+            help="The picture. [dim]\\[default: SCAN.png, SCAN-2.png ...][/dim]",
+        ),
     ] = None,
     page: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
+        typer.Option(
+            rich_help_panel=RESULTS,
+            metavar="FILE.html",
+            help="A web page on which the volume is turned by hand.",
+        ),
     ] = None,
     preview: Annotated[
         bool,
@@ -170,23 +224,19 @@ def recon(
 
     [bold]Examples[/bold]
 
-      rig recon scan.h5                    everything chosen by the program
-
+      # everything chosen by the program
+      rig recon scan.h5
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
-
-      rig recon scan.h5 --preview --wavelength 8cm        a quick look, again and again
-
-      rig recon scan.h5 --page letters.html        to be turned in any browser
-
+      # a quick look, again and again
+      rig recon scan.h5 --preview --wavelength 8cm
+      # to be turned in any browser
+      rig recon scan.h5 --page letters.html
       rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm
-
       rig recon scan.h5 --camera transient --video flash.gif
-
       rig recon scan.h5 --each-frame --video moving.gif
-
       rig recon all.h5 --relight 10cm,0cm,1m --camera transient --video relit.gif
-
-      rig recon scan.h5 --solver lct       an earlier method, to compare with
+      # an earlier method, to compare with
+      rig recon scan.h5 --solver lct
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """

@@ -51,7 +51,7 @@ from rig.image.recalibrate import (
 )
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
-from rig.model.quantities import show_length
+from rig.model.quantities import show, show_length
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import check_picture, save, volume_figure
@@ -247,6 +247,7 @@ def chosen(scan: ScanFile, request: Request, *, by_runs: bool = False) -> tuple[
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
+    _check_fade(request, capture)
     choice = _wavelength(request, seen)
     work = planned(
         dataclasses.replace(request, wavelength_m=choice.value), seen, name, scan.digest, origin(scan)
@@ -271,6 +272,16 @@ def planned(request: Request, seen: Seen, scan: str, digest: str, came: Mapping[
     pulse = VirtualPulse(request.wavelength_m, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
     return Work(request, seen, pulse, grid, window, scan, digest, origin=came)
+
+
+def _check_fade(request: Request, capture: Capture) -> None:
+    """Refuse a fade after which the record has nothing."""
+    end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
+    if request.fade_from_s is not None and request.fade_from_s >= end_s:
+        raise UsageError(
+            f"--fade-from {show(request.fade_from_s, 's')} ignores all light: the record ends at "
+            f"{show(end_s, 's')}; give an earlier time"
+        )
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
