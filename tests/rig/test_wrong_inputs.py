@@ -208,6 +208,9 @@ CASES = [
     ("export volume.h5 taken.png", 2, "taken.png exists", "--force"),
     ("export volume.h5 /proc/x.npz", 2, "/proc", "another folder"),
     ("export volume.h5 new.npz --rectified", 2, "--rectified", "Leave it out"),
+    ("watch nowhere.h5", 5, "nowhere.h5", "check the name"),
+    ("watch volume.h5", 5, "volume.h5", ""),
+    ("watch small.h5 --web x:y", 2, "x:y", "rig watch --help"),
     # the rig
     ("align --config nowhere.toml", 2, "nowhere.toml", "path of a TOML file"),
     ("config show --config latin.toml", 2, "latin.toml", "UTF-8"),
