@@ -22,6 +22,8 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 
 Progress = Callable[[float], None]
+#: Gives the field of each plane of a problem by a solver, as `planes`.
+Planes = Callable[[ImagingProblem, str], Iterator[NDArray[np.complexfloating]]]
 
 
 def image(
@@ -36,6 +38,7 @@ def image(
     memory_bytes: int | None = None,
     device: str = "cpu",
     fft: bool | None = None,
+    by: Planes | None = None,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -72,6 +75,8 @@ def image(
         "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
     fft
         Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
+    by
+        What computes the planes, as `planes`, in place of this process.
 
     Raises
     ------
@@ -98,15 +103,15 @@ def image(
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
-    return focused(bounded(problem, solver, memory_bytes), solver, pulse)
+    return focused(bounded(problem, solver, memory_bytes), solver, pulse, by)
 
 
-def focused(problem: ImagingProblem, solver: str, pulse: VirtualPulse) -> Image:
-    """Image a problem of one moment; raises as `image`."""
+def focused(problem: ImagingProblem, solver: str, pulse: VirtualPulse, by: Planes | None = None) -> Image:
+    """Image a problem of one moment; `by` and what is raised are as of `image`."""
     shape = problem.grid.shape
     field = np.empty(shape, np.complex64)
     late_s = np.empty(shape, np.float32) if problem.slopes else None
-    for index, plane in enumerate(planes(problem, solver)):
+    for index, plane in enumerate((by or planes)(problem, solver)):
         field[index] = plane[0]
         if late_s is not None:
             late_s[index] = lateness_s(plane[0], plane[1], pulse)

@@ -25,7 +25,6 @@ of them at once, and fewer threads where memory is short. Spectra and solver sha
 from collections.abc import Callable
 from dataclasses import replace
 from math import ceil
-from os import cpu_count
 
 from recon.errors import MemoryBoundError
 from recon.sampling import DepthBlock
@@ -85,7 +84,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     spare = memory_bytes - least
     threads = 1
     if frames > 1:
-        threads = min(cpu_count() or 1, 1 + spare // (PLANES_PER_THREAD * plane))
+        threads = min(problem.threads, 1 + spare // (PLANES_PER_THREAD * plane))
         spare -= (threads - 1) * PLANES_PER_THREAD * plane
     working = min(WORKING_BYTES, solver + spare // 2)
     at_once = together + (spare - (working - solver)) // spectrum
