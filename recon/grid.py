@@ -114,7 +114,7 @@ def _check_size(width_m: float, height_m: float, voxel_m: float, depth_m: tuple[
     near, far, step = depth_m
     across = [_cells(width_m, voxel_m), _cells(height_m, voxel_m)]
     planes = _cells(far - near, step) + 1
-    room = _memory_bytes() / BYTES_PER_VOXEL
+    room = memory_bytes() / BYTES_PER_VOXEL
     if (
         max(across) <= MOST_ALONG_AXIS
         and planes <= MOST_ALONG_AXIS
@@ -167,7 +167,7 @@ def _rounded_up(length_m: float) -> str:
     return f"{ceil(length_m / digit_m * (1 - 1e-9)) * digit_m * 1e3:.3g}mm"
 
 
-def _memory_bytes() -> float:
+def memory_bytes() -> float:
     """Return the memory of this computer."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")

@@ -1,5 +1,6 @@
 """``rig recon``: image a scan."""
 
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +12,9 @@ from rig.commands.options import AsJson
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rig.image.reconstruct import Elsewhere, Request
     from rig.image.result import Result
 
 
@@ -94,6 +98,14 @@ def recon(
         ),
     ] = None,
     device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute in parts on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json; --memory "
+            "is for each. [dim]\\[this process][/dim]",
+        ),
+    ] = None,
     calibrations: Annotated[
         Path | None,
         typer.Option(
@@ -202,9 +214,33 @@ def recon(
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
-    with told_if_stopped(files.values()), console.Working("imaging") as working:
-        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
+    with (
+        told_if_stopped(files.values()),
+        _elsewhere(scan, cluster, request) as crew,
+        console.Working("imaging") as working,
+    ):
+        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page, crew)
     _show(result, files, as_json)
+
+
+@contextmanager
+def _elsewhere(scan: Path, cluster: str | None, request: "Request") -> "Iterator[Elsewhere | None]":
+    """Join a cluster, if one was named."""
+    if cluster is None:
+        yield None
+        return
+    from rig.cluster.joined import joined, local_workers
+    from rig.files.inspection import inspect
+    from rig.image.reconstruct import check_elsewhere
+
+    local_workers(cluster)
+    check_elsewhere(request)
+    if scan.is_file():
+        inspect(scan)  # a copy of this process does it in milliseconds, as long as no thread of dask runs
+    with joined(cluster) as client:
+        from rig.cluster.imaging import Crew
+
+        yield Crew(client, request.memory_bytes)
 
 
 def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:

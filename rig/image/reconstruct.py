@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ from recon.capture import Capture
 from recon.depth import compensate_falloff
 from recon.frames import FrameImager
 from recon.grid import VoxelGrid
-from recon.imaging import image
+from recon.imaging import Planes, image
 from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
@@ -77,9 +77,17 @@ class Request:
     fresh_to_m: float | None = None
 
 
+class Elsewhere(Protocol):
+    """Other processes that compute fields."""
+
+    def imaging(self, scan: ScanFile | None) -> Planes:
+        """Return what computes the planes of a scan; None, where its counts are changed here."""
+        ...
+
+
 @dataclass(frozen=True)
 class Work:
-    """What is imaged, with all choices made."""
+    """What is imaged, with all choices made; `by` computes planes in place of this process."""
 
     request: Request
     seen: Seen
@@ -90,6 +98,7 @@ class Work:
     scan_digest: str
     estimated: tuple[str, ...] = ()
     origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    by: Planes | None = None
 
     @property
     def capture(self) -> Capture:
@@ -134,8 +143,11 @@ def reconstruct(
     progress: Callable[[float], None] | None = None,
     video_path: Path | None = None,
     page_path: Path | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Result:
     """Image a scan with a virtual camera; write the volume file, the picture and, if asked, video and page.
+
+    Fields are computed by this process, or ``elsewhere``.
 
     Raises
     ------
@@ -154,6 +166,7 @@ def reconstruct(
         if request.each_frame:
             check_frames(scan)
         work, reason = chosen(scan, request)
+        work = _sent(work, scan, elsewhere)
         camera = _camera(work)
         if request.each_frame:
             volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
@@ -176,6 +189,14 @@ def reconstruct(
     if video_path:
         _save_video(volume, request, video_path)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+
+
+def _sent(work: Work, scan: ScanFile, elsewhere: Elsewhere | None) -> Work:
+    """Let other processes compute, if there are any."""
+    if elsewhere is None:
+        return work
+    check_elsewhere(work.request)
+    return dataclasses.replace(work, by=elsewhere.imaging(None if work.request.even_bins else scan))
 
 
 def _save_video(volume: Volume, request: Request, path: Path) -> None:
@@ -284,6 +305,25 @@ def _check(request: Request, video_path: Path | None) -> None:
             )
 
 
+def check_elsewhere(request: Request) -> None:
+    """Refuse what is not computed in parts.
+
+    Raises
+    ------
+    UsageError
+        If so.
+    """
+    if SOLVERS[request.solver].way is None:
+        able = " or ".join(name for name, entry in SOLVERS.items() if entry.way)
+        raise UsageError(
+            f"solver {request.solver} images as a whole, on one computer; use {able}, or leave --cluster out"
+        )
+    if CAMERAS[request.camera].film or request.each_frame:
+        raise UsageError(
+            "a film is computed on one computer; leave --cluster out, or image without a time axis"
+        )
+
+
 def _check_each_frame(request: Request) -> None:
     """Refuse what does not go with imaging frame by frame."""
     if not request.each_frame:
@@ -367,8 +407,9 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
         camera=camera,
         window=work.window,
         progress=progress,
-        memory_bytes=request.memory_bytes,
+        memory_bytes=None if work.by else request.memory_bytes,
         device=request.device,
+        by=work.by,
     )
 
 
