@@ -2,8 +2,10 @@
 
 import os
 import re
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,24 +78,36 @@ def joined(address: str, *, dashboard: bool = False) -> "Iterator[Client]":
 def _local(number: int, dashboard: bool) -> "Iterator[Client]":
     from distributed import Client, LocalCluster
 
-    with (
-        LocalCluster(
-            n_workers=number,
+    with _without_ctrl_c():  # the threads that dask starts, and through them the workers
+        cluster = LocalCluster(
+            n_workers=0,
             threads_per_worker=1,
             processes=True,
             memory_limit=_share_bytes(number),
-            dashboard_address=":0" if dashboard else None,
-            preload=["rig.cluster.worker"],
-            env={
-                "NUMBA_NUM_THREADS": "1",
-                "OPENBLAS_NUM_THREADS": "1",
-                "DASK_LOGGING__DISTRIBUTED": "critical",
-            },
+            dashboard_address="127.0.0.1:0",  # where its server of numbers is, too: any port that is free
+            scheduler_kwargs={"dashboard": dashboard},
+            env={"NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "critical"},
             silence_logs="CRITICAL",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
+        )
+    with cluster, Client(cluster, set_as_default=False) as client:
+        cluster.scale(number)
+        client.wait_for_workers(number)
         yield client
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Start threads and processes that never get Ctrl-C, which a terminal sends to all of them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # it lets Ctrl-C through again in the thread in which it starts
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _share_bytes(number: int) -> int:

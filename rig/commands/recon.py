@@ -159,6 +159,12 @@ def recon(
         Path | None,
         typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what it would take: voxels, memory, time; compute nothing.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Compute what takes more than ten minutes, too.")
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -179,6 +185,10 @@ def recon(
       rig recon scan.h5 --each-frame --video moving.gif
 
       rig recon scan.h5 --solver lct       an earlier method, to compare with
+
+      rig recon scan.h5 --voxel 2mm --dry-run        what it would take
+
+      rig recon scan.h5 --voxel 2mm --cluster local:4
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
@@ -210,7 +220,11 @@ def recon(
         even_bins=even_bins,
         each_frame=each_frame,
         fresh_to_m=length(fresh_to),
+        however_long=yes,
     )
+    if dry_run:
+        _say_what_it_takes(scan, request, cluster, as_json)
+        return
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
@@ -221,6 +235,33 @@ def recon(
     ):
         result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page, crew)
     _show(result, files, as_json)
+
+
+def _say_what_it_takes(scan: Path, request: "Request", cluster: str | None, as_json: bool) -> None:
+    """Print what imaging would take; refuse what would be refused."""
+    from rig.commands import console
+    from rig.image.forecast import require_possible
+    from rig.image.reconstruct import forecasted
+
+    found = forecasted(scan, request, _workers(cluster) if cluster else None)
+    bounded = request.memory_bytes is not None
+    if as_json:
+        require_possible(found, bounded=bounded, however_long=request.however_long)
+        console.print_json({"scan": str(scan), **found.as_dict()})
+        return
+    console.print_facts(str(scan), found.summary())
+    require_possible(found, bounded=bounded, however_long=request.however_long)
+
+
+def _workers(cluster: str) -> int:
+    """Return how many workers an address has."""
+    from rig.cluster.joined import joined, local_workers
+
+    number = local_workers(cluster)
+    if number is not None:
+        return number
+    with joined(cluster) as client:
+        return sum(client.nthreads().values())
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from recon.capture import Capture
 from recon.depth import compensate_falloff
 from recon.frames import FrameImager
 from recon.grid import VoxelGrid
-from recon.imaging import Planes, image
+from recon.imaging import Planes, image, plan
 from recon.noise import photon_noise, quiet_level, tallied
 from recon.registry import CAMERAS, SOLVERS, load, taking
 from recon.result import Image
@@ -35,6 +35,7 @@ from rig.errors import UsageError, in_shell, printable
 from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
+from rig.image.forecast import Forecast, forecast, require_possible
 from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.origin import origin
 from rig.image.recalibrate import Seen, as_recorded, from_store, recalibrated, with_even_bins
@@ -75,10 +76,21 @@ class Request:
     even_bins: bool = False
     each_frame: bool = False
     fresh_to_m: float | None = None
+    however_long: bool = False
 
 
 class Elsewhere(Protocol):
     """Other processes that compute fields."""
+
+    @property
+    def threads(self) -> int:
+        """How many parts are computed at the same time."""
+        ...
+
+    @property
+    def memory_bytes(self) -> int:
+        """What a part may take."""
+        ...
 
     def imaging(self, scan: ScanFile | None) -> Planes:
         """Return what computes the planes of a scan; None, where its counts are changed here."""
@@ -166,8 +178,9 @@ def reconstruct(
         if request.each_frame:
             check_frames(scan)
         work, reason = chosen(scan, request)
-        work = _sent(work, scan, elsewhere)
         camera = _camera(work)
+        _require_possible(work, camera, elsewhere)
+        work = _sent(work, scan, elsewhere)
         if request.each_frame:
             volume, warnings = _frame_by_frame(scan, work, volume_path, progress), _warnings(work, camera)
         elif not SOLVERS[request.solver].virtual_wave:
@@ -189,6 +202,49 @@ def reconstruct(
     if video_path:
         _save_video(volume, request, video_path)
     return Result(volume, reason, warnings, work.capture.positions, time.monotonic() - began_s)
+
+
+def forecasted(scan_path: Path, request: Request, workers: int | None = None) -> Forecast:
+    """Say what imaging a scan will take; nothing of it is computed.
+
+    Raises
+    ------
+    As of `reconstruct`.
+    """
+    _check(request, None)
+    if workers:
+        check_elsewhere(request)
+    with ScanFile(scan_path) as scan:
+        work, _ = chosen(scan, request)
+        return _forecast(work, _camera(work), workers, request.memory_bytes, measured=True)
+
+
+def _forecast(
+    work: Work, camera: Camera, workers: int | None, worker_bytes: int | None, *, measured: bool
+) -> Forecast:
+    request, searched = work.request, isinstance(camera, ConfocalCamera) and work.request.wavelength_m is None
+    problem = dataclasses.replace(
+        plan(work.capture, work.pulse, work.grid, camera, work.window),
+        device=request.device,
+        slopes=isinstance(camera, ConfocalCamera),
+    )
+    return forecast(
+        problem,
+        request.solver,
+        images=1 + ATTEMPTS if searched else 1,
+        workers=workers,
+        worker_bytes=worker_bytes,
+        measured=measured,
+    )
+
+
+def _require_possible(work: Work, camera: Camera, elsewhere: Elsewhere | None) -> None:
+    request = work.request
+    if request.each_frame or not SOLVERS[request.solver].virtual_wave:
+        return
+    workers, each = (elsewhere.threads, elsewhere.memory_bytes) if elsewhere else (None, None)
+    found = _forecast(work, camera, workers, each, measured=False)
+    require_possible(found, bounded=request.memory_bytes is not None, however_long=request.however_long)
 
 
 def _sent(work: Work, scan: ScanFile, elsewhere: Elsewhere | None) -> Work:
