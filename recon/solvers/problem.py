@@ -7,7 +7,7 @@ It asks the camera for light, reading times and aperture weights, and never what
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import pi
-from os import cpu_count
+from os import cpu_count, environ
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,12 @@ from recon.window import Window
 
 def ignore(fraction: float) -> None:
     """Take progress that nobody asked for."""
+
+
+def usual_threads() -> int:
+    """Return how many threads compute: ``OMP_NUM_THREADS``, as other libraries take it, else all cores."""
+    asked = environ.get("OMP_NUM_THREADS", "")
+    return int(asked) if asked.isdigit() and int(asked) > 0 else cpu_count() or 1
 
 
 def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:
@@ -96,7 +102,7 @@ class ImagingProblem:
     spectra
         What takes the spectra of the capture, as `recon.spectrum.spectra`; they are the solver's to change.
     threads
-        How many threads compute.
+        How many threads compute; by default `usual_threads`.
     whole_path_m
         `path_limits_m` of the depth block that this is a part of; None where it is a part of none. Tables
         of parts then have the same nodes, so that their fields add up to the same numbers.
@@ -117,7 +123,7 @@ class ImagingProblem:
     slopes: bool = False
     wall_bytes: int = 256 * 2**20
     spectra: Spectra = spectra
-    threads: int = field(default_factory=lambda: cpu_count() or 1)
+    threads: int = field(default_factory=usual_threads)
     whole_path_m: tuple[float, float] | None = None
 
     def times_s(self, plane: int) -> NDArray[np.float64]:

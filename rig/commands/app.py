@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 import rig
+from rig.commands.batch import batch
 from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
@@ -62,6 +63,7 @@ def _root(
 app.command("scan")(scan)
 app.command("resume")(resume)
 app.command("recon")(recon)
+app.command("batch")(batch)
 calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)
 app.add_typer(calibrate, name="calibrate")

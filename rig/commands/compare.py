@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.commands.options import AsJson
-from rig.commands.recon import depths
 from rig.commands.results import Force, names, require_free, told_if_stopped
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ def compare(
     from rig.image.compare import check_comparable
     from rig.image.compare import compare as compared
     from rig.image.reconstruct import Request
-    from rig.model.quantities import parse
+    from rig.model.quantities import depths, parse
 
     request = Request(
         wavelength_m=parse(wavelength, "length") if wavelength else None,

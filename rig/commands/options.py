@@ -81,4 +81,12 @@ Sample = Annotated[
 ]
 Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
 Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Compute on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json. "
+        "[dim]\\[this process][/dim]",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]

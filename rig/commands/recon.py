@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, Cluster
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
@@ -98,14 +98,7 @@ def recon(
         ),
     ] = None,
     device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Compute in parts on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json; --memory "
-            "is for each. [dim]\\[this process][/dim]",
-        ),
-    ] = None,
+    cluster: Cluster = None,
     calibrations: Annotated[
         Path | None,
         typer.Option(
@@ -194,7 +187,7 @@ def recon(
     """
     from rig.commands import console
     from rig.image.reconstruct import Request, reconstruct
-    from rig.model.quantities import parse
+    from rig.model.quantities import depths, parse, parse_range
     from rig.show.volume import check_picture
 
     def length(text: str | None) -> float | None:
@@ -206,7 +199,7 @@ def recon(
         wavelength_m=length(wavelength),
         cycles=cycles,
         depth_m=depths(depth) if depth else None,
-        frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
+        frames_s=parse_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
         over=over.value if over else None,
         all_depths=all_depths,
         width_m=length(width),
@@ -282,29 +275,6 @@ def _elsewhere(scan: Path, cluster: str | None, request: "Request") -> "Iterator
         from rig.cluster.imaging import Crew
 
         yield Crew(client, request.memory_bytes)
-
-
-def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
-    from rig.errors import UsageError
-    from rig.model.quantities import parse
-
-    parts = text.split(":")
-    if len(parts) != 3:
-        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
-    start, stop, step = (parse(part, kind) for part in parts)
-    return start, stop, step
-
-
-def depths(text: str) -> tuple[float, float, float]:
-    """Read the option --depth."""
-    from rig.errors import UsageError
-
-    start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")
-    if not (0 < start_m <= stop_m and step_m > 0):
-        raise UsageError(
-            f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
-        )
-    return start_m, stop_m, step_m
 
 
 def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:

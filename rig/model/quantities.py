@@ -83,6 +83,37 @@ def parse(text: str, kind: str) -> float:
     return float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
 
 
+def parse_range(text: str, kind: str, example: str) -> tuple[float, float, float]:
+    """Read FROM:TO:STEP; `example` is what a message shows.
+
+    Raises
+    ------
+    UsageError
+        If there are not three quantities of this kind.
+    """
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
+    start, stop, step = (parse(part, kind) for part in parts)
+    return start, stop, step
+
+
+def depths(text: str) -> tuple[float, float, float]:
+    """Read the depths of an image, FROM:TO:STEP.
+
+    Raises
+    ------
+    UsageError
+        If they are no range, or do not go away from the wall.
+    """
+    start_m, stop_m, step_m = parse_range(text, "length", "--depth 0.5m:3m:2cm")
+    if not (0 < start_m <= stop_m and step_m > 0):
+        raise UsageError(
+            f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
+        )
+    return start_m, stop_m, step_m
+
+
 def example_unit(kind: str) -> str:
     """Return the unit of the kind's example spelling, e.g. ``ms`` for a time."""
     return KINDS[kind][1].lstrip("0123456789.")

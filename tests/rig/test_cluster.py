@@ -14,34 +14,15 @@ import pytest
 pytest.importorskip("distributed", reason="dask is not installed")
 
 from recon import parts
-from recon.capture import C_M_PER_S
 from rig.cluster.imaging import Crew
 from rig.cluster.joined import joined, local_workers
 from rig.errors import UsageError
 from rig.image.reconstruct import Request, reconstruct
+from support.point_scans import write_point_scan
 
-POINT = np.array([0.21, 0.13, 0.7])
-DETECTOR = np.array([-0.05, 0.05, 0.0])
 REQUEST = Request(wavelength_m=0.08, depth_m=(0.5, 0.9, 0.02))
 #: Sums in another order: 1e-7 for each of a few dozen frequencies and FFT stages.
 ROUNDING = 1e-5
-
-
-def write_scan(path):
-    """Write a scan file in rectified time of one point and a few stray photons, 24 x 20 positions."""
-    x, y = np.meshgrid(0.03 * (np.arange(24) - 11.5), 0.03 * (np.arange(20) - 9.5))
-    laser_m = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-    path_m = np.linalg.norm(laser_m - POINT, axis=1) + np.linalg.norm(DETECTOR - POINT)
-    counts = np.random.default_rng(3).poisson(0.05, (x.size, 1000)).astype(np.uint32)
-    counts[np.arange(x.size), (path_m / C_M_PER_S / 16e-12).astype(int)] += 100
-    with h5py.File(path, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "rig-scan", 1
-        transients = file.create_group("transients")
-        transients.attrs["bin_width_s"], transients.attrs["first_bin_s"] = 16e-12, 0.0
-        transients.attrs["time_origin"] = "wall"
-        transients["counts"] = counts
-        file["geometry/laser_m"], file["geometry/detector_m"] = laser_m, DETECTOR[None]
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +32,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scan(folder):
-    return write_scan(folder / "point.h5")
+    return write_point_scan(folder / "point.h5")
 
 
 @pytest.fixture(scope="module")
