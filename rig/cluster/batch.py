@@ -164,8 +164,8 @@ def _there(
     for job in jobs:
         try:
             inspect(job.scan)
-        except DataFileError as error:
-            yield job, _failed(job, error, 0.0)
+        except DataFileError as refused:
+            yield job, _failed(job, refused, 0.0)
             continue
         record.add(job, "begun")
         sent[client.submit(image, job, folder, command, pure=False)] = job
@@ -213,12 +213,8 @@ def _compute_alone(job: Job) -> None:
 
 
 def _failed(job: Job, error: BaseException, took_s: float) -> Outcome:
-    if isinstance(error, RigError):
-        code = error.exit_code
-    elif isinstance(error, ReconError):
-        code = 2
-    else:
-        code = {MemoryError: 4, OSError: 2}.get(type(error), 1)
+    codes = ((RigError, getattr(error, "exit_code", 1)), (ReconError, 2), (MemoryError, 4), (OSError, 2))
+    code = next((code for kind, code in codes if isinstance(error, kind)), 1)
     words = str(error) if code != 1 else f"{type(error).__name__}: {error}; this is a defect in rig"
     return Outcome(job.name, "failed", took_s, {"error": words, "exit_code": code})
 

@@ -124,7 +124,8 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(f"{path} cannot be read: {error}; see docs/cluster.md for an example") from None
     tables = document.pop("job", None)
-    if document or not isinstance(tables, list) or not tables:
+    listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
+    if document or not listed:
         wrong = f"it has the key {', '.join(document)}" if document else "it has none"
         raise ConfigError(f"{path} is to hold tables [[job]] alone, and {wrong}; see docs/cluster.md")
     jobs: list[Job] = []
@@ -166,11 +167,12 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
         raise ConfigError(f'{where}: scans is to be a list of names or patterns, such as ["night/*.h5"]')
     found: dict[Path, None] = {}
     for pattern in patterns:
-        base = Path(pattern)
-        root, rest = (
-            (Path(base.anchor), base.relative_to(base.anchor)) if base.is_absolute() else (path.parent, base)
-        )
-        matches = sorted(one.resolve() for one in root.glob(str(rest)) if one.is_file())
+        root = Path(Path(pattern).anchor or path.parent)
+        try:
+            rest = pattern.removeprefix(Path(pattern).anchor)
+            matches = sorted(one.resolve() for one in root.glob(rest) if one.is_file())
+        except (ValueError, NotImplementedError, IndexError, OSError) as error:
+            raise ConfigError(f"{where}: '{pattern}' is no pattern of file names: {error}") from None
         if not matches:
             raise ConfigError(f"{where}: no file is called '{pattern}', seen from {root.resolve()}")
         found |= dict.fromkeys(matches)

@@ -66,6 +66,7 @@ def test_lists_are_multiplied_and_name_the_results(scans, tmp_path):
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = []", "empty list"),
         ("[[job]]\nscans = ['jobs.toml']\n[[job]]\nscans = ['jobs.toml']", "name of another"),
         ("[[job", "cannot be read"),
+        ("job = [3]", "tables"),
     ],
 )
 def test_what_is_wrong_in_the_file_is_said(tmp_path, text, said):
@@ -164,8 +165,9 @@ def test_dry_run_lists_and_makes_nothing(rig, scans, tmp_path):
 
 
 def test_names_hold_no_sign_that_a_file_cannot_have(scans, tmp_path):
-    text = f"[[job]]\nscans = ['{scans}/one.h5']\ndepth = ['0.5m:1m:1cm', '1m:2m:1cm']\neven-bins = [true, false]"
+    text = f"[[job]]\nscans = ['{scans}/one.h5']\neven-bins = [true, false]\n"
+    text += "depth = ['0.5m:1m:1cm', '1m:2m:1cm']"
     names = {job.name for job in read_jobs(jobs_file(tmp_path, text))}
-    assert "one-depth=0.5m_1m_1cm-even-bins=true" in names
+    assert "one-even-bins=true-depth=0.5m_1m_1cm" in names
     assert len(names) == 4
     assert np.all([":" not in name for name in names])

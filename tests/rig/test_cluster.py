@@ -14,7 +14,9 @@ import pytest
 pytest.importorskip("distributed", reason="dask is not installed")
 
 from recon import parts
+from rig.cluster.batch import run
 from rig.cluster.imaging import Crew
+from rig.cluster.jobs import read_jobs
 from rig.cluster.joined import joined, local_workers
 from rig.errors import UsageError
 from rig.image.reconstruct import Request, reconstruct
@@ -106,6 +108,27 @@ def test_workers_of_little_memory_are_refused_before_the_work(client, scan, fold
 
     with pytest.raises(MemoryBoundError, match="Give each worker"):
         reconstruct(scan, REQUEST, folder / "m.h5", folder / "m.png", elsewhere=Crew(client, 10**7))
+
+
+def test_a_batch_on_workers_and_a_worker_that_is_killed(client, scan, tmp_path):
+    text = f"""
+[[job]]
+scans = ["{scan}"]
+wavelength = ["8cm", "9cm", "10cm", "11cm", "12cm"]
+depth = "0.5m:0.9m:10cm"
+"""
+    (tmp_path / "jobs.toml").write_text(text)
+    jobs = read_jobs(tmp_path / "jobs.toml")
+    outcomes = []
+    for outcome in run(jobs, tmp_path / "out", client, ("rig", "batch", "jobs.toml")):
+        if not outcomes:
+            os.kill(min(client.run(os.getpid).values()), signal.SIGKILL)
+        outcomes.append(outcome)
+    assert sorted((one.name, one.status) for one in outcomes) == sorted((job.name, "done") for job in jobs)
+    assert [one.status for one in run(jobs, tmp_path / "out", client)] == ["kept"] * 5
+    with h5py.File(jobs[0].files(tmp_path / "out")[0]) as file:
+        assert file.attrs["command"] == "rig batch jobs.toml"
+    assert len(list((tmp_path / "out").iterdir())) == 2 * 5 + 1  # volumes, pictures and the record
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="looks for processes in /proc")
