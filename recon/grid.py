@@ -1,6 +1,8 @@
 """The voxels that are imaged."""
 
 import os
+import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, floor, inf, isfinite, log10
 
@@ -169,7 +171,7 @@ def _rounded_up(length_m: float) -> str:
 
 def memory_bytes() -> float:
     """Return the memory of this computer."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):  # not told everywhere, such as on Windows
-        return 16e9
+    if sys.platform != "win32":
+        with suppress(OSError, ValueError):  # not every system says
+            return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    return 16e9

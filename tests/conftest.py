@@ -55,6 +55,36 @@ def rig(capsys, monkeypatch, tmp_path):
     return run
 
 
+#: Files that take a minute or more begin first, so that at the end no worker is left with one of them alone.
+LONG = (
+    "test_hidden_scene",
+    "test_compare_command",
+    "test_scan_file_interrupted",
+    "test_two_programs",
+    "test_light_goes_out",
+    "test_guard_process",
+    "test_sim_serve",
+    "test_code",
+    "test_release",
+    "test_depth_read_in_time",
+    "test_faults_f01_to_f19",
+    "test_scan_told",
+    "test_lasers",
+    "test_by_hand_served",
+    "test_scan_command",
+    "test_interrupt",
+    "test_files",
+    "test_scan_file_damage",
+    "test_live",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the long files; the others stay in order."""
+    turns = {name: turn for turn, name in enumerate(LONG)}
+    items.sort(key=lambda item: turns.get(item.path.stem, len(LONG)))
+
+
 def pytest_xdist_auto_num_workers() -> int:
     """Two workers a core: a worker waits half of its time, for clocks, disks and other processes."""
     return 2 * (os.cpu_count() or 1)

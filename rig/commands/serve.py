@@ -53,7 +53,7 @@ def serve(
     from rig.errors import UsageError
     from rig.model.config import built_in, load
 
-    if os.name != "posix":
+    if sys.platform == "win32":
         raise UsageError(
             "rig sim serve needs pseudo-terminals, which this system does not have; "
             "rig scan without --config simulates the devices in its own process"
@@ -80,6 +80,8 @@ def serve(
 
 def _end_in_order(stop: Callable[[], None]) -> None:
     """Let Ctrl-C, SIGTERM and a closed terminal end the server; with nohup it outlives its terminal."""
+    if sys.platform == "win32":
+        return
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: stop())

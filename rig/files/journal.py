@@ -11,6 +11,7 @@ A record is `MAGIC`, its kind, the length of what follows, a CRC-32 of kind, len
 import json
 import os
 import struct
+import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -24,10 +25,18 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
 
-try:
+if sys.platform == "win32":
+
+    def _flock(descriptor: int, alone: bool) -> None:
+        """Lock nothing: there the HDF5 file's own lock has to do."""
+
+else:
     import fcntl
-except ImportError:  # Windows: there the HDF5 file's own lock has to do
-    fcntl = None  # type: ignore[assignment]
+
+    def _flock(descriptor: int, alone: bool) -> None:
+        """Lock a file for this program, or for all that read it; raise BlockingIOError if it is locked."""
+        fcntl.flock(descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+
 
 MAGIC = b"rigJ"
 _HEADER = struct.Struct("<4sBQI")
@@ -145,10 +154,8 @@ class Journal:
         self._lock(alone)
 
     def _lock(self, alone: bool) -> None:
-        if fcntl is None:
-            return
         try:
-            fcntl.flock(self.descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+            _flock(self.descriptor, alone)
         except BlockingIOError:
             if not alone:
                 self.growing = True

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import in_shell
+from rig.errors import DataFileError, in_shell
 from rig.files import content, mend
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, plain, reading
@@ -96,11 +96,24 @@ class ScanOutline(RecordedFile):
 
     @property
     def live_time_s(self) -> NDArray[np.float32]:
-        """(S,) measurement time of each step; NaN where unknown."""
+        """(S,) measurement time of each step; NaN where unknown.
+
+        Raises
+        ------
+        DataFileError
+            If one is infinite or negative.
+        """
         if "live_time_s" not in self._file["transients"]:
             return np.full(self.steps, np.nan, np.float32)
         with reading(self.path):
-            return read(self._file["transients/live_time_s"]).astype(np.float32)
+            found = read(self._file["transients/live_time_s"]).astype(np.float32)
+        wrong = np.flatnonzero(np.isinf(found) | (found < 0))
+        if len(wrong):
+            raise DataFileError(
+                f"{self.path}: /transients/live_time_s of step {wrong[0]} is {found[wrong[0]]:g}, which is "
+                "no time; the file is damaged: copy it again from where it came from"
+            )
+        return found
 
     @property
     def notes(self) -> dict[str, str]:

@@ -80,6 +80,8 @@ def _can_fork() -> bool:
 
 def _forked(function: Callable[..., Any], words: list[str], size: int) -> dict[str, Any] | str:
     """Answer from a copy of this process: it has all modules already, and is there in milliseconds."""
+    if sys.platform == "win32":
+        raise OSError("Windows copies no process")
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of native threads: the child has none
@@ -174,16 +176,16 @@ def _answer(function: Callable[..., Any], words: list[str], size: int) -> bytes:
 
 def _limit(size: int) -> None:
     """Limit this process's time and memory, where the system can."""
-    try:
-        import resource
-    except ImportError:
+    if sys.platform == "win32":  # there is the deadline alone
         return
+    import resource
+
     seconds = int(CPU_S + size / BYTES_PER_S)
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     pages = Path("/proc/self/statm")
     if pages.exists():  # a copy of a large program begins with all that this one has
-        now = int(pages.read_text().split()[0]) * resource.getpagesize()
+        now = int(pages.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
         most = now + 3 * most_memory(size)  # packed, unpacked, and as the program wants it
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 

@@ -321,10 +321,12 @@ def cannot_begin(problem: OSError) -> DeviceError:
 
 
 def heed_sigterm(off: Callable[[dict[str, Any]], None]) -> None:
-    """Take SIGTERM as a wish for darkness.
+    """Take SIGTERM as a wish for darkness; not on Windows, where a process is ended without a word.
 
     A handler runs in the middle of anything, where what it needs may be locked; so it wakes a thread.
     """
+    if sys.platform == "win32":
+        return
     heard, wake = os.pipe()
     os.set_blocking(wake, False)
 
@@ -359,8 +361,7 @@ def main() -> None:
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but replies goes to the program
     inbox = Inbox(sys.stdin)
-    if sys.platform != "win32":  # there, a process is ended without a word
-        heed_sigterm(inbox.put)
+    heed_sigterm(inbox.put)
     first = inbox.get(60.0)
     if not first:
         return

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.errors import DeviceError, LinkError
+from rig.apart import apart
 from rig.errors import LightLostError
 from rig.light.dark import make_dark
 from rig.light.guard import Lost
@@ -276,9 +277,6 @@ def _what_the_guard_did(config: RigConfig) -> str:
 
 def _start() -> "subprocess.Popen[str]":
     """Start a guard that no terminal reaches, with the modules that this program has."""
-    options: dict[str, Any] = {"start_new_session": True}
-    if sys.platform == "win32":  # a console that is closed ends all that is attached to it
-        options = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
     return subprocess.Popen(
         # -P: what lies in the folder where somebody works, a queue.py, is no module of the guard
         [sys.executable, "-P", "-m", "rig.light.process"],
@@ -286,7 +284,7 @@ def _start() -> "subprocess.Popen[str]":
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        **options,
+        **apart(),
     )
 
 

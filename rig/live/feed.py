@@ -27,6 +27,7 @@ from rig.acquire.events import (
     Ready,
     StepDone,
 )
+from rig.apart import apart
 from rig.files.description import ScanDescription
 from rig.live.messages import PLAIN, Begun, Block, BlockBuilder, Film, Gap, Message
 
@@ -169,7 +170,7 @@ class LiveFeed:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is for the scan, and a terminal that closes too
+                **apart(),
             )
         except OSError as error:
             self._fail(f"it cannot be started ({error})")

@@ -239,8 +239,9 @@ def read(source: BinaryIO, inbox: "queue.Queue[Message | None]") -> None:
 
 def main() -> None:
     """Show a scan until it is over, and the person has closed the window if there is one."""
-    with suppress(OSError, AttributeError):
-        os.nice(NICENESS)
+    if sys.platform != "win32":
+        with suppress(OSError):
+            os.nice(NICENESS)
     source = sys.stdin.buffer
     begun = pickle.load(source)
     from rig.live.showing import Showing

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
         ["ruff", "check", "."],
         ["ruff", "format", "--check", "."],
         ["mypy"],
+        ["mypy", "--platform", "win32", "--cache-dir", ".mypy_cache/windows"],
         ["lint-imports", "--no-cache"],
     ],
     ids=lambda command: " ".join(command),

@@ -181,7 +181,8 @@ def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path, f
     first = {place: number for number, place in reversed(list(enumerate(places)))}
     last = {place: number for number, place in enumerate(places)}
     some = {(first if place[1] % 2 else last)[place] for place in first}
-    tried = range(len(places)) if THOROUGH else sorted(some)
+    # most lines are passed with both forms: each has half of them in turn
+    tried = range(len(places)) if THOROUGH else sorted(some)[form == "photons" :: 2]
     kept = []
     for number in tried:
         path = tmp_path / f"{number}.h5"

@@ -20,6 +20,7 @@ from simulators.wire.laser_head import LaserHead
 from simulators.wire.lines import LineFirmware
 from simulators.wire.served.board import BoardAnswers
 from simulators.wire.served.detector import DetectorLine
+from simulators.wire.served.system import local_socket
 from simulators.wire.served.terminal import Terminal
 from simulators.wire.served.timing import LONGEST, TimingAnswers, TimingFaults
 from simulators.wire.spad import DetectorInstrument, SpadInstrument
@@ -108,7 +109,7 @@ class BenchServer:
         delayer = self._terminal(self._delayer) if self._delayer else None
         # a folder of its own, which nobody else on the computer may enter
         self._folder = tempfile.TemporaryDirectory(prefix="rig-sim-")
-        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener = local_socket()
         path = str(Path(self._folder.name) / "timing")
         self._listener.bind(path)
         self._listener.listen()

@@ -1,10 +1,10 @@
 """A pseudo-terminal with firmware behind it: a serial port for every program on this computer."""
 
 import os
-import tty
 from contextlib import suppress
 
 from simulators.wire.serial_url.protocol_sim import Firmware
+from simulators.wire.served.system import pseudo_terminal
 
 #: Bytes that are taken at a time.
 PIECE = 65536
@@ -29,10 +29,7 @@ class Terminal:
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
-        self._near, self._far = os.openpty()
-        tty.setraw(self._far)
-        os.set_blocking(self._near, False)
-        self.address = os.ttyname(self._far)
+        self._near, self._far, self.address = pseudo_terminal()
 
     def fileno(self) -> int:
         """Return the file descriptor that becomes readable when a program has sent something."""

@@ -16,7 +16,6 @@ Requests to the DAQ board, on the same socket, are told in `board`. What cannot 
 """
 
 import json
-import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
@@ -29,6 +28,7 @@ import numpy as np
 from simulators.bench import Bench, Channel, Detections, Mark, Syncs
 from simulators.wire.harp import Nonlinearity, Pulses, Timing
 from simulators.wire.served import NO_REQUEST
+from simulators.wire.served.system import local_socket
 
 #: Longest first line of a request or answer: the samples of 100,000 ticks of a DAQ board, see `board`.
 LONGEST = 1 << 22
@@ -168,7 +168,7 @@ class ServedBench:
     """
 
     def __init__(self, address: str) -> None:
-        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket = local_socket()
         try:
             self._socket.settimeout(ANSWER_S)
             self._socket.connect(address)
