@@ -36,7 +36,7 @@ PLANE_S = 1.5e-3
 #: For each moment, frequency and pixel of a film's plane.
 MOMENT_NS = 0.5
 #: Program, libraries, and drawing.
-START_S = 2.5
+START_S = 2.8
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Effort:
     def processor_s(self, speed: Speed) -> float:
         """Return the processor time on a machine."""
         waves_s = self.waves_s * (speed.waves if self.by_fft else speed.tables)
-        return START_S * speed.record + waves_s + (self.record_s + self.voxels_s) * speed.record
+        return START_S + waves_s + (self.record_s + self.voxels_s) * speed.record
 
     def clock_s(self, speed: Speed, cores: int) -> float:
         """Return the time by the clock on a machine that does nothing else: waves take all cores."""
