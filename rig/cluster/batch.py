@@ -169,7 +169,7 @@ def _there(
             continue
         record.add(job, "begun")
         sent[client.submit(image, job, folder, command, pure=False)] = job
-    for future in as_completed(list(sent)):
+    for future in as_completed(list(sent), loop=client.loop):
         job, error = sent.pop(future), future.exception()
         yield job, future.result() if error is None else _failed(job, error, 0.0)
 

@@ -15,8 +15,8 @@ from support.point_scans import write_point_scan
 SIZES = [
     ((24, 20), 0.03, ("--wavelength", "8cm", "--depth", "0.5m:0.9m:2cm")),
     ((64, 64), 0.02, ("--wavelength", "6cm", "--depth", "0.5m:1.5m:2cm")),
-    ((64, 64), 0.02, ("--wavelength", "6cm", "--depth", "0.5m:1.5m:1cm", "--voxel", "1cm")),
-    ((128, 128), 0.01, ("--wavelength", "4cm", "--depth", "0.5m:1.5m:1cm")),
+    ((64, 64), 0.02, ("--wavelength", "6cm", "--depth", "0.5m:1m:1cm", "--voxel", "1cm")),
+    ((128, 128), 0.01, ("--wavelength", "4cm", "--depth", "0.5m:1m:1cm")),
 ]
 
 

@@ -123,7 +123,7 @@ def test_a_bound_changes_no_number(shape):
     parts = []
     whole = image(taken, PULSE, grid).field
     cut = image(taken, PULSE, grid, memory_bytes=least, progress=parts.append).field
-    # Runs share the whole band's lattice. Single precision: 1e-7 for each of a hundred frequencies and stages.
+    # Runs share the whole band's lattice. Single precision: 1e-7 for each of a hundred frequencies.
     assert np.abs(cut - whole).max() < 1e-5 * np.abs(whole).max()
     assert parts == sorted(parts)
     assert parts[-1] == pytest.approx(1)
