@@ -58,12 +58,16 @@ class Ready:
         The timing instrument's own warnings.
     settings
         What each device says of itself and its settings now, by device name.
+    dark_hz
+        Detections a second before there was light; None where they say nothing, because the gate opens with
+        the laser's pulses alone.
     """
 
     pass_index: int
     rates: Rates
     warnings: tuple[str, ...]
     settings: dict[str, Settings]
+    dark_hz: float | None = None
 
 
 @dataclass(frozen=True)

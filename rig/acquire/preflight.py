@@ -87,7 +87,7 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
-    """Refuse what the rig cannot do, before anything moves, and say how much the scan is.
+    """Refuse what the rig or the disk cannot do, before anything moves, and say how much the scan is.
 
     Parameters
     ----------
@@ -99,13 +99,33 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     Raises
     ------
     RefusedError
-        If a spot is outside the mirror's limits, times do not fit each other, the disk would overflow, or
-        the rig has not what a mirror that never stops needs.
+        As `check_rig`; or if there is no such folder, or the disk would overflow.
     drivers.errors.LimitError
-        If laser or timing instrument cannot be set so.
+        As `check_rig`.
     """
     if not folder.is_dir():
         raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
+    found = check_rig(plan, state)
+    free = shutil.disk_usage(folder).free
+    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
+        raise RefusedError(
+            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
+            "free. Free some space, or choose another place with --out"
+        )
+    return found
+
+
+def check_rig(plan: ScanPlan, state: RigState) -> Estimate:
+    """Refuse what the rig cannot do, before anything moves; the disk is not looked at.
+
+    Raises
+    ------
+    RefusedError
+        If a spot is outside the mirror's limits, times do not fit each other, or the rig has not what a
+        mirror that never stops needs.
+    drivers.errors.LimitError
+        If laser or timing instrument cannot be set so.
+    """
     if not len(plan):
         raise RefusedError(
             "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
@@ -122,30 +142,26 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         if one.motion == "step":  # otherwise the point clock ticks, of which the instrument knows nothing
             limits.check_exposure(one.exposure_s)
     check_times(plan, state)
-    free = shutil.disk_usage(folder).free
-    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
-        raise RefusedError(
-            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
-            "free. Free some space, or choose another place with --out"
-        )
     return found
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
     galvo = state.config.galvo
     limits = (galvo.max_angle_x_rad, galvo.max_angle_y_rad)
+    is_grid = isinstance(plan.passes[0].positions, Grid)
+    nearer = "Use a smaller grid or spacing" if is_grid else "Stay nearer to the wall's middle"
     for axis, angle, limit in zip("xy", found.mirror_rad, limits, strict=True):
         if angle > limit:
             raise RefusedError(
                 f"{_in_words(plan)} needs {np.degrees(angle):.1f} deg of mirror angle in {axis}, "
                 f"{np.degrees(limit):.1f} deg is the limit. "
-                f"Use a smaller grid or spacing, or raise galvo.max_angle_{axis} if the mirror can do it"
+                f"{nearer}, or raise galvo.max_angle_{axis} if the mirror can do it"
             )
 
 
 def _in_words(plan: ScanPlan) -> str:
     grid = plan.passes[0].positions
     if not isinstance(grid, Grid):
-        return f"the list of {len(plan)} positions"
+        return f"the list of {len(plan)} positions" if len(plan) > 1 else "this position"
     lines = f" x {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}{lines}"

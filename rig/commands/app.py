@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 import rig
+from rig.commands.align import align
 from rig.commands.batch import batch
 from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
@@ -62,6 +63,7 @@ def _root(
 
 app.command("scan")(scan)
 app.command("resume")(resume)
+app.command("align")(align)
 app.command("recon")(recon)
 app.command("batch")(batch)
 calibrate.command("all")(calibrate_all)

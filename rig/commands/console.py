@@ -18,6 +18,8 @@ from rig.model.quantities import show, show_duration
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from rich.live import Live
+
     from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
     from rig.model.devices import Exposure
@@ -45,21 +47,35 @@ def shout(message: str) -> None:
     err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
 
 
-#: The bars that are drawn now.
-_drawn: "list[Progress]" = []
+#: What is drawn and redrawn now, below the messages.
+_drawn: "list[Progress | Live]" = []
+
+
+def draw(what: "Progress | Live") -> None:
+    """Begin to draw something that is redrawn; it leaves the terminal while a person is asked something."""
+    what.start()
+    if what not in _drawn:
+        _drawn.append(what)
+
+
+def wipe(what: "Progress | Live") -> None:
+    """Draw it no more."""
+    what.stop()
+    if what in _drawn:
+        _drawn.remove(what)
 
 
 @contextmanager
 def aside() -> "Iterator[None]":
-    """Take drawn bars away while a person is asked something."""
-    bars = list(_drawn)
-    for bar in bars:
-        bar.stop()
+    """Take away what is drawn while a person is asked something."""
+    drawn = list(_drawn)
+    for one in drawn:
+        one.stop()
     try:
         yield
     finally:
-        for bar in bars:
-            bar.start()
+        for one in drawn:
+            one.start()
 
 
 def _plain(text: str) -> Text:
@@ -178,26 +194,16 @@ class ScanProgress:
                 self._positions = len(plan)
                 self._bar.update(self._task, total=self._positions)
             case Ended():
-                self._stop_bar()
+                wipe(self._bar)
 
     def _show_phase(self, phase: str) -> None:
         self._phase = phase
         if err.is_terminal:
-            self._start_bar()
+            draw(self._bar)
             self._draw(0 if phase == "aiming" else None)
         else:
             say(phase)
         self._since_s = time.monotonic()
-
-    def _start_bar(self) -> None:
-        self._bar.start()
-        if self._bar not in _drawn:
-            _drawn.append(self._bar)
-
-    def _stop_bar(self) -> None:
-        self._bar.stop()
-        if self._bar in _drawn:
-            _drawn.remove(self._bar)
 
     def _count(self, step: "Step", exposure: "Exposure") -> None:
         if not self._measured:  # of a scan that is resumed: what is there already is no progress of now

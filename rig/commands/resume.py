@@ -34,17 +34,18 @@ def resume(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
+    from rig.commands.running import NOBODY, Onlookers, ending, run
     from rig.model.config import load
 
-    plan, state = acquisition.interrupted(scan, load(config) if config else None)
+    mine = load(config) if config else None
+    plan, state = acquisition.interrupted(scan, mine)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
     if plan.endless:
         console.say(f"{scan} has no last frame: frames go on until they are stopped.")
-    others = Onlookers(ending(until, plan, scan) if until else None, live)
+    end, notify = ending(until, plan, scan) if until else None, mine.notify if mine else NOBODY
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))
 
-    run(resumed, plan, scan, as_json, config, others)
+    run(resumed, plan, scan, as_json, config, Onlookers(end, live, notify=notify))

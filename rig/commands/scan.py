@@ -139,7 +139,7 @@ def scan(
         _show_presets(as_json)
         return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
+    state = RigState.resolve(configured(config, preset, {"scene": scene, "seed": seed}, notes))
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(
         state.config,
@@ -174,7 +174,8 @@ def scan(
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
+    others = Onlookers(end, live, fresh_to_m, video, state.config.notify)
+    records = beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
@@ -242,7 +243,7 @@ def _show_presets(as_json: bool) -> None:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
 
 
-def _configuration(
+def configured(
     path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
 ) -> "RigConfig":
     """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""

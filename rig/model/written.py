@@ -27,7 +27,7 @@ def _lines(section: BaseModel, name: str) -> tuple[list[str], list[str]]:
     inner: list[str] = []
     for field, about in type(section).model_fields.items():
         value, key = getattr(section, field), about.alias or field
-        if value is None or (value == about.get_default() and field != "kind"):
+        if about.exclude or value is None or (value == about.get_default() and field != "kind"):
             continue
         path = f"{name}.{key}" if name else key
         if isinstance(value, BaseModel):

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from rig.model.config.delayers import DelayerConfig, ExternalDelayerConfig
 from rig.model.config.detectors import (
@@ -15,6 +15,7 @@ from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneCo
 from rig.model.config.harps import HarpConfig, HydraHarpConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.lasers import ExternalLaserConfig, KatanaConfig, LaserConfig
+from rig.model.config.notify import NotifyConfig
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import Section
 from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
@@ -46,6 +47,8 @@ class RigConfig(Section):
     calibration: CalibrationConfig = CalibrationConfig()
     cameras: CamerasConfig = CamerasConfig()
     notes: NotesConfig = NotesConfig()
+    notify: NotifyConfig = Field(NotifyConfig(), exclude=True)
+    """Excluded from all that is written of a configuration: it may hold secrets."""
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 
@@ -56,6 +59,7 @@ class RigConfig(Section):
             return table
         table = _with_kinds(table)
         if info.context == FROM_RECORD:
+            table.pop("notify", None)  # no program writes it, and none obeys it
             return _with_a_gate_that_exists(table)
         _refuse_gated_id120(table.get("detector"))
         return _with_built_in_delayer(table)
