@@ -121,7 +121,7 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     """
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:  # no text and no TOML are ValueErrors
         raise ConfigError(f"{path} cannot be read: {error}; see docs/cluster.md for an example") from None
     tables = document.pop("job", None)
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)

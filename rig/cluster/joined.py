@@ -130,7 +130,7 @@ def _named(address: str) -> "Iterator[Client]":
         where = {"scheduler_file": address}
     try:
         client = Client(**where, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, RuntimeError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
         raise UsageError(
             f"--cluster {address}: no scheduler answers within {PATIENCE_S} s ({error}); check the address, "
             "and that the scheduler runs"

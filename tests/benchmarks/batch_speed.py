@@ -29,7 +29,7 @@ def seconds(jobs: Path, workers: int) -> tuple[float, float]:
     command = [sys.executable, "-m", "rig", "batch", jobs, "--cluster", f"local:{workers}", "--out", out]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began_s = time.monotonic()
-    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return time.monotonic() - began_s, processor_s
