@@ -147,7 +147,7 @@ def _planes(part: DepthBlock) -> int:
 
 
 def speed() -> Speed:
-    """Measure this machine by a small run of each kind, half a second in all."""
+    """Measure this machine by a small run of each kind, about a second of processor time in all."""
     flat, curved = _sample(64, 0.0), _sample(24, 0.1)
     axis = np.linspace(-0.4, 0.4, 48)
     grid = VoxelGrid(axis, axis, np.linspace(0.5, 0.6, 12))
@@ -189,10 +189,10 @@ def _ratio_of_record(capture: Capture) -> float:
 
 
 def _least_s(run: Callable[[], object]) -> float:
-    """Return the least processor time of three runs; the one before may compile."""
+    """Return the least processor time of two runs; the one before may compile."""
     run()
     taken = []
-    for _ in range(3):
+    for _ in range(2):
         began_s = time.process_time()
         run()
         taken.append(time.process_time() - began_s)
