@@ -36,7 +36,7 @@ PLANE_S = 1.5e-3
 #: For each moment, frequency and pixel of a film's plane.
 MOMENT_NS = 0.5
 #: Program, libraries, and drawing.
-START_S = 2.8
+START_S = 3.2
 
 
 @dataclass(frozen=True)
