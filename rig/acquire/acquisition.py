@@ -209,7 +209,9 @@ def record(
         return _run(plan, state, devices, writer, watch, raw, operator)
 
 
-def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:
+def interrupted(
+    target: Path, mine: RigConfig | None = None, usual: Callable[[], RigConfig | None] = lambda: None
+) -> tuple[ScanPlan, RigState]:
     """Return the plan of a scan that was interrupted, and the state of the rig to go on with.
 
     A file is data, never an order: which library is loaded, which ports are opened and how far a mirror may
@@ -222,13 +224,15 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
         The scan file.
     mine
         The configuration of the rig that is here; None where the scan was simulated.
+    usual
+        Gives that configuration where ``mine`` is None and the scan was not wholly simulated.
 
     Raises
     ------
     rig.errors.DataFileError
         If the file is damaged, or no scan of this program.
     rig.errors.UsageError
-        If it is complete, or was measured on a real rig and ``mine`` is not given.
+        If it is complete, or was measured on a real rig and no configuration is given.
     rig.errors.RefusedError
         If the scan was set otherwise than ``mine``.
     """
@@ -240,8 +244,11 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
             raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
         scan.passes()  # a plan that does not fit its file is refused
         plan, began = scan.plan, scan.state
+    simulated = began.config.simulated and began.config.tcspc.kind != "playback"
+    if mine is None and not simulated:
+        mine = usual()
     if mine is None:
-        if not began.config.simulated or began.config.tcspc.kind == "playback":
+        if not simulated:
             raise UsageError(
                 f"{target} was not measured on the simulated rig alone ({began.config.name}). Which devices "
                 "are opened is not taken from a file: name the rig's configuration, "

@@ -11,11 +11,13 @@ from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
 from rig.commands.compare import compare
+from rig.commands.config import config
 from rig.commands.devices import devices
 from rig.commands.doctor import doctor
 from rig.commands.export import export
 from rig.commands.importing import import_
 from rig.commands.info import info
+from rig.commands.init import init
 from rig.commands.laser import laser
 from rig.commands.listing import list_
 from rig.commands.measure import measure
@@ -78,7 +80,9 @@ app.command("report")(report)
 app.command("plot")(plot)
 app.command("import")(import_)
 app.command("export")(export)
+app.command("init")(init)
 app.command("doctor")(doctor)
+app.add_typer(config, name="config")
 sim.command("serve")(serve)
 app.add_typer(devices, name="devices")
 app.add_typer(laser, name="laser")

@@ -29,8 +29,9 @@ def all_(
 ) -> None:
     """Measure everything, in the order in which one builds on another.
 
-    It stops at the first calibration that fails; those before it are stored. Each can be measured alone with
-    other options, see its own help.
+    What this rig or computer lacks something for is left out, and said: the mirror by cameras where there are
+    none, or no OpenCV. It stops at the first calibration that fails; those before it are stored. Each can be
+    measured alone with other options, see its own help.
     """
     from rig.commands import console
     from rig.commands.consent import require_consent
@@ -70,7 +71,7 @@ def _one_after_the_other(
     for number, kind in enumerate(kinds, 1):
         console.say(f"{number}/{len(kinds)} {kind}")
         routine = ROUTINES[kind](**options.get(kind, {}))
-        if reason := routine.impossible(rig_config):
+        if reason := routine.lacking(rig_config):
             console.say(f"    left out: {reason}")
             continue
         try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Seed
+from rig.commands.options import BUILT_IN, AsJson, Config, Seed
 
 if TYPE_CHECKING:
     from rig.calibrate.routine import Routine
@@ -96,7 +96,10 @@ def configuration(path: Path | None, seed: int | None) -> "RigConfig":
     if seed is None:
         return config
     if config.simulation is None:
-        raise UsageError(f"--seed is for the simulated rig, and {path} names real devices; leave it out")
+        raise UsageError(
+            f"--seed is for the simulated rig, and {path} names real devices; leave it out, or use "
+            f"--config {BUILT_IN}"
+        )
     return config.model_copy(update={"simulation": config.simulation.model_copy(update={"seed": seed})})
 
 

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
     from rich.live import Live
 
-    from rig.acquire.doctor import Finding
     from rig.files.scan import ScanFile
     from rig.model.devices import Exposure
     from rig.model.plan import Step
+    from rig.setup.doctor import Finding
 
 
 #: Positions whose time says how long the others will take; the first has what happens once in it.
@@ -122,9 +122,9 @@ def print_table(
     Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
 
 
-def print_findings(findings: "Sequence[Finding]") -> None:
+def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
-    colours = {"ok": "green", "warning": "yellow", "missing": "red"}
+    colours = {"ok": "green", "warning": "yellow", "missing": "red", "optional": "dim"}
     table = Table.grid(padding=(0, 2))
     table.add_column()
     table.add_column(overflow="fold")
@@ -135,7 +135,9 @@ def print_findings(findings: "Sequence[Finding]") -> None:
         if finding.remedy:
             found.append("\n").append(printable(finding.remedy), "dim")
         table.add_row(verdict, _plain(finding.what), found)
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    console.print(Text(printable(headline), "bold"))
+    console.print(table)
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -60,7 +60,7 @@ def probe(
     simulated = rig.simulated or rig.served
     try:
         for device in ask_all(rig, asked):
-            console.say(f"{device.section}, kind {device.kind}: {_in_short(device)}")
+            console.say(f"{device.section}, kind {device.kind}: {in_short(device)}")
     finally:  # also what was asked before an interrupt
         hidden = private_of(rig, asked)
         facts = settled(asked, hidden)
@@ -79,7 +79,8 @@ def probe(
         raise typer.Exit(3)
 
 
-def _in_short(device: "DeviceTranscript") -> str:
+def in_short(device: "DeviceTranscript") -> str:
+    """Return how many questions a device answered, and what went wrong."""
     if device.unknown:
         return "no questions are known for this kind"
     if not device.exchanges:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, config_option
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
@@ -29,8 +29,8 @@ def _laser() -> None:
 def off(config: ThisRig = None, as_json: AsJson = False) -> None:
     """Put the light out, now, also while a scan or a calibration runs; that one ends and keeps its data.
 
-    Without --config, every laser that a program on this computer has in its hands goes dark. With it, the
-    laser of that rig is opened and made dark if no program has it.
+    Without --config, every laser that a program on this computer has in its hands goes dark, whatever
+    RIG_CONFIG names. With it, the laser of that rig is opened and made dark if no program has it.
     """
     from rig.commands import console
     from rig.errors import RefusedError
@@ -106,7 +106,7 @@ def status(as_json: AsJson = False) -> None:
 
 @laser.command("acknowledge")
 def acknowledge(
-    config: Annotated[Path, typer.Option("--config", "-c", metavar="FILE", help="The rig that tripped.")],
+    config: Annotated[Path, config_option("The rig that tripped.")],
 ) -> None:
     """Say, as a person who has looked at the rig, that it may be lit again after a trip.
 
@@ -117,9 +117,9 @@ def acknowledge(
     from rig.commands import console
     from rig.errors import RefusedError, UsageError
     from rig.light.state import forget_trip, trip_of
-    from rig.model.config import load
+    from rig.model.config import built_in, load
 
-    rig = load(config)
+    rig = load(config) if config else built_in()
     trip = trip_of(rig)
     if trip is None:
         console.say(f"No trip of {rig.name} is open.")

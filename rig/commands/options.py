@@ -1,16 +1,60 @@
 """Options that several verbs have, said once."""
 
+import os
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+if TYPE_CHECKING:
+    from rig.model.config import RigConfig
+
+#: Names the configuration that is used where none is given.
+VARIABLE = "RIG_CONFIG"
+#: What is given in place of a file to use the built-in rig, whatever the variable says.
+BUILT_IN = "simulated"
+
+
+def chosen(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the file of a configuration, None for the built-in rig; say so if the variable names it."""
+    source = context.get_parameter_source("config")
+    if path is not None and source is not None and source.name == "ENVIRONMENT":
+        _say_variable(path)
+    return None if str(path) == BUILT_IN else path
+
+
+def config_option(words: str) -> Any:
+    """Return the option ``--config`` of a verb that the variable answers for, with these words of help."""
+    return typer.Option("--config", "-c", metavar="FILE", envvar=VARIABLE, callback=chosen, help=words)
+
+
+def usual_configuration() -> "RigConfig | None":
+    """Return the configuration that the variable names, and say so; None if it names none, or the built-in.
+
+    Raises
+    ------
+    rig.errors.ConfigError
+        If it is wrong.
+    """
+    from rig.model.config import load
+
+    named = os.environ.get(VARIABLE)
+    if not named or named == BUILT_IN:
+        return None
+    _say_variable(Path(named))
+    return load(Path(named))
+
+
+def _say_variable(path: Path) -> None:
+    from rig.commands import console
+
+    console.say(f"Configuration: {path} (named by {VARIABLE}; --config FILE, or {BUILT_IN}, for another one)")
+
+
 Config = Annotated[
     Path | None,
-    typer.Option(
-        "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-    ),
+    config_option(f"The rig; '{BUILT_IN}', or without it, the built-in simulated rig."),
 ]
 Grid = Annotated[
     str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Live, Until
+from rig.commands.options import VARIABLE, AsJson, Live, Until, chosen, usual_configuration
 
 
 def resume(
@@ -14,7 +14,12 @@ def resume(
     config: Annotated[
         Path | None,
         typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; not needed where the scan was simulated."
+            "--config",
+            "-c",
+            metavar="FILE",
+            callback=chosen,
+            help=f"The rig. [dim]\\[the simulated one if the scan was simulated, or else that of "
+            f"{VARIABLE}][/dim]",
         ),
     ] = None,
     until: Until = None,
@@ -34,16 +39,16 @@ def resume(
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import NOBODY, Onlookers, ending, run
+    from rig.commands.running import Onlookers, ending, run
     from rig.model.config import load
 
-    mine = load(config) if config else None
-    plan, state = acquisition.interrupted(scan, mine)
+    plan, state = acquisition.interrupted(scan, load(config) if config else None, usual_configuration)
     check(plan, state, scan.parent)
     require_consent(state.config, yes=yes)
     if plan.endless:
         console.say(f"{scan} has no last frame: frames go on until they are stopped.")
-    end, notify = ending(until, plan, scan) if until else None, mine.notify if mine else NOBODY
+    # of this rig's configuration: what a file holds says nobody
+    end, notify = ending(until, plan, scan) if until else None, state.config.notify
 
     def resumed(watch: acquisition.Watch) -> acquisition.ScanResult:
         return acquisition.resume(plan, state, scan, watch, ConsoleOperator(watch.should_stop, yes=yes))

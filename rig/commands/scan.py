@@ -8,6 +8,7 @@ import typer
 
 from rig.commands.consent import Yes
 from rig.commands.options import (
+    BUILT_IN,
     UNTIL_STOPPED,
     AsJson,
     Config,
@@ -257,7 +258,10 @@ def configured(
     said = {name: text for name, text in notes.items() if text is not None}
     if path and (preset or given) and not load(path).simulated:
         option = "preset" if preset else next(iter(given))
-        raise UsageError(f"--{option} is for the simulated rig, and {path} names real devices; leave it out")
+        raise UsageError(
+            f"--{option} is for the simulated rig, and {path} names real devices; leave it out, or use "
+            f"--config {BUILT_IN}"
+        )
     changes = merged(overlay, {"simulation": given} if given else {})
     changes = merged(changes, {"notes": said} if said else {})
     return load(path, changes) if path else built_in_with(changes)

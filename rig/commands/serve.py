@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import Config
+from rig.commands.options import BUILT_IN, Config
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
@@ -60,7 +60,9 @@ def serve(
         )
     rig_config = load(config) if config else built_in()
     if not rig_config.simulated:
-        raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
+        raise UsageError(
+            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+        )
     if write_config:
         _refuse_foreign(write_config)
     with served(rig_config, log) as server:

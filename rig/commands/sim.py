@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.options import AsJson, Grid, Spacing
+from rig.commands.options import BUILT_IN, AsJson, Grid, Spacing, config_option
 from rig.commands.results import told_if_stopped
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
@@ -28,10 +28,7 @@ def _sim() -> None:
 def render(
     scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of a built-in scene, or a mesh file.")],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The scan file to make.")],
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", "-c", metavar="FILE", help="The simulated rig. [dim]\\[built-in][/dim]"),
-    ] = None,
+    config: Annotated[Path | None, config_option("The simulated rig. [dim]\\[built-in][/dim]")] = None,
     bounces: Annotated[
         int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
     ] = None,
@@ -76,7 +73,9 @@ def render(
     simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
     changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
     if config and not load(config).simulated:
-        raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
+        raise UsageError(
+            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+        )
     rig_config = load(config, changes) if config else built_in_with(changes)
     columns, rows = columns_and_rows(grid) if grid else (None, None)
     plan = ScanPlan.grid(

@@ -24,14 +24,14 @@ def from_file(path: Path, albedo: float = 0.8) -> Scene:
     ModuleNotFoundError
         If trimesh is not installed.
     """
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
     try:
         import trimesh
     except ModuleNotFoundError:
         raise ModuleNotFoundError(
-            f"{path}: reading meshes needs trimesh; install it with pip install 'nlos-rig[mesh]'"
+            f"{path}: reading meshes needs trimesh; install it with pip install trimesh"
         ) from None
-    if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
     size = path.stat().st_size
     if size > MOST_BYTES:
         raise ValueError(

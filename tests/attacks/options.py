@@ -75,6 +75,8 @@ _BASE: dict[str, list[str]] = {
     "plot": ["small.h5"],
     "import": ["small.h5", "imported.h5"],
     "export": ["volume.h5", "exported.npz"],
+    "init": ["--answers", "nothing.toml"],
+    "config show": [],
     "doctor": [],
     "sim render": ["point", "rendered.h5", "--grid", "3x2", "--spacing", "10cm", "--bins", "100"],
     "calibrate galvo": ["--from", "nothing.h5"],

@@ -122,7 +122,7 @@ def test_what_fails_is_reported_with_its_reason(rig, tmp_path, hook):
     channels = "".join(f'[[channels]]\nname = "{name}"\ninput = {name}\n' for name in (0, 1))
     config.write_text(config.read_text() + channels)
     assert rig("calibrate", "all", "--config", config).code == 2
-    assert hook.documents[1]["file"] == "calibrations"
+    assert hook.documents[1]["file"] == str(tmp_path / "calibrations")
     assert told(tmp_path)["words"][1:3] == ["failed", ""]
 
 

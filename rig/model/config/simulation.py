@@ -14,7 +14,9 @@ class MisalignmentConfig(Section):
     wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
     """The wall, turned about its vertical and its horizontal middle line."""
     galvo_shift_m: Point = (0.0, 0.0, 0.0)
+    """By how much the mirror stands elsewhere."""
     spad_shift_m: Point = (0.0, 0.0, 0.0)
+    """By how much the detector stands elsewhere."""
     mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
     """The mirror's mount, turned about x, y and z."""
     mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
@@ -37,18 +39,23 @@ class FaultsConfig(Section):
     """
 
     dark_counts_hz: Hertz = Field(10.0, ge=0)
+    """Counts a second without any light."""
     ambient_light_hz: Hertz = Field(500.0, ge=0)
     """Counts a second from room light while the detector is sensitive."""
     hold_off: bool = True
     """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
     afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
+    """Probability that a detection leaves another one behind."""
     afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
+    """Time in which that probability falls to 1/e."""
     gate_ringing: float = Field(0.07, ge=0, le=1)
     """Overshoot of the sensitivity when the gate opens."""
     gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
+    """Time in which the overshoot falls to 1/e."""
     memory: float = Field(0.0, ge=0, le=1)
     """Fraction of the gated-off first bounce that comes back inside the gate."""
     memory_decay_s: Seconds = Field(30e-9, gt=0)
+    """Time in which it falls to 1/e."""
     reflections_per_pulse: float = Field(0.0, ge=0)
     """Detections a pulse from each stray reflection of the first bounce."""
     failed_gates: float = Field(0.0, ge=0, le=1)
@@ -107,6 +114,7 @@ class SimulationConfig(Section):
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
+    """Seed of the photons; one seed draws the same photons each time."""
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
