@@ -129,7 +129,7 @@ def _check_size(width_m: float, height_m: float, voxel_m: float, depth_m: tuple[
     near, far, step = depth_m
     across = [_cells(width_m, voxel_m), _cells(height_m, voxel_m)]
     planes = _cells(far - near, step) + 1
-    room = _memory_bytes() / BYTES_PER_VOXEL
+    room = memory_bytes() / BYTES_PER_VOXEL
     if (
         max(across) <= MOST_ALONG_AXIS
         and planes <= MOST_ALONG_AXIS
@@ -182,7 +182,7 @@ def _rounded_up(length_m: float) -> str:
     return f"{ceil(length_m / digit_m * (1 - 1e-9)) * digit_m * 1e3:.3g}mm"
 
 
-def _memory_bytes() -> float:
+def memory_bytes() -> float:
     """Return the memory of this computer."""
     if sys.platform != "win32":
         with suppress(OSError, ValueError):  # not every system says

@@ -6,6 +6,7 @@ import typer
 
 import rig
 from rig.commands.align import align
+from rig.commands.batch import batch
 from rig.commands.calibrate import calibrate
 from rig.commands.calibrate_all import all_ as calibrate_all
 from rig.commands.calibrate_show import show as show_calibrations
@@ -85,6 +86,7 @@ app.command("resume", cls=WithWeb)(resume)
 app.command("watch", cls=WithWeb)(watch)
 app.command("align")(align)
 app.command("recon")(recon)
+app.command("batch")(batch)
 calibrate.command("all")(calibrate_all)
 calibrate.command("show")(show_calibrations)
 app.add_typer(calibrate, name="calibrate")

@@ -7,7 +7,14 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -335,7 +342,7 @@ class Counting:
 
 
 class Working:
-    """Shows how far one long step is, on a terminal only; call it with the fraction that is done.
+    """Shows how far one long step is, and the time left, on a terminal; call it with the fraction done.
 
     Parameters
     ----------
@@ -349,6 +356,7 @@ class Working:
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=_bar_width()),
             TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
             console=err,
             transient=True,
             disable=not _shows_bars(),

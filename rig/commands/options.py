@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 EVERY = "Of every verb"
 #: Panels that several verbs have.
 WHAT, NOTES, RESULTS, MEANWHILE = "What is measured", "Notes in the file", "Results", "Meanwhile"
+COMPUTER = "Computer"
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
 
@@ -166,6 +167,15 @@ Purpose = Annotated[
 ]
 Note = Annotated[
     str | None, typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What else is worth keeping.")
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        rich_help_panel=COMPUTER,
+        metavar="ADDRESS",
+        help="Compute on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json. "
+        "[dim]\\[default: this process][/dim]",
+    ),
 ]
 AsJson = Annotated[
     bool,

@@ -1,5 +1,6 @@
 """``rig recon``: image a scan."""
 
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -7,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import RESULTS, AsJson
+from rig.commands.options import COMPUTER, RESULTS, AsJson, Cluster
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
-    from rig.image.reconstruct import Request
+    from collections.abc import Iterator
+
+    from rig.image.reconstruct import Elsewhere, Request
     from rig.image.result import Result
 
 
@@ -34,7 +37,7 @@ class Camera(StrEnum):
     vars().update({name: name for name in registry.CAMERAS})
 
 
-VOLUME, LIGHT, VIDEO, COMPUTER = "Volume", "Light that counts", "Video", "Computer"
+VOLUME, LIGHT, VIDEO = "Volume", "Light that counts", "Video"
 _CAMERA, _SOLVER = Camera("confocal"), Solver("rsd")
 _WITH_SNR, _BOUNDED = " and ".join(registry.taking("snr")), " and ".join(registry.BOUNDED)
 
@@ -122,6 +125,7 @@ def recon(
     device: Annotated[
         Device, typer.Option(rich_help_panel=COMPUTER, help="Where the rsd solver computes images.")
     ] = Device.CPU,
+    cluster: Cluster = None,
     calibrations: Annotated[
         Path | None,
         typer.Option(
@@ -217,6 +221,12 @@ def recon(
             "each time, and no volume. What was read is kept for the next one.",
         ),
     ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what it would take: voxels, memory, time; compute nothing.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Compute what takes more than ten minutes, too.")
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -237,6 +247,9 @@ def recon(
       rig recon all.h5 --relight 10cm,0cm,1m --camera transient --video relit.gif
       # an earlier method, to compare with
       rig recon scan.h5 --solver lct
+      # what it would take, and on workers
+      rig recon scan.h5 --voxel 2mm --dry-run
+      rig recon scan.h5 --voxel 2mm --cluster local:4
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
@@ -266,15 +279,23 @@ def recon(
         each_frame=each_frame,
         fresh_to=fresh_to,
         relight=relight,
+        however_long=yes,
     )
+    if dry_run:
+        _say_what_it_takes(scan, request, cluster, as_json)
+        return
     if preview:
         _preview(scan, request, {"--out": out, "--page": page, "--video": video}, image, force, as_json)
         return
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
-    with told_if_stopped(files.values()), console.Working("imaging") as working:
-        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
+    with (
+        told_if_stopped(files.values()),
+        _elsewhere(scan, cluster, request) as crew,
+        console.Working("imaging") as working,
+    ):
+        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page, crew)
     _show(result, files, as_json)
 
 
@@ -299,6 +320,53 @@ def _preview(
     with told_if_stopped(files.values()), console.Working("previewing") as working:
         result = preview(scan, request, files["picture"], working)
     _show(result, files, as_json)
+
+
+def _say_what_it_takes(scan: Path, request: "Request", cluster: str | None, as_json: bool) -> None:
+    """Print what imaging would take; refuse what would be refused."""
+    from rig.commands import console
+    from rig.image.forecast import require_possible
+    from rig.image.reconstruct import forecasted
+
+    found = forecasted(scan, request, _workers(cluster) if cluster else None)
+    bounded = request.memory_bytes is not None
+    if as_json:
+        require_possible(found, bounded=bounded, however_long=request.however_long)
+        console.print_json({"scan": str(scan), **found.as_dict()})
+        return
+    console.print_facts(str(scan), found.summary())
+    require_possible(found, bounded=bounded, however_long=request.however_long)
+
+
+def _workers(cluster: str) -> int:
+    """Return how many workers an address has."""
+    from rig.cluster.joined import joined, local_workers
+
+    number = local_workers(cluster)
+    if number is not None:
+        return number
+    with joined(cluster) as client:
+        return sum(client.nthreads().values())
+
+
+@contextmanager
+def _elsewhere(scan: Path, cluster: str | None, request: "Request") -> "Iterator[Elsewhere | None]":
+    """Join a cluster, if one was named."""
+    if cluster is None:
+        yield None
+        return
+    from rig.cluster.joined import joined, local_workers
+    from rig.files.inspection import inspect
+    from rig.image.reconstruct import check_elsewhere
+
+    local_workers(cluster)
+    check_elsewhere(request)
+    if scan.is_file():
+        inspect(scan)  # a copy of this process does it in milliseconds, as long as no thread of dask runs
+    with joined(cluster) as client:
+        from rig.cluster.imaging import Crew
+
+        yield Crew(client, request.memory_bytes)
 
 
 def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:
