@@ -55,6 +55,23 @@ class ArrayHistograms:
 
 
 @dataclass(frozen=True)
+class UnreadHistograms:
+    """Histograms that are elsewhere: of a part of an image whose spectra are given.
+
+    Attributes
+    ----------
+    shape
+        Number of positions and number of bins.
+    """
+
+    shape: tuple[int, int]
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Raise `ValueError`: there is nothing to read."""
+        raise ValueError("these histograms are not here; give their spectra")
+
+
+@dataclass(frozen=True)
 class Capture:
     """A scan in rectified time: t = 0 when the pulse is on the wall, and only wall, object, wall remains.
 

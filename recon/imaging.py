@@ -24,6 +24,8 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 
 Progress = Callable[[float], None]
+#: Gives the field of each plane of a problem by a solver, as `planes`.
+Planes = Callable[[ImagingProblem, "str | Solver"], Iterator[NDArray[np.complexfloating]]]
 
 
 def image(
@@ -39,6 +41,7 @@ def image(
     device: str = "cpu",
     fft: bool | None = None,
     taking: Spectra = spectra,
+    by: Planes | None = None,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -79,6 +82,8 @@ def image(
         Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
     taking
         What takes the spectra of the capture, where they are not those of its histograms.
+    by
+        What computes the planes, as `planes`, in place of this process.
 
     Raises
     ------
@@ -126,12 +131,14 @@ def image(
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
-    return focused(bounded(problem, solver, memory_bytes), solver, pulse)
+    return focused(bounded(problem, solver, memory_bytes), solver, pulse, by)
 
 
-def focused(problem: ImagingProblem, solver: str | Solver, pulse: VirtualPulse) -> Image:
-    """Image a problem of one moment; raises as `image`."""
-    return pictured(problem, planes(problem, solver), solver, pulse)
+def focused(
+    problem: ImagingProblem, solver: str | Solver, pulse: VirtualPulse, by: Planes | None = None
+) -> Image:
+    """Image a problem of one moment; `by` and what is raised are as of `image`."""
+    return pictured(problem, (by or planes)(problem, solver), solver, pulse)
 
 
 def pictured(

@@ -51,6 +51,9 @@ class SolverEntry:
     needs
         ``module:function`` of its memory, (problem, part of the depth) to `Need`; None if it keeps to no
         bound.
+    way
+        ``module:function`` of how it images a depth block, (problem, part of the depth) to `Way`; None if its
+        images are not cut into parts.
     warnings
         ``module:function`` of what may spoil its image, (capture, wavelength, voxels) to sentences.
     confocal_grid
@@ -67,6 +70,7 @@ class SolverEntry:
     refuses: Mapping[str, str] = field(default_factory=dict)
     options: frozenset[str] = frozenset()
     needs: str | None = None
+    way: str | None = None
     warnings: str | None = None
     confocal_grid: bool = False
     falloff_power: float = 4.0
@@ -96,6 +100,7 @@ SOLVERS: dict[str, SolverEntry] = {
         "any",
         options=frozenset({"device"}),
         needs="recon.solvers.rsd.dispatch:needs",
+        way="recon.solvers.rsd.dispatch:way",
     ),
     "fresnel": SolverEntry(
         "recon.solvers.fresnel:focus",
@@ -103,6 +108,7 @@ SOLVERS: dict[str, SolverEntry] = {
         "by FFT, paraxial wave",
         "even grid on z = 0; one detector spot, or confocal data",
         needs="recon.solvers.fresnel:needs",
+        way="recon.solvers.fresnel:way",
         warnings="recon.solvers.fresnel:warnings",
     ),
     "direct": SolverEntry(

@@ -230,6 +230,11 @@ def _families(depth_blocks: Sequence[DepthBlock]) -> list[_Family]:
     return list(found.values())
 
 
+def widths(depth_blocks: Sequence[DepthBlock]) -> list[tuple[int, int]]:
+    """Return how many bins are multiplied with how many frequencies, for each sum over a record."""
+    return [(one.edges[-1] - one.edges[0], len(one.band)) for one in _families(depth_blocks)]
+
+
 def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
     """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
     centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s

@@ -16,6 +16,7 @@ Each message names the thing, what was asked, what came back and what to do abou
 
 import os
 import shlex
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -77,6 +78,24 @@ def printable(text: str) -> str:
     A file may be called anything; its name in a message must not steer the terminal.
     """
     return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
+
+
+def no_file(path: Path, remedy: str = "check the name") -> str:
+    """Return what there is in place of a file that is to be read, and what to do."""
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return f"{path} does not exist; {remedy}"
+    except (OSError, ValueError) as problem:
+        return f"{path} cannot be read ({reason(problem)}); {remedy}"
+    if stat.S_ISDIR(mode):
+        return f"{path} is a folder, and no file; {remedy}"
+    return f"{path} is a pipe or a device, and no file; {remedy}"
+
+
+def reason(problem: Exception) -> str:
+    """Return why the system refused a file, in its words, without the name of the file."""
+    return (isinstance(problem, OSError) and problem.strerror) or str(problem)
 
 
 def in_shell(*words: object) -> str:

@@ -10,11 +10,11 @@ from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
 from rig.bench.placed import Hidden, looked_at
 from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
-from rig.errors import RefusedError
+from rig.errors import RefusedError, UsageError
 from rig.files.writer import RESERVE_BYTES
 from rig.model.config import HarpConfig
 from rig.model.plan import Grid, ScanPlan
-from rig.model.quantities import show_length
+from rig.model.quantities import show_bytes, show_length
 from rig.model.state import RigState
 from rig.model.sweep import Trajectories
 
@@ -103,18 +103,20 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
 
     Raises
     ------
+    UsageError
+        If there is no such folder.
     RefusedError
         As `check_rig`; or if there is no such folder, or the disk would overflow.
     drivers.errors.LimitError
         As `check_rig`.
     """
     if not folder.is_dir():
-        raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
+        raise UsageError(f"{folder} is not a folder; make it first, or choose another place with --out")
     found = check_rig(plan, state)
     free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
         raise RefusedError(
-            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
+            f"the scan needs about {show_bytes(found.bytes_on_disk)}, {folder} has {show_bytes(free)} "
             "free. Free some space, or choose another place with --out"
         )
     return found

@@ -22,7 +22,8 @@ def align(
         str | None,
         typer.Option(
             metavar="X,Y",
-            help="Spot on the wall, e.g. 30cm,-10cm. [dim]\\[the scan's nearest to the middle][/dim]",
+            help="Spot on the wall, e.g. 30cm,-10cm. "
+            "[dim]\\[default: the scan's nearest to the middle][/dim]",
         ),
     ] = None,
     circle: Annotated[
@@ -37,7 +38,9 @@ def align(
     ] = "1h",
     scene: Annotated[
         str | None,
-        typer.Option(metavar="NAME|FILE", help="Hidden scene of the simulated rig. [dim]\\[letters][/dim]"),
+        typer.Option(
+            metavar="NAME|FILE", help="Hidden scene of the simulated rig. [dim]\\[default: letters][/dim]"
+        ),
     ] = None,
     seed: Seed = None,
     yes: Yes = False,

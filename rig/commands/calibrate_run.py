@@ -72,14 +72,19 @@ def calibrated(
     from rig.calibrate.run import fitted, measured
     from rig.commands import console
     from rig.commands.operator import ConsoleOperator
-    from rig.errors import InterruptedScanError
+    from rig.errors import InterruptedScanError, UsageError, reason
 
     if recorded:
         return fitted(routine, config, recorded)
     with TemporaryDirectory(prefix="rig-calibrate-") as temporary:
         folder = keep or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise UsageError(
+                f"--keep {folder}: cannot make this folder ({reason(problem)}); name another"
+            ) from None
+        with StopRequest(console.announce) as stop, console.Counting(routine.kind) as counting:
             operator = ConsoleOperator(stop, yes=yes)
             files = measured(routine, config, operator, folder, Watch([counting], stop))
         if stop():

@@ -30,7 +30,10 @@ def probe(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="For the transcripts. [dim]\\[probe-DATE-TIME][/dim]"
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="For the transcripts. [dim]\\[default: probe-DATE-TIME][/dim]",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -45,8 +48,8 @@ def probe(
     [bold]Examples[/bold]
 
       rig devices probe --config lab.toml --out first-look
-
-      rig devices probe                                   how it looks, on the simulated rig
+      # how it looks, on the simulated rig
+      rig devices probe
     """
     from rig.acquire.probing import files
     from rig.acquire.probing.run import ask_all, private_of, settled

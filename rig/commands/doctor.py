@@ -11,7 +11,10 @@ from rig.commands.options import AsJson, Config
 def doctor(
     config: Config = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where scans shall go. [dim]\\[here][/dim]")
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="Where scans shall go. [dim]\\[default: here][/dim]"
+        ),
     ] = Path(),
     as_json: AsJson = False,
 ) -> None:

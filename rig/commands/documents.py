@@ -198,6 +198,13 @@ class Served(Document):
     """When the bench's clock was zero, in seconds since 1970."""
 
 
+class Version(Document):
+    """`rig version`."""
+
+    version: str
+    """Of the program."""
+
+
 class Watched(Document):
     """`rig watch`, when the page can be reached."""
 
@@ -713,6 +720,7 @@ DOCUMENTS: dict[str, Any] = {
     "sim render": Rendered,
     "sim serve": Served,
     "watch": Watched,
+    "version": Version,
     "calibrate show": Calibrations,
     "calibrate all": CalibratedAll,
     **{f"calibrate {kind}": Calibrated for kind in KINDS},

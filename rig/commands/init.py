@@ -72,7 +72,9 @@ def init(
     if wrong:
         console.warn(f"a dry run refuses this rig: {wrong}. Mend it in {out}")
     if rig.laser.fraction_of_full == 0:
-        console.say(f"The laser's power is the lowest, 0: set it in {out} when the rig is ready for light.")
+        console.announce(
+            f"The laser's power is the lowest, 0: set it in {out} when the rig is ready for light."
+        )
     if not as_json:
         console.print_facts(str(out), _next(rig, out))
     else:
@@ -100,18 +102,20 @@ def _simulated_will_do(something: bool) -> bool:
     from rig.commands import console
 
     if not something:
-        console.say("No device of a rig was found. Switch it on and connect it, or type its address below.")
+        console.announce(
+            "No device of a rig was found. Switch it on and connect it, or type its address below."
+        )
     return _yes("Write the simulated rig instead, to try with?", usually=not something)
 
 
 def _show(found: "Sequence[Connected]") -> None:
     from rig.commands import console
 
-    console.say("Connected, as far as it can be seen without asking:")
+    console.announce("Connected, as far as it can be seen without asking:")
     for one in found:
-        console.say(f"  {one.way}: {one.address} ({one.said})")
+        console.announce(f"  {one.way}: {one.address} ({one.said})")
     if not found:
-        console.say("  nothing")
+        console.announce("  nothing")
 
 
 def _ask(question: "Question") -> str:
@@ -119,7 +123,7 @@ def _ask(question: "Question") -> str:
     from rig.commands import console
 
     for number, (choice, words) in enumerate(question.choices, 1):
-        console.say(f"  {number}: {choice}  {words}")
+        console.announce(f"  {number}: {choice}  {words}")
     while True:
         given = _line(f"{question.words} [{question.default or 'an answer is needed'}]")
         if given.strip() or question.default:
@@ -138,7 +142,7 @@ def _line(words: str) -> str:
     console.err.print(f"{printable(words)}: ", end="", markup=False)
     given = sys.stdin.readline()
     if not given.endswith("\n"):
-        console.say("")
+        console.announce("")
         raise UsageError(
             f"nobody answered: '{words}'. Nothing was written. Without questions: --answers FILE, --defaults"
         )
@@ -186,4 +190,4 @@ def _offer_questions(rig: "RigConfig") -> None:
         from rig.commands.devices import in_short
 
         for device in ask_all(rig, []):
-            console.say(f"{device.section}, kind {device.kind}: {in_short(device)}")
+            console.announce(f"{device.section}, kind {device.kind}: {in_short(device)}")

@@ -9,6 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+#: The panel of a verb's help that has the options of all verbs.
+EVERY = "Of every verb"
+#: Panels that several verbs have.
+WHAT, NOTES, RESULTS, MEANWHILE = "What is measured", "Notes in the file", "Results", "Meanwhile"
+COMPUTER = "Computer"
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
 
@@ -59,7 +64,8 @@ Config = Annotated[
     config_option(f"The rig; '{BUILT_IN}', or without it, the built-in simulated rig."),
 ]
 Grid = Annotated[
-    str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
+    str | None,
+    typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[default: 180x130][/dim]"),
 ]
 
 
@@ -80,7 +86,7 @@ class Mode(Enum):
 
 
 Spacing = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
+    str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[default: 1cm][/dim]")
 ]
 Place = Annotated[
     str | None,
@@ -105,7 +111,7 @@ Frames = Annotated[
     typer.Option(
         metavar=f"N|{UNTIL_STOPPED}",
         help="How often the whole grid is scanned, for a video; or frame after frame until Ctrl-C, or a RULE "
-        "of --until. [dim]\\[1][/dim]",
+        "of --until. [dim]\\[default: 1][/dim]",
     ),
 ]
 Until = Annotated[
@@ -116,11 +122,15 @@ Until = Annotated[
         "'time 60s'; rig resume goes on.",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
+Seed = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=0, help="Seed of the simulated photons. [dim]\\[default: 0][/dim]"),
+]
 Live = Annotated[
     bool,
     typer.Option(
         "--live",
+        rich_help_panel=MEANWHILE,
         help="Show the scan while it runs: counts, rates, light, live image; in a window where there is a "
         "display, and as pictures in SCAN-live/.",
     ),
@@ -138,16 +148,59 @@ Ptu = Annotated[
     bool,
     typer.Option(
         "--ptu",
+        rich_help_panel=RESULTS,
         help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
     ),
 ]
-Operator = Annotated[str | None, typer.Option(metavar="NAME", help="Who measures; kept in the file.")]
-Sample = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="What is measured: the hidden object, the wall.")
+Operator = Annotated[
+    str | None, typer.Option(rich_help_panel=NOTES, metavar="NAME", help="Who measures; kept in the file.")
 ]
-Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
-Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+Sample = Annotated[
+    str | None,
+    typer.Option(
+        rich_help_panel=NOTES, metavar="TEXT", help="What is measured: the hidden object, the wall."
+    ),
+]
+Purpose = Annotated[
+    str | None,
+    typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What the scan is for; rig list shows it."),
+]
+Note = Annotated[
+    str | None, typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What else is worth keeping.")
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        rich_help_panel=COMPUTER,
+        metavar="ADDRESS",
+        help="Compute on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json. "
+        "[dim]\\[default: this process][/dim]",
+    ),
+]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", rich_help_panel=EVERY, help="Print the result as one JSON document."),
+]
+
+
+def above_zero(option: str, text: str, kind: str) -> float:
+    """Read a quantity of an option that has to be above zero.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If it is no such quantity, or not above zero.
+    """
+    from rig.errors import UsageError
+    from rig.model.quantities import KINDS, parse
+
+    try:
+        value = parse(text, kind)
+    except UsageError as error:
+        raise UsageError(f"{option}: {error}") from None
+    if value <= 0:
+        raise UsageError(f"{option} {text}: is not above zero; write a {kind} such as {KINDS[kind][1]}")
+    return value
 
 
 class WithWeb(TyperCommand):

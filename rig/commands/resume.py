@@ -18,7 +18,7 @@ def resume(
             "-c",
             metavar="FILE",
             callback=chosen,
-            help=f"The rig. [dim]\\[the simulated one if the scan was simulated, or else that of "
+            help=f"The rig. [dim]\\[default: the simulated one if the scan was simulated, or else that of "
             f"{VARIABLE}][/dim]",
         ),
     ] = None,
@@ -28,7 +28,7 @@ def resume(
     yes: Yes = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take up an interrupted scan where it stopped, with the plan and the settings that its file holds.
+    """Go on with an interrupted scan where it stopped, with the plan and the settings that its file holds.
 
     The devices must be those that the scan began with, and set the same. Which devices are opened, and their
     limits, is said by the rig's configuration and never by the file. Photons that the file holds are never

@@ -22,7 +22,7 @@ from rig.files.outline import ScanOutline
 from rig.files.scan import ScanFile
 from rig.model.config import NotifyConfig
 from rig.model.plan import ScanPlan
-from rig.model.quantities import show, show_duration
+from rig.model.quantities import show, show_bytes, show_duration
 
 if TYPE_CHECKING:
     from rig.image.until import Until
@@ -113,7 +113,7 @@ def run(
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with ExitStack() as stack:
-            stop = stack.enter_context(StopRequest(console.say))
+            stop = stack.enter_context(StopRequest(console.announce))
             feed = _feed(target, others, stop, config) if others.live or others.web else None
             if feed is not None:
                 stack.callback(feed.close)
@@ -124,7 +124,7 @@ def run(
     except Exception as error:
         nothing = not here and not _is_there(target)
         kept = "Nothing was measured, and no scan file was made." if nothing else _safe(target, config)
-        console.say(kept)
+        console.announce(kept)
         announce(others.notify, failed(error, file=str(target), photons=_photons(target), kept=kept))
         raise
     summary = _summary(result, target, time.monotonic() - began_s)
@@ -260,7 +260,7 @@ def _show(result: ScanResult, plan: ScanPlan, summary: dict[str, Any], as_json: 
             **({"frames": f"{whole:,}" if plan.endless else f"{whole} of {frames}"} if frames > 1 else {}),
             "photons": f"{photons:,} ({show(rate_hz, 'photons/s')})",
             **now,
-            "size": f"{target.stat().st_size / 1e6:.1f} MB",
+            "size": show_bytes(target.stat().st_size),
             "took": show_duration(summary["took_s"]),
         },
     )

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.consent import Yes
 from rig.commands.options import (
+    MEANWHILE,
+    RESULTS,
     AsJson,
     Config,
     Frames,
@@ -41,7 +44,7 @@ def scan(
     config: Config = None,
     exposure: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
+        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[default: 10ms][/dim]"),
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
@@ -66,7 +69,8 @@ def scan(
         str | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
+            autocompletion=completing.scenes,
+            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[default: letters][/dim]",
         ),
     ] = None,
     place: Place = None,
@@ -74,13 +78,21 @@ def scan(
     scale: Scale = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completing.presets,
+            help="A dataset of the paper, e.g. office-10ms; 'list' names all.",
+        ),
     ] = None,
     seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
+            "--out",
+            "-o",
+            rich_help_panel=RESULTS,
+            metavar="SCAN.h5",
+            help="The scan file. [dim]\\[default: scan-DATE-TIME.h5][/dim]",
         ),
     ] = None,
     operator: Operator = None,
@@ -96,15 +108,18 @@ def scan(
     fresh_to: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=MEANWHILE,
             metavar="DEPTH",
             help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
-            "[dim]\\[never][/dim]",
+            "[dim]\\[default: never][/dim]",
         ),
     ] = None,
     video: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.gif", help="With --live and --frames: a video of them; .mp4 needs ffmpeg."
+            rich_help_panel=MEANWHILE,
+            metavar="FILE.gif",
+            help="With --live and --frames: a video of them; .mp4 needs ffmpeg.",
         ),
     ] = None,
     yes: Yes = False,
@@ -114,39 +129,40 @@ def scan(
 
     [bold]Examples[/bold]
 
-      rig scan --exposure 10ms               simulated rig, the whole wall
-
-      rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
-
-      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
-
-      rig scan --preset office-10ms          a dataset of the paper
-
-      rig scan --scene model.obj --scale 0.001 --place 0cm,0cm,1.2m    a mesh in millimetres
-
-      rig scan --config lab.toml --dry-run   what would be done
-
-      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
-
-      rig scan --config configs/video.toml --mode continuous --frames 10 --live    and seen meanwhile
+      # simulated rig, the whole wall
+      rig scan --exposure 10ms
+      # a coarse one, quickly
+      rig scan --grid 60x44 --spacing 3cm
+      # the whole wall in 24 s, once the mirror is loaded
+      rig scan --exposure 1ms --mode continuous
+      # a dataset of the paper
+      rig scan --preset office-10ms
+      # a mesh in millimetres
+      rig scan --scene model.obj --scale 0.001 --place 0cm,0cm,1.2m
+      # what would be done
+      rig scan --config lab.toml --dry-run
+      # a moving hidden object, frame by frame
+      rig scan --config configs/video.toml --frames 10
+      # and seen meanwhile
+      rig scan --config configs/video.toml --mode continuous --frames 10 --live
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
+    if preset == "list":
+        _show_presets(as_json)
+        return
     from rig.acquire.acquisition import acquire
     from rig.acquire.preflight import check
+    from rig.bench.simulated import hidden_scene
     from rig.commands import console
     from rig.commands.consent import require_consent
     from rig.commands.operator import ConsoleOperator
     from rig.commands.running import Onlookers, ending, page_at, run
-    from rig.errors import UsageError
     from rig.files.records import beside
     from rig.model import asked
     from rig.model.quantities import parse
     from rig.model.state import RigState
 
-    if preset == "list":
-        _show_presets(as_json)
-        return
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
     simulation = {"scene": scene, "seed": seed, **asked.placement(place, rotate, scale)}
     state = RigState.resolve(asked.configuration(config, preset, simulation, notes))
@@ -163,14 +179,10 @@ def scan(
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     require_free([target, *([video] if video else [])])
-    if ptu and not plan.continuous:
-        raise UsageError(
-            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
-        )
-    if ptu and plan.endless:
-        raise UsageError(
-            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
-        )
+    if ptu:
+        _check_ptu(plan)
+    if state.config.simulation:
+        hidden_scene(state.config)  # a dry run refuses a wrong name, too
     found = check(plan, state, target.parent)
     if found.hidden:
         console.say(found.hidden.words)
@@ -225,6 +237,20 @@ def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path 
         check_video(video)
 
 
+def _check_ptu(plan: "ScanPlan") -> None:
+    """Refuse to keep records that are not made, or have no end."""
+    from rig.errors import UsageError
+
+    if not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
+    if plan.endless:
+        raise UsageError(
+            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
+        )
+
+
 def _show_presets(as_json: bool) -> None:
     from rig.commands import console
     from rig.model.presets import about
@@ -246,13 +272,14 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
     from rig.commands import console
     from rig.model.plan import Grid
-    from rig.model.quantities import show, show_duration, show_length
+    from rig.model.quantities import show, show_bytes, show_duration, show_length
 
     config, (one,) = state.config, plan.passes
     grid = one.positions
     assert isinstance(grid, Grid)
-    angles = [degrees(angle) for angle in found.mirror_rad]
-    limits = [degrees(config.galvo.max_angle_x_rad), degrees(config.galvo.max_angle_y_rad)]
+    angles = [round(degrees(angle), 9) for angle in found.mirror_rad]
+    most_rad = (config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)
+    limits = [round(degrees(angle), 9) for angle in most_rad]  # 24, not 23.999999999999996
     if as_json:
         console.print_json(
             {
@@ -298,8 +325,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
-            "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
-            f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
+            "file": f"~{show_bytes(found.bytes_on_disk)} compressed, "
+            f"{show_bytes(found.bytes_in_memory)} of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
             **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),

@@ -43,8 +43,8 @@ def serve(
     [bold]Examples[/bold]
 
       rig sim serve --write-config served.toml --log changes.log
-
-      rig scan --config served.toml --grid 12x9 --spacing 15cm         in another terminal
+      # in another terminal
+      rig scan --config served.toml --grid 12x9 --spacing 15cm
 
     A line of the log is `time_s device what value`, e.g. `12.481 laser emission 1`.
     """

@@ -6,8 +6,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import BUILT_IN, AsJson, Grid, Place, Rotate, Scale, Spacing, config_option
-from rig.commands.results import told_if_stopped
+from rig.commands import completing
+from rig.commands.options import (
+    BUILT_IN,
+    AsJson,
+    Grid,
+    Place,
+    Rotate,
+    Scale,
+    Spacing,
+    above_zero,
+    config_option,
+)
+from rig.commands.results import require_free, told_if_stopped
+
+#: Narrowest bin that is rendered: a thousandth of the finest of any timing instrument.
+LEAST_BIN_S = 1e-15
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,11 +43,21 @@ def _sim() -> None:
 
 @sim.command("render")
 def render(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of a built-in scene, or a mesh file.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            autocompletion=completing.scenes,
+            help="Name of a built-in scene, or a mesh file.",
+        ),
+    ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The scan file to make.")],
-    config: Annotated[Path | None, config_option("The simulated rig. [dim]\\[built-in][/dim]")] = None,
+    config: Annotated[
+        Path | None, config_option("The simulated rig. [dim]\\[default: built-in][/dim]")
+    ] = None,
     bounces: Annotated[
-        int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
+        int | None,
+        typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[default: 3][/dim]"),
     ] = None,
     place: Place = None,
     rotate: Rotate = None,
@@ -57,16 +81,20 @@ def render(
     ] = None,
     roughness: Annotated[
         float | None,
-        typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
+        typer.Option(
+            min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[default: each its own][/dim]"
+        ),
     ] = None,
     gloss: Annotated[
         Gloss | None,
-        typer.Option(help="Model of all glossy surfaces. [dim]\\[each its own][/dim]"),
+        typer.Option(help="Model of all glossy surfaces. [dim]\\[default: each its own][/dim]"),
     ] = None,
     bin_width: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
+        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[default: 4ps][/dim]")
     ] = None,
-    bins: Annotated[int | None, typer.Option(min=1, help="Number of bins. [dim]\\[15000][/dim]")] = None,
+    bins: Annotated[
+        int | None, typer.Option(min=1, max=10_000_000, help="Number of bins. [dim]\\[default: 15000][/dim]")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Render what a scan of a hidden scene gives on average: no noise, no gate, no instrument.
@@ -75,10 +103,10 @@ def render(
 
     [bold]Examples[/bold]
 
-      rig sim render office office.h5                                 the whole wall, three bounces
-
-      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm --bin-width 16ps --bins 4000
-
+      # the whole wall, three bounces
+      rig sim render office office.h5
+      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm
+      # every laser spot with every pixel
       rig sim render letters all.h5 --lasers 16x16 --pixels 64x64 --spacing 2cm --bin-width 32ps --bins 512
     """
     import time
@@ -93,7 +121,7 @@ def render(
     from rig.errors import UsageError
     from rig.model import asked
     from rig.model.config import load
-    from rig.model.quantities import parse, show_duration
+    from rig.model.quantities import parse, show_bytes, show_duration
 
     simulation: dict[str, object] = {"scene": scene, "bounces": bounces, "roughness": roughness}
     simulation |= {"gloss": gloss, **asked.placement(place, rotate, scale)}
@@ -113,7 +141,8 @@ def render(
         spacing_m = parse(spacing, "length") if spacing else rig_config.scan.spacing_m
         sides_m = exhaustive_spots_m(lasers, pixels, spacing_m)
     usual_bins, usual_width_s = time_axis(rig_config)
-    axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
+    axis = TimeAxis(bins or usual_bins, _bin_width_s(bin_width, usual_width_s))
+    require_free([out])
     hidden = looked_at(rig_config, *sides_m, (0.0, axis.bins * axis.bin_width_s))
     if hidden:
         console.say(hidden.words)
@@ -136,7 +165,7 @@ def render(
         {
             "positions": f"{positions:,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
-            "size": f"{out.stat().st_size / 1e6:.1f} MB",
+            "size": show_bytes(out.stat().st_size),
             "took": show_duration(took_s),
         },
     )
@@ -156,3 +185,15 @@ def exhaustive_spots_m(lasers: str, pixels: str, spacing_m: float) -> "tuple[NDA
     columns, rows = columns_and_rows(pixels)
     wall_m = columns * spacing_m, rows * spacing_m
     return even_grid(*columns_and_rows(lasers), *wall_m), even_grid(columns, rows, *wall_m)
+
+
+def _bin_width_s(text: str | None, usual_s: float) -> float:
+    """Read --bin-width; light of a scene is rendered in bins that an instrument could have."""
+    from rig.errors import UsageError
+
+    if text is None:
+        return usual_s
+    width_s = above_zero("--bin-width", text, "time")
+    if width_s < LEAST_BIN_S:
+        raise UsageError(f"--bin-width {text}: bins are {LEAST_BIN_S * 1e15:g} fs wide or more, e.g. 4ps")
+    return width_s

@@ -106,7 +106,7 @@ class Record:
 
 def journal_of(path: Path) -> Path:
     """Return the name of the journal of a scan file."""
-    return path.with_name(path.name + ".journal")
+    return path.parent / f"{path.name}.journal"
 
 
 class Journal:

@@ -490,10 +490,18 @@ class ScanFile(ScanOutline):
         frames = self.frames
         size = self.steps // frames
         whole = len(self.whole_frames) if frames > 1 else 0
-        if whole < 2:
-            steps = done if frames == 1 else done[done < size]
-            return steps, self._histograms(np.isin(np.arange(self.steps), steps))
-        return np.arange(size), RepeatedHistograms(self.histograms_of_frames())
+        first = done if frames == 1 else done[done < size]
+        steps = first if whole < 2 else np.arange(size)
+        return steps, self.histograms_of(steps)
+
+    def histograms_of(self, steps: NDArray[np.int64]) -> Histograms:
+        """Return the counts of some of the steps that are `imaged`, in rising order; frames are added up."""
+        frames = self.whole_frames.tolist() if self.frames > 1 else []
+        if len(frames) < 2:
+            return self._histograms(np.isin(np.arange(self.steps), steps))
+        size = self.steps // self.frames
+        where = [np.isin(np.arange(self.steps), frame * size + steps) for frame in frames]
+        return RepeatedHistograms([self._histograms(wanted) for wanted in where])
 
     def histograms_of_frames(self) -> list[Histograms]:
         """Return the counts of each whole frame, in order; of a plan with one set of positions."""

@@ -39,6 +39,7 @@ def asked(
     each_frame: bool = False,
     fresh_to: Quantity | None = None,
     relight: str | tuple[float, float, float] | None = None,
+    however_long: bool = False,
 ) -> Request:
     """Read what is asked of imaging; the names are those of the options of `rig recon`.
 
@@ -69,6 +70,7 @@ def asked(
         each_frame=each_frame,
         fresh_to_m=si(fresh_to, "length"),
         relight_m=_place_m(relight),
+        however_long=however_long,
     )
 
 

@@ -34,7 +34,7 @@ from recon.solvers.classic.resample import ConfocalLattice
 from recon.solvers.classic.solve import baseline_image
 from recon.surface import find
 from recon.wave import VirtualPulse
-from rig.errors import DataFileError, RigError, UsageError, printable
+from rig.errors import DataFileError, RigError, UsageError, no_file, printable
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.files.check import open_hdf5, plain
 from rig.files.journal import journal_of
@@ -251,7 +251,7 @@ def check_comparable(file: Path, tell: Callable[[str], None] = lambda sentence: 
         If it does not exist, or is a scan that cannot be read.
     """
     if not file.is_file():
-        raise DataFileError(f"{file} does not exist, or is no file; give scans, e.g. of 'rig scan'")
+        raise DataFileError(no_file(file, "give scans, e.g. of 'rig scan'"))
     if is_volume(file):
         raise UsageError(
             f"{file} is a volume, imaged by one method already; give the scan that it was made from, "

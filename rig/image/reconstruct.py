@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,9 +22,9 @@ from recon.filming import FRAMES_PER_PULSE, Over, Sink, video
 from recon.filming import frame_times_s as moments_s
 from recon.frames import FrameImager
 from recon.grid import VoxelGrid
-from recon.imaging import image
+from recon.imaging import Planes, image, plan
 from recon.noise import photon_noise, quiet_level, tallied
-from recon.registry import CAMERAS, entry_of, load, name_of, taking
+from recon.registry import CAMERAS, SOLVERS, entry_of, load, name_of, taking
 from recon.result import Image
 from recon.sampling import CONFOCAL
 from recon.solvers.classic.solve import baseline_image
@@ -38,6 +38,7 @@ from rig.errors import UsageError, command_line, printable
 from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, volume_by_planes, write_volume
+from rig.image.forecast import Forecast, forecast, require_possible
 from rig.image.frames import check_frames, film_frames, frame_times_s
 from rig.image.origin import origin
 from rig.image.recalibrate import (
@@ -51,7 +52,7 @@ from rig.image.recalibrate import (
 )
 from rig.image.result import Result
 from rig.model.calibrations.store import CalibrationStore
-from rig.model.quantities import show_length
+from rig.model.quantities import show, show_length
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import check_video, save_video
 from rig.show.volume import check_picture, save, volume_figure
@@ -87,11 +88,30 @@ class Request:
     each_frame: bool = False
     fresh_to_m: float | None = None
     relight_m: tuple[float, float, float] | None = None
+    however_long: bool = False
+
+
+class Elsewhere(Protocol):
+    """Other processes that compute fields."""
+
+    @property
+    def threads(self) -> int:
+        """How many parts are computed at the same time."""
+        ...
+
+    @property
+    def memory_bytes(self) -> int:
+        """What a part may take."""
+        ...
+
+    def imaging(self, scan: ScanFile | None) -> Planes:
+        """Return what computes the planes of a scan; None, where its counts are changed here."""
+        ...
 
 
 @dataclass(frozen=True)
 class Work:
-    """What is imaged, with all choices made."""
+    """What is imaged, with all choices made; `by` computes planes in place of this process."""
 
     request: Request
     seen: Seen
@@ -102,6 +122,7 @@ class Work:
     scan_digest: str
     estimated: tuple[str, ...] = ()
     origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    by: Planes | None = None
 
     @property
     def capture(self) -> Capture:
@@ -148,8 +169,11 @@ def reconstruct(
     progress: Callable[[float], None] | None = None,
     video_path: Path | None = None,
     page_path: Path | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Result:
     """Image a scan with a virtual camera; write the volume file, the picture and, if asked, video and page.
+
+    Fields are computed by this process, or ``elsewhere``.
 
     Raises
     ------
@@ -165,7 +189,7 @@ def reconstruct(
     check_picture(picture_path)
     _check_page(request, page_path)
     with ScanFile(scan_path) as scan:
-        result = imaged(scan, request, progress, volume_path)
+        result = imaged(scan, request, progress, volume_path, elsewhere)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
     save(picture(result.volume), picture_path)
@@ -181,8 +205,9 @@ def imaged(
     request: Request,
     progress: Callable[[float], None] | None = None,
     volume_path: Path | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> Result:
-    """Image an open scan with a virtual camera.
+    """Image an open scan with a virtual camera, by this process or ``elsewhere``.
 
     Nothing is written, but for ``all_depths`` and ``each_frame``: what these make need not fit in memory, and
     goes to the volume file at once.
@@ -202,6 +227,8 @@ def imaged(
         check_frames(scan)
     work, reason = chosen(scan, request, by_runs=True)
     camera = _camera(work)
+    _require_possible(work, camera, elsewhere)
+    work = _sent(work, scan, elsewhere)
     if request.each_frame and volume_path:
         volume, warnings = _frame_by_frame(scan, work, volume_path, progress), warnings_of(work, camera)
     elif not entry_of(request.solver).virtual_wave:
@@ -216,6 +243,58 @@ def imaged(
         warnings = warnings_of(work, camera)
     warnings = (*scan.doubts, *_signal(volume), *warnings)
     return Result(volume, reason, warnings, work.seen.positions, time.monotonic() - began_s)
+
+
+def forecasted(scan_path: Path, request: Request, workers: int | None = None) -> Forecast:
+    """Say what imaging a scan will take; nothing of it is computed.
+
+    Raises
+    ------
+    As of `reconstruct`.
+    """
+    _check(request, None)
+    if workers:
+        check_elsewhere(request)
+    with ScanFile(scan_path) as scan:
+        work, _ = chosen(scan, request)
+        return _forecast(work, _camera(work), workers, request.memory_bytes, measured=True)
+
+
+def _forecast(
+    work: Work, camera: Camera, workers: int | None, worker_bytes: int | None, *, measured: bool
+) -> Forecast:
+    request, searched = work.request, isinstance(camera, ConfocalCamera) and work.request.wavelength_m is None
+    problem = dataclasses.replace(
+        plan(work.capture, work.pulse, work.grid, camera, work.window),
+        device=request.device,
+        slopes=isinstance(camera, ConfocalCamera),
+    )
+    return forecast(
+        problem,
+        request.solver,
+        images=1 + ATTEMPTS if searched else 1,
+        workers=workers,
+        worker_bytes=worker_bytes,
+        measured=measured,
+    )
+
+
+def _require_possible(work: Work, camera: Camera, elsewhere: Elsewhere | None) -> None:
+    request = work.request
+    by_runs = work.seen.exhaustive or work.seen.relit  # whose capture is an outline
+    if request.each_frame or by_runs or not entry_of(request.solver).virtual_wave:
+        return
+    workers, each = (elsewhere.threads, elsewhere.memory_bytes) if elsewhere else (None, None)
+    found = _forecast(work, camera, workers, each, measured=False)
+    require_possible(found, bounded=request.memory_bytes is not None, however_long=request.however_long)
+
+
+def _sent(work: Work, scan: ScanFile, elsewhere: Elsewhere | None) -> Work:
+    """Let other processes compute, if there are any."""
+    if elsewhere is None:
+        return work
+    check_elsewhere(work.request)
+    return dataclasses.replace(work, by=elsewhere.imaging(None if work.request.even_bins else scan))
 
 
 def _save_video(volume: Volume, request: Request, path: Path) -> None:
@@ -247,6 +326,7 @@ def chosen(scan: ScanFile, request: Request, *, by_runs: bool = False) -> tuple[
     # Light takes the same paths both ways: the side with more spots focuses.
     capture = remapped(seen.capture) if request.each_frame else seen.capture.by_its_finer_aperture()
     seen = dataclasses.replace(seen, capture=capture)
+    _check_fade(request, capture)
     choice = _wavelength(request, seen)
     work = planned(
         dataclasses.replace(request, wavelength_m=choice.value), seen, name, scan.digest, origin(scan)
@@ -271,6 +351,16 @@ def planned(request: Request, seen: Seen, scan: str, digest: str, came: Mapping[
     pulse = VirtualPulse(request.wavelength_m, CYCLES if request.cycles is None else request.cycles)
     grid = _voxels(request, seen.capture, pulse)
     return Work(request, seen, pulse, grid, window, scan, digest, origin=came)
+
+
+def _check_fade(request: Request, capture: Capture) -> None:
+    """Refuse a fade after which the record has nothing."""
+    end_s = float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s
+    if request.fade_from_s is not None and request.fade_from_s >= end_s:
+        raise UsageError(
+            f"--fade-from {show(request.fade_from_s, 's')} ignores all light: the record ends at "
+            f"{show(end_s, 's')}; give an earlier time"
+        )
 
 
 def _voxels(request: Request, capture: Capture, pulse: VirtualPulse) -> VoxelGrid:
@@ -368,6 +458,28 @@ def _check_relight(request: Request) -> None:
         "--device": request.device != "cpu",
     }
     _refuse("a point is relit as the scan was recorded, so that", others, "leave it out")
+
+
+def check_elsewhere(request: Request) -> None:
+    """Refuse what is not computed in parts.
+
+    Raises
+    ------
+    UsageError
+        If so.
+    """
+    if entry_of(request.solver).way is None:
+        able = " or ".join(name for name, entry in SOLVERS.items() if entry.way)
+        raise UsageError(
+            f"solver {name_of(request.solver)} images as a whole, on one computer; use {able}, or leave "
+            "--cluster out"
+        )
+    if request.relight_m is not None:
+        raise UsageError("a point is relit on one computer; leave --cluster out")
+    if CAMERAS[request.camera].film or request.each_frame:
+        raise UsageError(
+            "a film is computed on one computer; leave --cluster out, or image without a time axis"
+        )
 
 
 def _check_each_frame(request: Request) -> None:
@@ -468,9 +580,10 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
         camera=camera,
         window=work.window,
         progress=progress,
-        memory_bytes=_memory_bytes(work),
+        memory_bytes=None if work.by else _memory_bytes(work),
         device=request.device,
         taking=_spectra(work),
+        by=work.by,
     )
 
 

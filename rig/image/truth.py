@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
 from rig.bench.simulated import hidden_scene, mesh_is_as_it_was, mesh_triangles_m, scene_depth
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, UsageError, no_file
 from rig.files import ScanFile, read_volume
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
@@ -47,9 +47,7 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
         return scene_depth(source.removeprefix("scene:"), x_m, y_m)
     path = Path(source)
     if not path.is_file():
-        raise DataFileError(
-            f"{path} does not exist, or is no file; a truth is a file, or scene:NAME for a simulated scene"
-        )
+        raise DataFileError(no_file(path, "a truth is a file, or scene:NAME for a simulated scene"))
     if _is_mesh(source):
         return surface_of_mesh(mesh_triangles_m(path), x_m, y_m)
     if path.suffix.lower() == ".npz":

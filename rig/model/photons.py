@@ -6,8 +6,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.sorting import count_photons
-
 
 @dataclass(frozen=True)
 class TaggedExposure:
@@ -44,6 +42,8 @@ class TaggedExposure:
     @cached_property
     def counts(self) -> NDArray[np.uint32]:
         """(channels, bins) photons a bin; made when it is first asked for."""
+        from rig.model.sorting import count_photons  # compiled code, for which readers of files do not wait
+
         return count_photons(self.photon_bins, self.of_channel, self.bins)
 
 

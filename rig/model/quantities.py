@@ -173,6 +173,14 @@ def show_length(value_m: float, digits: int = 3) -> str:
     raise AssertionError("unreachable")
 
 
+def show_bytes(count: float) -> str:
+    """Write a number of bytes in the unit that suits it, e.g. ``15.4 MB`` or ``812 kB``."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= 0.9995 * size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count:.0f} bytes"
+
+
 def show_duration(duration_s: float) -> str:
     """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``."""
     if duration_s < 60:
@@ -195,7 +203,7 @@ def _reader(kind: str) -> BeforeValidator:
                 return parse(value, kind)
             except UsageError as error:
                 raise ValueError(str(error)) from None
-        if isinstance(value, bool | int | float):
+        if isinstance(value, int | float) and isfinite(value) and not isinstance(value, bool):
             raise ValueError(f'a {kind} needs a unit: write it as text, e.g. "{value}{example_unit(kind)}"')
         raise ValueError(f'a {kind} is written as text with a unit, e.g. "{KINDS[kind][1]}"')
 

@@ -68,6 +68,7 @@ _BASE: dict[str, list[str]] = {
     "scan": ["--dry-run", "--grid", "4x3", "--spacing", "10cm"],
     "resume": ["small.h5"],
     "recon": ["small.h5", "--voxel", "10cm", "--depth", "0.5m:1m:10cm", "--out", "v.h5", "--image", "p.png"],
+    "batch": ["nothing.toml"],
     "measure": ["volume.h5"],
     "compare": ["nothing.h5"],
     "stats": ["small.h5"],

@@ -15,6 +15,7 @@ COMMANDS = [
     ("scan", "--out", "a.h5", *FEW),
     ("scan", "--dry-run", *FEW),
     ("scan", "--preset", "list"),
+    ("version",),
     ("recon", "a.h5"),
     ("info", "a.h5"),
     ("info", "a-volume.h5"),

@@ -28,7 +28,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
-from recon.solvers.problem import ImagingProblem, Need, part_of
+from recon.solvers.problem import ImagingProblem, Need, Way, part_of
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd import regular as rsd_regular
 from recon.solvers.rsd import tabulated
@@ -113,7 +113,7 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     # The lattice over all positions is as large as that of any group.
     x, y = lattice(capture.laser_m, round_trip_factor, part.band, planes)
     need = rsd_regular.needs(problem, part, x, y, round_trip_factor)
-    taps = 2 * taps_half_width(x.pitch_m * round_trip_factor * part.band.last_rad_per_s / C_M_PER_S / pi)
+    taps = 2 * taps_half_width(x.pitch_m * round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S / pi)
     spreading = (TAP_BYTES * taps + 8) * capture.positions
     spread_bytes = 8 * x.count * y.count + 8 * capture.positions
     return Need(need.fixed + spreading, need.least + need.together * spread_bytes, need.together)
@@ -168,14 +168,20 @@ def quicker_on_lattice(
         return False
     if _too_near(groups[0], band, grid) and not all(_on_a_lattice(group, laser_m) for group in groups):
         return False
+    return _lattice_ns(groups, laser_m, band, grid) < _other_ns(len(laser_m), band, grid, frames)
+
+
+def _lattice_ns(
+    groups: Sequence[PlanarGroup], laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid
+) -> float:
+    """Return the time that lattices take [ns]; positions are spread, or a regular grid is one as it is."""
     if len(groups) > 1 and together(laser_m, groups):
-        work_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
+        each_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
     else:
-        work_ns = LATTICE_NS * sum(
+        each_ns = LATTICE_NS * sum(
             _points(group, laser_m, band, grid) / group.round_trip_factor for group in groups
         )
-    other_ns = LOOKUP_NS if frames == 1 else TERM_NS * len(band)
-    return work_ns * len(grid.z_m) * len(band) < other_ns * len(laser_m) * grid.size
+    return each_ns * len(grid.z_m) * len(band)
 
 
 def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid) -> int:
@@ -185,8 +191,25 @@ def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: 
         x, y = aperture.x, aperture.y
     except GeometryError:
         x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
-    wavenumber = group.round_trip_factor * band.last_rad_per_s / C_M_PER_S
+    wavenumber = group.round_trip_factor * band.finest_rad_per_s / C_M_PER_S
     return plan_axis(y, grid.y_m, wavenumber).length * plan_axis(x, grid.x_m, wavenumber).length
+
+
+def _other_ns(positions: int, band: Band, grid: VoxelGrid, frames: int) -> float:
+    """Return the time that tables take, or, of many frames, the sum term by term [ns]."""
+    return (LOOKUP_NS if frames == 1 else TERM_NS * len(band)) * positions * grid.size
+
+
+def way(problem: ImagingProblem, part: DepthBlock) -> Way:
+    """Return how a depth block is imaged, as `focus_block` goes, and what that takes."""
+    laser_m = problem.capture.laser_m
+    groups = planar_groups(problem.capture)
+    planes = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes])
+    if not _by_fft(problem, part.band, planes, groups):
+        count_ns = _other_ns(len(laser_m), part.band, planes, problem.frames)
+        return Way(1e-9 * count_ns, False, ())
+    count_ns = _lattice_ns(groups, laser_m, part.band, planes)
+    return Way(1e-9 * count_ns, True, tuple(group.records for group in groups))
 
 
 def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:
@@ -208,7 +231,7 @@ def lattice(
     laser_m: NDArray[np.float64], round_trip_factor: int, band: Band, grid: VoxelGrid
 ) -> tuple[LatticeAxis, LatticeAxis]:
     """Choose the axes x and y of the lattice that scattered positions are spread over."""
-    wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * band.finest_rad_per_s / C_M_PER_S
     return (
         lattice_axis(laser_m[:, 0], grid.x_m, wavenumber),
         lattice_axis(laser_m[:, 1], grid.y_m, wavenumber),
@@ -227,7 +250,7 @@ def _put(
     except GeometryError:
         x, y = lattice(laser_m, group.round_trip_factor, problem.band, problem.grid)
         return spread(
-            laser_m, emitted, x, y, group.round_trip_factor * problem.band.last_rad_per_s / C_M_PER_S
+            laser_m, emitted, x, y, group.round_trip_factor * problem.band.finest_rad_per_s / C_M_PER_S
         )
 
 
@@ -297,6 +320,7 @@ def _propagation(
         _from(group, problem.grid),
         group.round_trip_factor,
         problem.wall_bytes,
+        threads=problem.threads,
     )
     return lambda z_m, times_s, reference: through.focus(
         z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m), reference

@@ -109,6 +109,8 @@ class LatticePropagator(Propagator):
         As of `ImagingProblem`.
     kernels
         Where the wave's transforms are kept for later images; None keeps none.
+    threads
+        How many transform the wall; None takes one for each core.
     """
 
     def __init__(
@@ -120,6 +122,7 @@ class LatticePropagator(Propagator):
         round_trip_factor: int,
         wall_bytes: int = ImagingProblem.wall_bytes,
         kernels: Kernels | None = None,
+        threads: int | None = None,
     ) -> None:
         self.band = band
         self._kernels = kernels
@@ -132,8 +135,8 @@ class LatticePropagator(Propagator):
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
         self._threads = local()
-        with ThreadPoolExecutor(cpu_count() or 1) as threads:
-            for index, wall in enumerate(threads.map(self._transform, range(len(self._walls)))):
+        with ThreadPoolExecutor(threads or cpu_count() or 1) as pool:
+            for index, wall in enumerate(pool.map(self._transform, range(len(self._walls)))):
                 self._walls[index] = wall
 
     def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
@@ -335,7 +338,7 @@ class LatticePropagator(Propagator):
         self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
     ) -> float:
         """Return the highest spatial frequency of the field along an axis [rad/m]."""
-        return self._round_trip_factor * self.band.last_rad_per_s / C_M_PER_S
+        return self._round_trip_factor * self.band.finest_rad_per_s / C_M_PER_S
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
@@ -401,14 +404,14 @@ def needs(
 ) -> Need:
     """Return the memory that imaging a depth block from a lattice takes."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
-    wavenumber = round_trip_factor * part.band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)
     thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
     thread += 8 * along_y.folded * along_x.folded + 64 * len(grid.y_m) * len(grid.x_m)
     # One wall field is put on its lattice at a time, in two steps where it is spread.
-    fixed, wall = (cpu_count() or 1) * thread + 16 * points, 8 * points
+    fixed, wall = problem.threads * thread + 16 * points, 8 * points
     if problem.frames == 1:
         return Need(24 * grid.size + fixed, wall, 1)
     return Need(fixed, min(many * wall, problem.wall_bytes), many)

@@ -121,6 +121,8 @@ def _all_of(table: Table, path: Path, within: Place = ()) -> dict[Place, Path]:
 def _table(path: Path, below: tuple[Path, ...]) -> Table:
     """Read a TOML file; raises as `read`."""
     try:
+        if path.is_fifo():
+            raise ConfigError(f"{path}: is a pipe, read once alone; write the configuration to a file")
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         text = content.decode("utf-8-sig")  # editors on Windows put a mark before the text
@@ -134,9 +136,11 @@ def _table(path: Path, below: tuple[Path, ...]) -> Table:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}). {remedy}") from None
     except RecursionError:
         raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
-    except (
-        ValueError
-    ) as error:  # also bytes that are no text, a path with NUL, numbers of thousands of digits
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path}: is not text in UTF-8 (its byte {error.start} is none); save it as UTF-8"
+        ) from None
+    except ValueError as error:  # also a path with NUL, numbers of thousands of digits
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
 
 

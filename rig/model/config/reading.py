@@ -16,6 +16,7 @@ from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.rig import RigConfig
 from rig.model.config.simulation import MotionConfig, SimulationConfig
 from rig.model.presets import Table, merged
+from rig.model.problems import in_words
 from rig.model.quantities import FROM_RECORD
 
 #: Wrong keys that are told at once.
@@ -132,7 +133,7 @@ def _explain(problem: ErrorDetails) -> str:
             )
         near = get_close_matches(str(place[-1]), _known_keys(place[:-1]), n=1)
         return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
-    message = problem["msg"].removeprefix("Value error, ")
+    message = in_words(problem)
     return f"{where}: {message}" if where else message
 
 
