@@ -94,8 +94,10 @@ class Head:
             array = np.atleast_1d(np.asarray(value, float))
         except (TypeError, ValueError):
             array = np.array([np.nan])
-        if value is None or not np.isfinite(array).all():
-            raise DataFileError(f"{self.path}: the tag {name} of its head is missing, or holds no numbers")
+        if value is None or array.ndim > 1 or not np.isfinite(array).all():
+            raise DataFileError(
+                f"{self.path}: the tag {name} of its head is missing, or is no list of numbers"
+            )
         return array
 
 

@@ -18,6 +18,9 @@ from rig.files.check import check_format, check_layout, open_hdf5, plain, readin
 from rig.files.layout import VOLUME, VOLUME_VERSION
 from rig.files.start import describe, storable, write_root
 
+#: Steps of an axis that are smaller than its values by this are lost in rounding (2e-16 of a value).
+FINEST_STEP = 1e12
+
 
 @dataclass(frozen=True)
 class Volume:
@@ -219,7 +222,7 @@ def read_volume(path: str | Path) -> Volume:
             scan_digest=plain(file.attrs.get("scan_digest", "")),
             command=str(plain(file.attrs.get("command", ""))),
         )
-    if problem := volume.problem() or _uneven(volume):
+    if problem := volume.problem() or _uneven(volume) or _no_intensity(volume):
         raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
     return volume
 
@@ -232,7 +235,14 @@ def _uneven(volume: Volume) -> str:
     for name, values in axes.items():
         if not values.size or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
             return f"{name} is empty, or its values are no finite numbers that rise"
+        if len(values) > 1 and np.abs(values).max() > FINEST_STEP * np.diff(values).min():
+            return f"{name} has a step of {np.diff(values).min():g}, which is nothing beside its values"
     return ""
+
+
+def _no_intensity(volume: Volume) -> str:
+    """Return why values cannot be intensities, empty if they can."""
+    return "" if np.isfinite(volume.intensity).all() else "intensity has values that are no finite numbers"
 
 
 def _maybe(group: h5py.Group, name: str) -> NDArray[np.float32] | None:
