@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -141,9 +142,16 @@ class Transform:
                 self.spectra[number][:, wanted] += sums.view(self._dtype).T * phases
 
     def _phases(self, family: "_Family", begins_s: NDArray[np.float64]) -> NDArray[np.complexfloating]:
-        """(F, positions) what the time of the first bin does to a sum."""
-        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, begins_s))
-        return phases.astype(self._dtype)
+        """(F, positions) what the time of the first bin does to a sum.
+
+        The factors of every few frequencies, times those of the few steps between them: exponentials are slow.
+        """
+        band = family.band
+        few = ceil(sqrt(len(band)))
+        steps_rad_per_s = band.step_rad_per_s * np.arange(few)
+        coarse = np.exp(-1j * np.multiply.outer(band.first_rad_per_s + few * steps_rad_per_s, begins_s))
+        fine = np.exp(-1j * np.multiply.outer(steps_rad_per_s, begins_s))
+        return (coarse[:, None] * fine).reshape(few * few, -1)[: len(band)].astype(self._dtype)
 
 
 @dataclass(frozen=True)

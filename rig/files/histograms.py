@@ -64,7 +64,8 @@ class DenseHistograms:
         for run in np.split(steps, np.flatnonzero(np.diff(steps // chunk) > 1) + 1):
             start = run[0] // chunk * chunk
             with reading(self._path):
-                counts = read(self._counts, slice(int(start), int(run[-1]) + 1))[..., bins]
+                channels = (slice(None),) * (self._counts.ndim - 2)
+                counts = read(self._counts, slice(int(start), int(run[-1]) + 1), *channels, bins)
             parts.append(counts if len(counts) == len(run) else counts[run - start])
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 

@@ -86,24 +86,23 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
     height, width = wall.shape
     high, wide = out.shape
     half = width // 2
+    line = np.empty(width, np.complex64)  # the kernel's row as a whole: so the compiler vectorises products
     for folded in range(high):
         target = out[folded]
         for j in range(folded, height, high):
             re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
+            for i in range(half + 1):
+                line[i] = complex(re[i], im[i])
+            for i in range(1, half):
+                line[width - i] = line[i]
             for start in range(0, width, wide):
-                source, turn = wall[j, start : start + wide], width - start
-                forward = min(max(half + 1 - start, 0), wide)
-                # Written out four times: so the compiler vectorises each.
+                source, factors = wall[j, start : start + wide], line[start : start + wide]
                 if add or j > folded or start > 0:
-                    for i in range(forward):
-                        target[i] += source[i] * complex(re[start + i], im[start + i])
-                    for i in range(forward, wide):
-                        target[i] += source[i] * complex(re[turn - i], im[turn - i])
+                    for i in range(wide):
+                        target[i] += source[i] * factors[i]
                 else:
-                    for i in range(forward):
-                        target[i] = source[i] * complex(re[start + i], im[start + i])
-                    for i in range(forward, wide):
-                        target[i] = source[i] * complex(re[turn - i], im[turn - i])
+                    for i in range(wide):
+                        target[i] = source[i] * factors[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)

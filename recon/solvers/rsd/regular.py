@@ -24,7 +24,7 @@ voxels of a plane are read at one moment, as in confocal data, the sum is taken 
 0.5 FFTs remain. Planes are shared out to threads; each thread's working set stays within its cache.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 from threading import Lock, local
@@ -129,11 +129,10 @@ class LatticePropagator(Propagator):
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
-        self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
         self._threads = local()
         with ThreadPoolExecutor(cpu_count() or 1) as threads:
-            for index, wall in enumerate(threads.map(self._transform, range(len(self._walls)))):
-                self._walls[index] = wall
+            walls = list(threads.map(self._transform, range(min(kept, len(band)))))
+        self._walls: Sequence[NDArray[np.complex64]] | NDArray[np.complex64] = walls
 
     def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return the wall's transforms of what lattice points emit, for `show`.
