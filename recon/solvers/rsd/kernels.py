@@ -120,28 +120,39 @@ def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def _along(row: C64, first: INT, weights: F32, line: C64) -> C64:
+    """Interpolate a row at the voxels, into `line`; where they are its points in turn, return these."""
+    if weights.shape[1] == 1 and first[-1] - first[0] + 1 == len(first):
+        return row[first[0] : first[-1] + 1]
+    for i in range(len(first)):
+        field = weights[i, 0] * row[first[i]]
+        for t in range(1, weights.shape[1]):
+            field += weights[i, t] * row[first[i] + t]
+        line[i] = field
+    return line
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
     """Take Horner's step, total <- total * step + field, the field interpolated along the rows."""
+    line = np.empty(len(first), np.complex64)
     for j in range(total.shape[0]):
-        if weights.shape[1] == 1:
-            sums, turns, fields = total[j], step[j], rows[j]
-            for i in range(len(sums)):
-                sums[i] = sums[i] * turns[i] + fields[first[i]]
-        else:
-            for i in range(total.shape[1]):
-                field = weights[i, 0] * rows[j, first[i]]
-                for t in range(1, weights.shape[1]):
-                    field += weights[i, t] * rows[j, first[i] + t]
-                total[j, i] = total[j, i] * step[j, i] + field
+        fields, sums, turns = _along(rows[j], first, weights, line), total[j], step[j]
+        for i in range(len(sums)):
+            sums[i] = sums[i] * turns[i] + fields[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
 def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
     """Take the derivative's step, slope <- (slope + total) * step, and then that of `add_field`."""
+    line = np.empty(len(first), np.complex64)
     for j in range(total.shape[0]):
-        for i in range(total.shape[1]):
-            slope[j, i] = (slope[j, i] + total[j, i]) * step[j, i]
-    add_field(total, step, rows, first, weights)
+        fields, sums, turns = _along(rows[j], first, weights, line), total[j], step[j]
+        slopes = slope[j]
+        for i in range(len(sums)):
+            before = sums[i]
+            slopes[i] = (slopes[i] + before) * turns[i]
+            sums[i] = before * turns[i] + fields[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -304,8 +304,12 @@ class LatticePropagator(Propagator):
     def _rows(self, work: Workspace) -> NDArray[np.complex64]:
         """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
         c2c(work.spectrum, axes=(0,), forward=False, out=work.spectrum, nthreads=1)
-        kernels.read_rows(work.spectrum, self._y.first, self._y.weights, work.rows)
-        return c2c(work.rows, axes=(1,), forward=False, out=work.rows, nthreads=1)
+        rows = work.rows
+        if self._y.in_turn:
+            rows = work.spectrum[: len(rows)]
+        else:
+            kernels.read_rows(work.spectrum, self._y.first, self._y.weights, rows)
+        return c2c(rows, axes=(1,), forward=False, out=rows, nthreads=1)
 
     def _workspace(self) -> Workspace:
         """Return the calling thread's arrays."""
