@@ -6,6 +6,7 @@ of the first bin, which may differ between positions, is a phase on its result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -24,6 +25,9 @@ Spectra = Callable[
     [Capture, Sequence[DepthBlock], Window, Callable[[float], None] | None, DTypeLike],
     list[NDArray[np.complexfloating]],
 ]
+
+#: Positions and their counts.
+Block = tuple[slice, NDArray]
 
 
 def spectra(
@@ -56,11 +60,20 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    for positions, counts in capture.histograms.blocks(transform.bins):
+    for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
         transform.add(positions, counts)
         if progress:
             progress(positions.stop / capture.positions)
     return transform.spectra
+
+
+def ahead(blocks: Iterator[Block]) -> Iterator[Block]:
+    """Yield the same, each read in a thread while the one before is worked at."""
+    with ThreadPoolExecutor(1) as thread:
+        following = thread.submit(next, blocks, None)
+        while (block := following.result()) is not None:
+            following = thread.submit(next, blocks, None)
+            yield block
 
 
 class Transform:
