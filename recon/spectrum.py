@@ -157,7 +157,7 @@ class Transform:
     def _phases(self, family: "_Family", begins_s: NDArray[np.float64]) -> NDArray[np.complexfloating]:
         """(F, positions) what the time of the first bin does to a sum.
 
-        The factors of every few frequencies, times those of the few steps between them: exponentials are slow.
+        Exponentials are slow: those of every few frequencies are multiplied by those of the steps between.
         """
         band = family.band
         few = ceil(sqrt(len(band)))
