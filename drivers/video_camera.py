@@ -98,6 +98,6 @@ def _video_capture(where: int | str) -> Any:
             f"camera {where}",
             "be opened",
             "OpenCV is missing",
-            "Install it: pip install 'nlos-rig[cameras]'.",
+            "Install it: pip install opencv-python-headless.",
         ) from None
     return cv2.VideoCapture(where)

@@ -55,6 +55,23 @@ class ArrayHistograms:
 
 
 @dataclass(frozen=True)
+class UnreadHistograms:
+    """Histograms that are elsewhere: of a part of an image whose spectra are given.
+
+    Attributes
+    ----------
+    shape
+        Number of positions and number of bins.
+    """
+
+    shape: tuple[int, int]
+
+    def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
+        """Raise `ValueError`: there is nothing to read."""
+        raise ValueError("these histograms are not here; give their spectra")
+
+
+@dataclass(frozen=True)
 class Capture:
     """A scan in rectified time: t = 0 when the pulse is on the wall, and only wall, object, wall remains.
 
@@ -74,6 +91,22 @@ class Capture:
         (P, 3) laser spots x_p on the wall.
     detector_m
         (1, 3) one detector spot x_c, or (P, 3) one for each position.
+
+    Examples
+    --------
+    Two positions, 30 cm apart, seen at the middle of the wall; 500 bins of 20 ps that begin with the pulse
+    on the wall:
+
+    >>> import numpy as np, recon
+    >>> capture = recon.Capture(
+    ...     histograms=recon.ArrayHistograms(np.zeros((2, 500), np.uint32)),
+    ...     bin_width_s=20e-12,
+    ...     first_bin_s=np.zeros(1),
+    ...     laser_m=np.array([[-0.15, 0.0, 0.0], [0.15, 0.0, 0.0]]),
+    ...     detector_m=np.zeros((1, 3)),
+    ... )
+    >>> capture.positions, capture.bins, capture.confocal
+    (2, 500, False)
     """
 
     histograms: Histograms

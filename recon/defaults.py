@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil, floor, log10, pi
+from math import ceil, floor, inf, log10, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
-from recon.errors import GeometryError
+from recon.errors import GeometryError, ReachError
 from recon.grid import VoxelGrid
 from recon.sampling import path_limits_m
 from recon.wave import ContinuousWave, Light, VirtualPulse
@@ -191,7 +191,14 @@ def voxels(
         Planes are half a wavelength apart by default.
     width_m, height_m, voxel_m, depth_m
         As in `VoxelGrid.from_spec`; None chooses.
+
+    Raises
+    ------
+    ReachError
+        If depths go on to where all light comes after the record's end, twice as far as its last light.
     """
+    if depth_m is not None:
+        _check_reach(capture, *depth_m[:2])
     low, high = extent(capture)
     pitch_m = spacing_m(capture)
     voxel_m = _on_the_lattice_m(capture, pitch_m) if voxel_m is None else voxel_m
@@ -209,6 +216,18 @@ def voxels(
     except GeometryError:
         return grid
     return VoxelGrid(_snapped(grid.x_m, aperture.x), _snapped(grid.y_m, aperture.y), grid.z_m)
+
+
+def _check_reach(capture: Capture, near_m: float, far_m: float) -> None:
+    """Refuse depths far beyond the record: light of a depth z takes 2 z / c at least."""
+    end_m = C_M_PER_S * (float(capture.first_bin_s.max()) + capture.bins * capture.bin_width_s)
+    if near_m < end_m / 2 and end_m < far_m < inf:  # where all is beyond, imaging itself refuses
+        raise ReachError(
+            "volume",
+            f"depths to {far_m:g} m",
+            f"the last light of the record comes from {end_m / 2:.3g} m",
+            f"End --depth there: FROM:{floor(end_m / 2 * 100) / 100:g}m:STEP.",
+        )
 
 
 def _on_the_lattice_m(capture: Capture, spacing_m: float) -> float:

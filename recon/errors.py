@@ -30,6 +30,10 @@ class ReconError(Exception):
         self.found = found
         self.remedy = remedy
 
+    def __reduce__(self) -> tuple[type, tuple[str, str, str, str]]:
+        """Let it pass between processes."""
+        return type(self), (self.thing, self.asked, self.found, self.remedy)
+
 
 class GeometryError(ReconError):
     """Raised when a solver cannot image the positions of a capture."""

@@ -50,7 +50,7 @@ class Cells:
     def of(cls, capture: Capture, side_m: float) -> "Cells":
         """Put the positions of a capture together in squares, those of each detector spot apart."""
         low_m, high_m = capture.laser_m.min(axis=0), capture.laser_m.max(axis=0)
-        count = np.maximum(1, np.rint((high_m - low_m) / side_m + 0.5)).astype(np.int64)
+        count = np.floor((high_m - low_m) / side_m + 1 + 1e-6).astype(np.int64)
         start_m = (low_m + high_m - count * side_m) / 2  # the same rest on either side
         place = np.clip(np.floor((capture.laser_m - start_m) / side_m + 1e-6), 0, count - 1).astype(np.int64)
         spots_m, spot = np.unique(capture.detector_m, axis=0, return_inverse=True)

@@ -60,13 +60,21 @@ class VoxelGrid:
             If a size or a step is not positive, or depths run backwards.
         MemoryBoundError
             If there are more voxels than this computer holds, or than make sense; nothing is allocated.
+
+        Examples
+        --------
+        >>> import recon
+        >>> grid = recon.VoxelGrid.from_spec(1.8, 1.3, 0.1, depth_m=(0.5, 3.0, 0.02))
+        >>> grid.shape, round(float(grid.x_m[0]), 3), float(grid.z_m[0])
+        ((126, 13, 18), -0.85, 0.5)
         """
         near, far, step = depth_m
         numbers = (width_m, height_m, voxel_m, *depth_m)
         if not (all(map(isfinite, numbers)) and min(width_m, height_m, voxel_m, step) > 0 and far >= near):
             raise ParameterError(
                 "volume",
-                f"{width_m} m x {height_m} m of {voxel_m} m voxels, depths {near} m to {far} m by {step} m",
+                f"{width_m:g} m x {height_m:g} m of {voxel_m:g} m voxels, depths {near:g} m to {far:g} m by "
+                f"{step:g} m",
                 "sizes and steps must be finite and positive, and depths ascend",
                 "Write depths as near:far:step.",
             )
@@ -111,12 +119,17 @@ def _centred(extent_m: float, pitch_m: float) -> NDArray[np.float64]:
     return (np.arange(count, dtype=np.float64) - (count - 1) / 2) * pitch_m
 
 
+def _whole(count: float) -> str:
+    """Return a count that was estimated as a whole number; long ones in short."""
+    return f"{np.ceil(count * (1 - 1e-9)):.6g}"
+
+
 def _check_size(width_m: float, height_m: float, voxel_m: float, depth_m: tuple[float, float, float]) -> None:
     """Refuse more voxels than the computer holds, before there is one; say the least change that fits."""
     near, far, step = depth_m
     across = [_cells(width_m, voxel_m), _cells(height_m, voxel_m)]
     planes = _cells(far - near, step) + 1
-    room = _memory_bytes() / BYTES_PER_VOXEL
+    room = memory_bytes() / BYTES_PER_VOXEL
     if (
         max(across) <= MOST_ALONG_AXIS
         and planes <= MOST_ALONG_AXIS
@@ -126,7 +139,7 @@ def _check_size(width_m: float, height_m: float, voxel_m: float, depth_m: tuple[
     least = _least_change(width_m, height_m, voxel_m, depth_m, room)
     raise MemoryBoundError(
         "volume",
-        f"{across[0]:.6g} x {across[1]:.6g} voxels in {planes:.6g} planes",
+        f"{_whole(across[0])} x {_whole(across[1])} voxels in {_whole(planes)} planes",
         f"this computer holds {room:.2g} voxels of {BYTES_PER_VOXEL} bytes, and an axis has at most "
         f"{MOST_ALONG_AXIS:,}",
         f"{least} would fit.",
@@ -169,7 +182,7 @@ def _rounded_up(length_m: float) -> str:
     return f"{ceil(length_m / digit_m * (1 - 1e-9)) * digit_m * 1e3:.3g}mm"
 
 
-def _memory_bytes() -> float:
+def memory_bytes() -> float:
     """Return the memory of this computer."""
     if sys.platform != "win32":
         with suppress(OSError, ValueError):  # not every system says

@@ -3,7 +3,7 @@
 The camera says what (`recon.camera`), the solver how (`recon.solvers.problem`); `recon.registry` holds all.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +14,18 @@ from recon.camera import Camera, ConfocalCamera
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import ParameterError, ReachError
 from recon.grid import VoxelGrid
-from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, load, taking
+from recon.registry import BOUNDED, SOLVERS, WAVE_SOLVERS, entry_of, load, name_of
+from recon.registry import taking as solvers_taking
 from recon.result import Image
 from recon.sampling import CONFOCAL, depth_blocks, path_limits_m
 from recon.solvers.problem import ImagingProblem, Solver, ignore
+from recon.spectrum import Spectra, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
 Progress = Callable[[float], None]
+#: Gives the field of each plane of a problem by a solver, as `planes`.
+Planes = Callable[[ImagingProblem, "str | Solver"], Iterator[NDArray[np.complexfloating]]]
 
 
 def image(
@@ -29,13 +33,15 @@ def image(
     pulse: VirtualPulse,
     grid: VoxelGrid,
     *,
-    solver: str = "rsd",
+    solver: str | Solver = "rsd",
     camera: Camera = CONFOCAL,
     window: Window | None = None,
     progress: Progress | None = None,
     memory_bytes: int | None = None,
     device: str = "cpu",
     fft: bool | None = None,
+    taking: Spectra = spectra,
+    by: Planes | None = None,
 ) -> Image:
     """Focus a virtual camera on every voxel.
 
@@ -58,7 +64,9 @@ def image(
         same numbers (`recon.solvers.rsd.dispatch`); "fresnel": by FFT with the paraxial wave, for a regular
         grid of
         positions on the plane z = 0; "direct": term by term in double precision, any positions, very slow;
-        "backprojection": in time, any positions, slow.
+        "backprojection": in time, any positions, slow. Or a function of your own: it takes an
+        `ImagingProblem` and yields U of each plane, (1, y, x) complex, in order of depth
+        (`recon.solvers.problem`); depths are then read off the brightest planes.
     camera
         What to see; one that shows one frame.
     window
@@ -72,6 +80,10 @@ def image(
         "cpu", or "cuda" for the solver rsd on a graphics processor, with positions on a plane.
     fft
         Whether the solver rsd goes by FFT, where positions lie on a plane; None takes what is quicker.
+    taking
+        What takes the spectra of the capture, where they are not those of its histograms.
+    by
+        What computes the planes, as `planes`, in place of this process.
 
     Raises
     ------
@@ -84,6 +96,26 @@ def image(
     ParameterError
         If the volume is not in front of the wall, the solver or the device is unknown or missing, the solver
         cannot serve the camera, the bound or the device, or the camera shows more than one frame.
+
+    Examples
+    --------
+    A point 1 m in front of the middle of a wall of 1 m x 1 m, lit at 11 x 11 spots and seen at one:
+
+    >>> import numpy as np, recon
+    >>> x_m, y_m = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-0.5, 0.5, 11)] * 2))
+    >>> laser_m, point_m = np.stack([x_m, y_m, 0 * x_m], axis=1), np.array([0.0, 0.0, 1.0])
+    >>> path_m = np.linalg.norm(laser_m - point_m, axis=1) + np.linalg.norm([0.5, 0.0, -1.0])
+    >>> counts = np.zeros((121, 600))
+    >>> counts[np.arange(121), (path_m / 299792458.0 / 20e-12).astype(int)] = 100
+    >>> capture = recon.Capture(
+    ...     recon.ArrayHistograms(counts), bin_width_s=20e-12, first_bin_s=np.zeros(1),
+    ...     laser_m=laser_m, detector_m=np.array([[0.5, 0.0, 0.0]]),
+    ... )
+    >>> grid = recon.VoxelGrid.from_spec(1.0, 1.0, 0.1, (0.8, 1.2, 0.05))
+    >>> found = recon.image(capture, recon.VirtualPulse(wavelength_m=0.2), grid)
+    >>> z, y, x = np.unravel_index(found.intensity.argmax(), grid.shape)
+    >>> bool(abs(grid.x_m[x]) < 0.1 and abs(grid.y_m[y]) < 0.1 and abs(grid.z_m[z] - 1) < 0.06)
+    True
     """
     window = window or Window()
     _known(solver)
@@ -92,26 +124,46 @@ def image(
         plan(capture, pulse, grid, camera, window, progress),
         device=device,
         fft=fft,
-        slopes=isinstance(camera, ConfocalCamera),
+        spectra=taking,
+        slopes=isinstance(camera, ConfocalCamera) and not callable(solver),
     )
     if problem.frames != 1:
         raise ParameterError(
             f"{camera.name} camera", "an image", f"it shows {problem.frames} frames", "Ask for a video."
         )
-    return focused(bounded(problem, solver, memory_bytes), solver, pulse)
+    return focused(bounded(problem, solver, memory_bytes), solver, pulse, by)
 
 
-def focused(problem: ImagingProblem, solver: str, pulse: VirtualPulse) -> Image:
-    """Image a problem of one moment; raises as `image`."""
+def focused(
+    problem: ImagingProblem, solver: str | Solver, pulse: VirtualPulse, by: Planes | None = None
+) -> Image:
+    """Image a problem of one moment; `by` and what is raised are as of `image`."""
+    return pictured(problem, (by or planes)(problem, solver), solver, pulse)
+
+
+def pictured(
+    problem: ImagingProblem,
+    focused_planes: Iterable[NDArray[np.complexfloating]],
+    solver: str | Solver,
+    pulse: VirtualPulse,
+) -> Image:
+    """Put the planes of a problem of one moment, in order of depth, together to an image."""
     shape = problem.grid.shape
     field = np.empty(shape, np.complex64)
     late_s = np.empty(shape, np.float32) if problem.slopes else None
-    for index, plane in enumerate(planes(problem, solver)):
+    for index, plane in enumerate(focused_planes):
+        if plane.shape[1:] != shape[1:]:
+            raise ParameterError(
+                f"solver {name_of(solver)}",
+                f"planes of {shape[1:]} voxels",
+                f"plane {index} has the shape {plane.shape}",
+                "Yield (1, y, x) for each plane of the grid.",
+            )
         field[index] = plane[0]
         if late_s is not None:
             late_s[index] = lateness_s(plane[0], plane[1], pulse)
     window, camera, blocks = problem.window, problem.camera, problem.depth_blocks
-    return Image(problem.grid, field, solver, window, camera, pulse, blocks, late_s=late_s)
+    return Image(problem.grid, field, name_of(solver), window, camera, pulse, blocks, late_s=late_s)
 
 
 def lateness_s(
@@ -151,22 +203,24 @@ def plan(
     return ImagingProblem(capture, grid, camera, light, parts, window, progress or ignore)
 
 
-def planes(problem: ImagingProblem, solver: str) -> Iterator[NDArray[np.complexfloating]]:
+def planes(problem: ImagingProblem, solver: str | Solver) -> Iterator[NDArray[np.complexfloating]]:
     """Yield the field U(v, t) of each plane in order of depth, (T, y, x) complex; raises as `image`."""
+    if callable(solver):
+        return solver(problem)
     _known(solver)
     focus: Solver = load(SOLVERS[solver].place)
     return focus(problem)
 
 
-def bounded(problem: ImagingProblem, solver: str, memory_bytes: int | None) -> ImagingProblem:
+def bounded(problem: ImagingProblem, solver: str | Solver, memory_bytes: int | None) -> ImagingProblem:
     """Cut a problem so that it keeps to a bound on memory, if there is one; raises as `image`."""
     _known(solver)
     if memory_bytes is None:
         return problem
-    needs = SOLVERS[solver].needs
+    needs = entry_of(solver).needs
     if needs is None:
         raise ParameterError(
-            f"solver {solver}",
+            f"solver {name_of(solver)}",
             f"at most {memory_bytes / 1e6:.0f} MB of memory",
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
@@ -174,19 +228,19 @@ def bounded(problem: ImagingProblem, solver: str, memory_bytes: int | None) -> I
     return memory.cut(problem, load(needs), memory_bytes)
 
 
-def check_device(solver: str, device: str) -> None:
+def check_device(solver: str | Solver, device: str) -> None:
     """Raise `recon.errors.ParameterError` if a solver does not compute on a device."""
-    if device != "cpu" and "device" not in SOLVERS[solver].options:
+    if device != "cpu" and "device" not in entry_of(solver).options:
         raise ParameterError(
-            f"solver {solver}",
+            f"solver {name_of(solver)}",
             f"device {device}",
             "it computes on the cpu alone",
-            f"Use {' or '.join(taking('device'))}, or the cpu.",
+            f"Use {' or '.join(solvers_taking('device'))}, or the cpu.",
         )
 
 
-def _known(solver: str) -> None:
-    if solver not in WAVE_SOLVERS:
+def _known(solver: str | Solver) -> None:
+    if not callable(solver) and solver not in WAVE_SOLVERS:
         raise ParameterError(
             "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(WAVE_SOLVERS)}."
         )

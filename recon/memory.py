@@ -23,9 +23,8 @@ of them at once, and fewer threads where memory is short. Spectra and solver sha
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil
-from os import cpu_count
 
 from recon.errors import MemoryBoundError
 from recon.sampling import DepthBlock
@@ -64,17 +63,9 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
         If not even one frequency at a time fits, or one plane of a video; it names the least that is needed.
     """
     capture, grid, parts = problem.capture, problem.grid, problem.depth_blocks
-    needs = [needs_of(problem, part) if part.reached else Need(0, 0, 1) for part in parts]
-    reached = [part for part in parts if part.reached]
-    bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
-    spectrum = (8 if len(capture.first_bin_s) == 1 else 48) * capture.positions + 40 * bins
-    solver, together = max(need.least for need in needs), max(need.together for need in needs)
-    # The Fourier matrix of a frequency is complex128 for a moment, which is in `spectrum`.
-    fixed = SLACK_BYTES + 12 * min(BLOCK_POSITIONS, capture.positions) * bins
-    frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
-    plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
-    fixed += 12 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
-    least = fixed + max(need.fixed for need in needs) + together * spectrum + solver
+    at_least = _at_least(problem, needs_of)
+    needs, spectrum, together, solver = at_least.needs, at_least.spectrum, at_least.together, at_least.solver
+    plane, least, frames = at_least.plane, at_least.together_bytes, problem.frames
     if memory_bytes < least:
         raise MemoryBoundError(
             "memory",
@@ -85,7 +76,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     spare = memory_bytes - least
     threads = 1
     if frames > 1:
-        threads = min(cpu_count() or 1, 1 + spare // (PLANES_PER_THREAD * plane))
+        threads = min(problem.threads, 1 + spare // (PLANES_PER_THREAD * plane))
         spare -= (threads - 1) * PLANES_PER_THREAD * plane
     working = min(WORKING_BYTES, solver + spare // 2)
     at_once = together + (spare - (working - solver)) // spectrum
@@ -112,3 +103,48 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
         working_bytes=working,
         plane_bytes=problem.plane_bytes if frames == 1 else 2 * threads * plane,
     )
+
+
+def least_bytes(problem: ImagingProblem, needs_of: Needs) -> int:
+    """Return the smallest bound that `cut` keeps to."""
+    return _at_least(problem, needs_of).together_bytes
+
+
+@dataclass(frozen=True)
+class _Least:
+    """What a problem takes at the least.
+
+    Attributes
+    ----------
+    needs
+        Of each depth block.
+    together
+        How many frequencies are taken at once.
+    spectrum, solver, plane
+        Bytes of a frequency's spectra, of the solver's work, and of a plane of a video.
+    together_bytes
+        All that is there at once.
+    """
+
+    needs: list[Need]
+    together: int
+    spectrum: int
+    solver: int
+    plane: int
+    together_bytes: int
+
+
+def _at_least(problem: ImagingProblem, needs_of: Needs) -> _Least:
+    capture, grid, parts = problem.capture, problem.grid, problem.depth_blocks
+    needs = [needs_of(problem, part) if part.reached else Need(0, 0, 1) for part in parts]
+    reached = [part for part in parts if part.reached]
+    bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
+    spectrum = (8 if len(capture.first_bin_s) == 1 else 48) * capture.positions + 40 * bins
+    solver, together = max(need.least for need in needs), max(need.together for need in needs)
+    # The Fourier matrix of a frequency is complex128 for a moment, which is in `spectrum`.
+    fixed = SLACK_BYTES + 12 * min(BLOCK_POSITIONS, capture.positions) * bins
+    frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
+    plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
+    fixed += 12 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane
+    least = fixed + max(need.fixed for need in needs) + together * spectrum + solver
+    return _Least(needs, together, spectrum, solver, plane, least)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from recon.capture import C_M_PER_S, Capture, Positions
+from recon.capture import C_M_PER_S, Capture, Positions, UnreadHistograms
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from recon.window import Window
@@ -109,6 +109,31 @@ class Tally:
         begins_s = np.broadcast_to(capture.begins_s(positions), positions.shape)
         weight = weight * self.window.start_weights_at(begins_s + (number + 0.5) * cell_s)
         np.add.at(self.cells, (self.tile[positions], number), weight.astype(np.float32))
+
+    def of(self, positions: slice) -> "Tally":
+        """Return what sums up some positions elsewhere, into the same cells; to be added by `absorb`."""
+        other = self.unread()
+        other.tile, other.cells, other._taken = self.tile[positions], np.zeros_like(self.cells), self._taken
+        return other
+
+    def reading(self, capture: Capture) -> "Tally":
+        """Return it as what reads another capture's histograms, and sums them up."""
+        other = copy(self)
+        other.capture, other._taken = capture, self._taken.copy()
+        other.cells = self.cells.copy()
+        return other
+
+    def unread(self) -> "Tally":
+        """Return it without its histograms."""
+        other = copy(self)
+        other.capture = replace(self.capture, histograms=UnreadHistograms(self.capture.histograms.shape))
+        return other
+
+    def absorb(self, other: "Tally") -> None:
+        """Add what was summed up elsewhere."""
+        self.cells += other.cells
+        self.whole &= other.whole
+        self._taken = self._taken | other._taken
 
     def weighted(self, weights: NDArray[np.floating]) -> "Tally":
         """Return the tally of positions that are multiplied by (P,) weights, their variance by squares."""

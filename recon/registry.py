@@ -4,10 +4,12 @@ What computes is named by its place and imported when it is used, so that a comm
 without loading any library. A new solver is its file and an entry here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
+
+from recon.errors import ParameterError
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,9 @@ class SolverEntry:
     needs
         ``module:function`` of its memory, (problem, part of the depth) to `Need`; None if it keeps to no
         bound.
+    way
+        ``module:function`` of how it images a depth block, (problem, part of the depth) to `Way`; None if its
+        images are not cut into parts.
     warnings
         ``module:function`` of what may spoil its image, (capture, wavelength, voxels) to sentences.
     confocal_grid
@@ -65,6 +70,7 @@ class SolverEntry:
     refuses: Mapping[str, str] = field(default_factory=dict)
     options: frozenset[str] = frozenset()
     needs: str | None = None
+    way: str | None = None
     warnings: str | None = None
     confocal_grid: bool = False
     falloff_power: float = 4.0
@@ -94,6 +100,7 @@ SOLVERS: dict[str, SolverEntry] = {
         "any",
         options=frozenset({"device"}),
         needs="recon.solvers.rsd.dispatch:needs",
+        way="recon.solvers.rsd.dispatch:way",
     ),
     "fresnel": SolverEntry(
         "recon.solvers.fresnel:focus",
@@ -101,6 +108,7 @@ SOLVERS: dict[str, SolverEntry] = {
         "by FFT, paraxial wave",
         "even grid on z = 0; one detector spot, or confocal data",
         needs="recon.solvers.fresnel:needs",
+        way="recon.solvers.fresnel:way",
         warnings="recon.solvers.fresnel:warnings",
     ),
     "direct": SolverEntry(
@@ -168,6 +176,28 @@ WAVE_SOLVERS = tuple(name for name, entry in SOLVERS.items() if entry.virtual_wa
 CLASSIC_SOLVERS = tuple(name for name, entry in SOLVERS.items() if not entry.virtual_wave)
 #: Those that can keep to a bound on memory.
 BOUNDED = tuple(name for name, entry in SOLVERS.items() if entry.needs)
+
+
+def name_of(solver: str | Callable[..., Any]) -> str:
+    """Return what a solver is called, one of the program's or a function of a person's own."""
+    return getattr(solver, "__name__", type(solver).__name__) if callable(solver) else solver
+
+
+def entry_of(solver: str | Callable[..., Any]) -> SolverEntry:
+    """Return the entry of a solver; a function of a person's own forms a virtual wave, and takes no options.
+
+    Raises
+    ------
+    recon.errors.ParameterError
+        If there is none of this name.
+    """
+    if callable(solver):
+        return SolverEntry("", "of your own", "as you wrote it", "any")
+    if solver not in SOLVERS:
+        raise ParameterError(
+            "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."
+        )
+    return SOLVERS[solver]
 
 
 def taking(option: str) -> tuple[str, ...]:

@@ -56,6 +56,23 @@ def spectra(
     -------
     list of ndarray
         (F, P) of `dtype` for each depth block; (0, P) for one that the record does not reach.
+
+    Examples
+    --------
+    The photons of one position, all in one bin, have the same magnitude at all frequencies:
+
+    >>> import numpy as np, recon
+    >>> from recon.sampling import depth_blocks
+    >>> from recon.spectrum import spectra
+    >>> counts = np.zeros((1, 600))
+    >>> counts[0, 340] = 5
+    >>> spots_m = np.zeros((1, 3))
+    >>> capture = recon.Capture(recon.ArrayHistograms(counts), 20e-12, np.zeros(1), spots_m, spots_m)
+    >>> grid = recon.VoxelGrid.from_spec(0.2, 0.2, 0.1, (0.95, 1.05, 0.05))
+    >>> blocks = depth_blocks(capture, recon.VirtualPulse(0.1), grid)
+    >>> (of_block,) = spectra(capture, blocks, recon.Window())
+    >>> sorted({float(one) for one in np.abs(of_block).round(3).ravel()})
+    [5.0]
     """
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
@@ -232,6 +249,11 @@ def _families(depth_blocks: Sequence[DepthBlock]) -> list[_Family]:
             key = part.band.first_rad_per_s, part.band.step_rad_per_s, len(part.band)
             found.setdefault(key, _Family(part.band, {})).members[number] = part.bins
     return list(found.values())
+
+
+def widths(depth_blocks: Sequence[DepthBlock]) -> list[tuple[int, int]]:
+    """Return how many bins are multiplied with how many frequencies, for each sum over a record."""
+    return [(one.edges[-1] - one.edges[0], len(one.band)) for one in _families(depth_blocks)]
 
 
 def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:

@@ -39,11 +39,14 @@ class Band:
         Lowest angular frequency and spacing.
     weights
         (F,) float64 weight of each frequency.
+    whole_last_rad_per_s
+        Highest frequency of the band that this is a run of; None for a band of its own.
     """
 
     first_rad_per_s: float
     step_rad_per_s: float
     weights: NDArray[np.float64]
+    whole_last_rad_per_s: float | None = None
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -54,7 +57,7 @@ class Band:
         if stride != 1:
             raise ValueError("a band is cut into runs of neighbours only")
         first = self.first_rad_per_s + start * self.step_rad_per_s
-        return Band(first, self.step_rad_per_s, self.weights[part])
+        return Band(first, self.step_rad_per_s, self.weights[part], self.finest_rad_per_s)
 
     @property
     def frequencies_rad_per_s(self) -> NDArray[np.float64]:
@@ -65,6 +68,14 @@ class Band:
     def last_rad_per_s(self) -> float:
         """Highest angular frequency."""
         return self.first_rad_per_s + self.step_rad_per_s * (len(self.weights) - 1)
+
+    @property
+    def finest_rad_per_s(self) -> float:
+        """Highest frequency of the whole band: lattices are planned for it.
+
+        So runs of a band are computed on one lattice, and their fields add up to the same numbers.
+        """
+        return self.last_rad_per_s if self.whole_last_rad_per_s is None else self.whole_last_rad_per_s
 
 
 @dataclass(frozen=True)
@@ -87,6 +98,13 @@ class VirtualPulse:
     ParameterError
         If the wavelength is outside `MIN_WAVELENGTH_M` to `MAX_WAVELENGTH_M`, the pulse so short (below
         `MIN_CYCLES`) that its band would come near zero frequency, or longer than `MAX_CYCLES`.
+
+    Examples
+    --------
+    >>> import recon
+    >>> pulse = recon.VirtualPulse(wavelength_m=0.04)
+    >>> f"{pulse.sigma_s * 1e12:.0f} ps, {len(pulse.band(period_s=10e-9))} frequencies within 10 ns"
+    '113 ps, 85 frequencies within 10 ns'
     """
 
     wavelength_m: float

@@ -32,6 +32,15 @@ class Window:
     ------
     ParameterError
         If a duration is negative.
+
+    Examples
+    --------
+    Light that comes within 4 ns after the pulse on the wall is left out; it fades in until 4.5 ns:
+
+    >>> import numpy as np, recon
+    >>> window = recon.Window(start_s=4e-9)
+    >>> window.start_weights_at(np.array([3.9e-9, 4.25e-9, 4.6e-9])).round(3).tolist()
+    [0.0, 0.5, 1.0]
     """
 
     start_s: float | None = None

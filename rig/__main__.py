@@ -45,56 +45,67 @@ class _Interrupts:
             raise KeyboardInterrupt
 
 
-def _to_the_end() -> int | None:
+def _to_the_end() -> int:
     from rig.commands.streams import dropping
+    from rig.commands.voice import voice
 
     with dropping() as out:
+        voice.begin()
         code = _run()
         out.flush()
-        if out.lost is not None and code in {0, None}:
+        if out.lost is not None and code == 0:
             code = 2
             _report(
                 f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
             )
         if code == 130:  # the frame of commands takes Ctrl-C without a word
             _report(STOPPED, code)
+        voice.end(code)
     return code
 
 
-def _run() -> int | None:
+def _run() -> int:
     """Run a verb; return the exit code."""
     try:
         from rig.commands import app
 
-        app()
+        return app(prog_name="rig", standalone_mode=False) or 0
     except KeyboardInterrupt:
         return 130
     except SystemExit as ended:
-        if ended.code == 2:  # every other failure ends below
-            _document("the options or arguments are wrong: stderr says which, and --help has all of them", 2)
         return ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1
     except Exception as error:
         code = exit_code(error)
         if code is None:
-            traceback.print_exc()
-            print("rig: this is a defect in rig; please report it with the lines above.", file=sys.stderr)
-            return 1
+            return _defect(error)
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
         _report(f"{told(error)}{_hint(error)}", code)
         return code
-    return 0
+
+
+def _defect(error: Exception) -> int:
+    """Report a failure that nobody foresaw."""
+    from rig.commands.voice import voice
+
+    voice.note("defect", traceback.format_exc())
+    traceback.print_exc()
+    _report(f"this is a defect in rig ({type(error).__name__}); please report it with the lines above.", 1)
+    return 1
 
 
 def exit_code(error: Exception) -> int | None:
     """Return the exit code of a failure that a person can mend, None for a defect."""
     from drivers.errors import DeviceError, LimitError
     from recon.errors import ReconError
+    from rig.commands.usage import is_of_usage
     from rig.errors import RigError
 
     if isinstance(error, RigError):
         return error.exit_code
-    if isinstance(error, LimitError | MemoryError):
+    if is_of_usage(error):
+        return 2
+    if isinstance(error, LimitError | MemoryError) or type(error).__name__ == "Abort":
         return 4
     if isinstance(error, DeviceError):
         return 3
@@ -114,6 +125,12 @@ def told(error: BaseException) -> str:
 
 
 def _in_words(error: BaseException) -> str:
+    from rig.commands import usage
+
+    if isinstance(error, Exception) and usage.is_of_usage(error):
+        return usage.in_words(error)
+    if type(error).__name__ == "Abort":
+        return "a question was not answered, so nothing more is done; --yes answers those that it can"
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
     if isinstance(error, OSError):
@@ -129,8 +146,10 @@ def _hint(error: Exception) -> str:
 
 
 def _report(message: str, code: int) -> None:
+    from rig.commands.voice import voice
     from rig.errors import printable
 
+    voice.note("error", message)
     _document(message, code)
     print(f"rig: {printable(message)}", file=sys.stderr)
 

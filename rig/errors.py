@@ -16,7 +16,10 @@ Each message names the thing, what was asked, what came back and what to do abou
 
 import os
 import shlex
+import stat
 import subprocess
+import sys
+from pathlib import Path
 
 
 class RigError(Exception):
@@ -77,10 +80,36 @@ def printable(text: str) -> str:
     return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
 
 
+def no_file(path: Path, remedy: str = "check the name") -> str:
+    """Return what there is in place of a file that is to be read, and what to do."""
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return f"{path} does not exist; {remedy}"
+    except (OSError, ValueError) as problem:
+        return f"{path} cannot be read ({reason(problem)}); {remedy}"
+    if stat.S_ISDIR(mode):
+        return f"{path} is a folder, and no file; {remedy}"
+    return f"{path} is a pipe or a device, and no file; {remedy}"
+
+
+def reason(problem: Exception) -> str:
+    """Return why the system refused a file, in its words, without the name of the file."""
+    return (isinstance(problem, OSError) and problem.strerror) or str(problem)
+
+
 def in_shell(*words: object) -> str:
     """Return a command as it is typed: words with blanks or signs of the shell are quoted."""
     texts = [str(word) for word in words]
     return subprocess.list2cmdline(texts) if os.name == "nt" else shlex.join(texts)
+
+
+def command_line() -> str:
+    """Return the command that runs, as it is typed; empty where another program uses this one."""
+    program = Path(sys.argv[0] if sys.argv else "")
+    if program.stem not in ("rig", "rig-script") and program.parts[-2:] != ("rig", "__main__.py"):
+        return ""
+    return in_shell("rig", *sys.argv[1:])
 
 
 def _escaped(character: str) -> str:

@@ -22,6 +22,7 @@ hypothesis.settings.load_profile("rig")
 @pytest.fixture(autouse=True, scope="session")
 def own_state(tmp_path_factory):
     """Keep what is remembered of rigs apart from what this computer remembers of real ones."""
+    os.environ.pop("RIG_CONFIG", None)
     os.environ["RIG_STATE"] = str(tmp_path_factory.mktemp("state"))
 
 

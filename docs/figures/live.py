@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from rig.acquire.engine import Ended, LightChanged, Outcome, Phase, PhaseChanged
 from rig.files import ScanFile
-from rig.files.description import ScanDescription
 from rig.live.figure import LiveFigure
-from rig.live.process import STEPS_AT_ONCE, Imaging, block_of
+from rig.live.follow import described
+from rig.live.process import STEPS_AT_ONCE, Growing, block_of
 from rig.live.state import LiveState, Subject
 from rig.show.volume import save
 
@@ -24,30 +24,10 @@ BEGAN_S = 1_800_000_000.0  # seconds since 1970
 OVERHEAD = 1.3  # time of a step in exposures
 
 
-def described(scan):
-    """Return what was known of a scan before its first photon."""
-    gate = scan.state.gate
-    return ScanDescription(
-        laser_m=scan.laser_m,
-        detector_m=scan.detector_m,
-        bins=scan.bins,
-        bin_width_s=scan.bin_width_s,
-        first_bin_s=scan.first_bin_s,
-        delays=scan.delays,
-        channels=scan.channels,
-        plan=scan.plan,
-        state=scan.state,
-        fade_from_s=scan.fade_from_s,
-        gate_start_s=gate and gate.delay_s,
-        gate_stop_s=gate and gate.delay_s + gate.width_s,
-        instrument_response_s=scan.instrument_response_s,
-    )
-
-
 def draw(scan, stages):
     """Draw the view at parts of the scan, {part: picture}."""
     state = LiveState(Subject.of(scan.path.name, described(scan)))
-    imaging, figure = Imaging(state.subject), Figure()
+    imaging, figure = Growing(state.subject), Figure()
     FigureCanvasAgg(figure)
     view, left = LiveFigure(figure, state.subject), sorted(stages)
     state(PhaseChanged(Phase.EXPOSING))
@@ -63,7 +43,8 @@ def draw(scan, stages):
             if end:
                 state(LightChanged(False, f"2027-01-15T08:{int(when_s - BEGAN_S) // 60:02d}:59+00:00"))
                 state(Ended(Outcome.COMPLETE, stop, "all positions measured"))
-            state.show(imaging.full.picture() if end else imaging.coarse.picture(), final=end)
+            picture = imaging.last(stop) if end else imaging.picture()
+            state.show(picture, imaging.title, final=end)
             view.update(state.seen())
             save(figure, stages[left.pop(0)])
 

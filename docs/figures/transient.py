@@ -19,8 +19,8 @@ from PIL import Image
 
 from recon.camera import TransientCamera
 from recon.capture import ArrayHistograms, Capture
+from recon.filming import video
 from recon.grid import VoxelGrid
-from recon.video import video
 from recon.wave import VirtualPulse
 from rig.show.volume import draw_front, save
 from simulators.scenes.mesh import Scene

@@ -23,7 +23,7 @@ from drivers.daq.board import MOST_SAMPLES
 from drivers.errors import DeviceNotFoundError
 from drivers.leaving import leave
 
-INSTALL = "Install NI-DAQmx from ni.com, and its Python package: pip install 'nlos-rig[nidaqmx]'."
+INSTALL = "Install NI-DAQmx from ni.com, and its Python package: pip install nidaqmx."
 
 
 class NidaqmxBoard:

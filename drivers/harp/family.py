@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from drivers.harp.limits import HarpLimits
 from drivers.harp.triggers import Trigger
 
+#: USB vendor of all of these instruments.
+PICOQUANT = 0x0E0D
+
 
 @dataclass(frozen=True)
 class LibraryFiles:

@@ -43,14 +43,13 @@ def find_instrument(
     if serial is not None:
         asked += f" and serial number {serial}"
     try:
-        devices = list(usb.core.find(find_all=True, backend=backend or _libusb_of_the_extra()))
+        devices = listed(backend)
     except usb.core.NoBackendError as problem:
         raise DeviceNotFoundError(
             name,
             asked,
             "the library libusb is missing",
-            "Install it (Debian: libusb-1.0-0), or install this program with its extra 'usb': "
-            "pip install 'nlos-rig[usb]'.",
+            "Install it (Debian: sudo apt install libusb-1.0-0), or: pip install libusb-package.",
         ) from problem
     fitting = [d for d in devices if (d.idVendor, d.idProduct) == vendor_product]
     fitting = fitting or [d for d in devices if _is_usb488(d)]
@@ -66,6 +65,17 @@ def find_instrument(
         (f"{len(found)} fit among" if found else "none fits among") + f" {', '.join(seen) or 'no devices'}",
         "Say which by its serial number." if found else "Check its power, cable and serial number.",
     )
+
+
+def listed(backend: Any = None) -> list[usb.core.Device]:
+    """Return all USB devices; only descriptors are read, nothing is opened.
+
+    Raises
+    ------
+    usb.core.NoBackendError
+        If libusb is missing.
+    """
+    return list(usb.core.find(find_all=True, backend=backend or _libusb_of_the_extra()))
 
 
 def _libusb_of_the_extra() -> Any:

@@ -36,7 +36,16 @@ class DepthError:
 
 
 def depth_error(depth_m: NDArray, truth_m: NDArray) -> DepthError:
-    """Compare two depth maps (y, x) with NaN where there is nothing; all NaN where they share no pixel."""
+    """Compare two depth maps (y, x) with NaN where there is nothing; all NaN where they share no pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from recon import measures
+    >>> found = measures.depth_error(np.array([[1.01, 1.02, np.nan]]), np.array([[1.0, 1.0, 1.0]]))
+    >>> found.pixels, round(found.median_m, 3)
+    (2, 0.015)
+    """
     both = np.isfinite(depth_m) & np.isfinite(truth_m)
     error_m = depth_m[both].astype(np.float64) - truth_m[both]
     if not len(error_m):
@@ -54,7 +63,15 @@ def depth_error(depth_m: NDArray, truth_m: NDArray) -> DepthError:
 
 
 def overlap(seen: NDArray[np.bool_], truth: NDArray[np.bool_]) -> float:
-    """Return intersection over union (Jaccard's index, not Dice's) of two masks; NaN if both are empty."""
+    """Return intersection over union (Jaccard's index, not Dice's) of two masks; NaN if both are empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from recon import measures
+    >>> float(measures.overlap(np.array([True, True, False]), np.array([True, False, False])))
+    0.5
+    """
     union = np.count_nonzero(seen | truth)
     return np.count_nonzero(seen & truth) / union if union else float("nan")
 

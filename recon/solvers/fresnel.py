@@ -20,15 +20,17 @@ from numpy.typing import NDArray
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
-from recon.solvers.problem import ImagingProblem, Need
+from recon.solvers.problem import ImagingProblem, Need, Way
 from recon.solvers.rsd import kernels
-from recon.solvers.rsd.lattice import AxisPlan
+from recon.solvers.rsd.lattice import AxisPlan, plan_axis
 from recon.solvers.rsd.regular import LatticePropagator, Workspace, aperture
 from recon.solvers.rsd.regular import needs as lattice_needs
 from recon.solvers.spectral import Field, by_planes, spectral
 
 #: Figure of S.18 above which there is a warning: pi times it, 0.3 radians, is a twentieth of a wave.
 MAX_FIGURE = 0.1
+#: Time of one core for each FFT point, plane and frequency.
+POINT_S = 7e-9
 
 
 def figure(capture: Capture, wavelength_m: float, depth_m: float) -> float:
@@ -82,7 +84,13 @@ def _focus_block(problem: ImagingProblem, emitted: Field) -> Iterator[Field]:
     round_trip_factor = 2 if problem.capture.confocal else 1
     wall = aperture(problem.capture)
     through = FresnelPropagator(
-        wall, emitted, problem.band, problem.grid, round_trip_factor, problem.wall_bytes
+        wall,
+        emitted,
+        problem.band,
+        problem.grid,
+        round_trip_factor,
+        problem.wall_bytes,
+        threads=problem.threads,
     )
     return by_planes(problem, through.focus)
 
@@ -91,6 +99,18 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     """Return the memory that a depth block takes; raises as `aperture`."""
     wall = aperture(problem.capture)
     return lattice_needs(problem, part, wall.x, wall.y, 2 if problem.capture.confocal else 1)
+
+
+def way(problem: ImagingProblem, part: DepthBlock) -> Way:
+    """Return what a depth block takes; raises as `aperture`."""
+    wall = aperture(problem.capture)
+    factor = 2 if problem.capture.confocal else 1
+    wavenumber = factor * part.band.finest_rad_per_s / C_M_PER_S
+    axes = (wall.x, problem.grid.x_m), (wall.y, problem.grid.y_m)
+    lengths = [plan_axis(axis, at_m, wavenumber).length for axis, at_m in axes]
+    planes = part.planes.stop - part.planes.start
+    work_s = POINT_S * lengths[0] * lengths[1] * planes * len(part.band)
+    return Way(work_s, True, (np.arange(problem.capture.positions),))
 
 
 focus = spectral(_focus_block, check=lambda problem: aperture(problem.capture))

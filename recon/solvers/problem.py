@@ -5,8 +5,9 @@ It asks the camera for light, reading times and aperture weights, and never what
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
+from os import cpu_count, environ
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
-from recon.sampling import DepthBlock, plane_times_s
+from recon.sampling import DepthBlock, path_limits_m, plane_times_s
 from recon.spectrum import Spectra, spectra
 from recon.wave import Band, Light
 from recon.window import Window
@@ -22,6 +23,12 @@ from recon.window import Window
 
 def ignore(fraction: float) -> None:
     """Take progress that nobody asked for."""
+
+
+def usual_threads() -> int:
+    """Return how many threads compute: ``OMP_NUM_THREADS``, as other libraries take it, else all cores."""
+    asked = environ.get("OMP_NUM_THREADS", "")
+    return int(asked) if asked.isdigit() and int(asked) > 0 else cpu_count() or 1
 
 
 def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:
@@ -39,6 +46,25 @@ class Need:
     fixed: int
     least: int
     together: int
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a solver images a depth block.
+
+    Attributes
+    ----------
+    work_s
+        Time of one core of a usual machine, beside the spectra.
+    by_fft
+        Whether by lattices and FFT, whose frequencies can be taken by themselves.
+    groups
+        Positions that can be taken by themselves, as lattices do; empty where any can.
+    """
+
+    work_s: float
+    by_fft: bool
+    groups: tuple[NDArray[np.intp], ...]
 
 
 @dataclass(frozen=True)
@@ -75,6 +101,11 @@ class ImagingProblem:
         Memory for the wall's spectra; those of more frequencies than fit are taken anew for each plane.
     spectra
         What takes the spectra of the capture, as `recon.spectrum.spectra`; they are the solver's to change.
+    threads
+        How many threads compute; by default `usual_threads`.
+    whole_path_m
+        `path_limits_m` of the depth block that this is a part of; None where it is a part of none. Tables
+        of parts then have the same nodes, so that their fields add up to the same numbers.
     """
 
     capture: Capture
@@ -92,6 +123,8 @@ class ImagingProblem:
     slopes: bool = False
     wall_bytes: int = 256 * 2**20
     spectra: Spectra = spectra
+    threads: int = field(default_factory=usual_threads)
+    whole_path_m: tuple[float, float] | None = None
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
         """(T, y or 1, x or 1) moments at which the plane is read."""
@@ -111,6 +144,11 @@ class ImagingProblem:
     def frames(self) -> int:
         """Number of moments T."""
         return len(self.times_s(0))
+
+    @property
+    def path_m(self) -> tuple[float, float]:
+        """Shortest and longest path at which the record is read."""
+        return self.whole_path_m or path_limits_m(self.capture, self.grid, self.camera)
 
     @property
     def weights(self) -> NDArray[np.float64]:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
-from os import cpu_count
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -202,7 +201,7 @@ def by_planes(
     planes = range(len(problem.grid.z_m))
     frequencies = len(problem.band) if problem.frames > 1 else 1
     one = 8 * (frequencies + problem.frames) * problem.grid.shape[1] * problem.grid.shape[2]
-    workers = max(1, min(cpu_count() or 1, problem.plane_bytes // (2 * one)))
+    workers = max(1, min(problem.threads, problem.plane_bytes // (2 * one)))
     with ThreadPoolExecutor(workers) as threads:
         waiting: deque[Future[Field]] = deque()
         unsent = iter(planes)

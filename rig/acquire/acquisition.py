@@ -1,13 +1,12 @@
 """One whole scan: devices opened, the plan run, the photons on disk."""
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from rig.acquire.connect import open_devices
+from rig.acquire.connect import Own, open_devices
 from rig.acquire.engine import Devices, ScanEngine
 from rig.acquire.events import (
     Consumer,
@@ -24,7 +23,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.log import ScanLog, log_of
 from rig.acquire.raw import RawRecords
-from rig.errors import DataFileError, RefusedError, UsageError, in_shell
+from rig.errors import DataFileError, RefusedError, UsageError, command_line, in_shell
 from rig.files.description import ScanDescription
 from rig.files.records import beside
 from rig.files.scan import ScanFile
@@ -159,7 +158,7 @@ def describe(plan: ScanPlan, state: RigState, devices: Devices) -> ScanDescripti
         plan=plan,
         state=state,
         simulated=config.rehearsed,
-        command=in_shell("rig", *sys.argv[1:]),
+        command=command_line(),
         fade_from_s=fade_from_s,
         gate_start_s=gate_start_s,
         gate_stop_s=gate_stop_s,
@@ -209,7 +208,9 @@ def record(
         return _run(plan, state, devices, writer, watch, raw, operator)
 
 
-def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, RigState]:
+def interrupted(
+    target: Path, mine: RigConfig | None = None, usual: Callable[[], RigConfig | None] = lambda: None
+) -> tuple[ScanPlan, RigState]:
     """Return the plan of a scan that was interrupted, and the state of the rig to go on with.
 
     A file is data, never an order: which library is loaded, which ports are opened and how far a mirror may
@@ -222,13 +223,15 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
         The scan file.
     mine
         The configuration of the rig that is here; None where the scan was simulated.
+    usual
+        Gives that configuration where ``mine`` is None and the scan was not wholly simulated.
 
     Raises
     ------
     rig.errors.DataFileError
         If the file is damaged, or no scan of this program.
     rig.errors.UsageError
-        If it is complete, or was measured on a real rig and ``mine`` is not given.
+        If it is complete, or was measured on a real rig and no configuration is given.
     rig.errors.RefusedError
         If the scan was set otherwise than ``mine``.
     """
@@ -240,8 +243,11 @@ def interrupted(target: Path, mine: RigConfig | None = None) -> tuple[ScanPlan, 
             raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
         scan.passes()  # a plan that does not fit its file is refused
         plan, began = scan.plan, scan.state
+    simulated = began.config.simulated and began.config.tcspc.kind != "playback"
+    if mine is None and not simulated:
+        mine = usual()
     if mine is None:
-        if not began.config.simulated or began.config.tcspc.kind == "playback":
+        if not simulated:
             raise UsageError(
                 f"{target} was not measured on the simulated rig alone ({began.config.name}). Which devices "
                 "are opened is not taken from a file: name the rig's configuration, "
@@ -262,11 +268,12 @@ def resume(
     target: Path,
     watch: Watch | None = None,
     operator: Operator | None = None,
+    own: Own | None = None,
 ) -> ScanResult:
     """Take up an interrupted scan where it stopped: same file, devices, settings and calibrations.
 
-    ``operator`` sets what has no data interface. Where the instrument's records were kept beside it, those of
-    what follows are kept in a file of their own.
+    ``operator`` sets what has no data interface, ``own`` are devices as of `open_devices`. Where the
+    instrument's records were kept beside it, those of what follows are kept in a file of their own.
 
     Raises
     ------
@@ -281,7 +288,7 @@ def resume(
         return _end(target)
     begin_s = _begin_s(plan, state, measured)
     opened = open_devices(
-        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator
+        state.config, first=measured, tagged=plan.continuous, begin_s=begin_s, operator=operator, own=own
     )
     with opened as devices:
         with ScanFile(target) as scan:

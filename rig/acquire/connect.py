@@ -1,10 +1,10 @@
 """The composition root: opens the devices that a configuration names, real or simulated at their wires."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivers.daq.board import SharedBoard
 from drivers.harp.library import HarpLibrary
@@ -15,6 +15,7 @@ from rig.devices.delayed_gate import open_detector
 from rig.devices.kinds import GALVOS, POINT_CLOCKS, TIMING, Wires
 from rig.devices.shuttered import open_laser
 from rig.devices.wires import wires_by_address
+from rig.errors import UsageError
 from rig.light.attended import BehindItsShutter, SwitchedByHand, TakesWord
 from rig.light.guarded import GuardedHere
 from rig.light.lock import locked
@@ -24,6 +25,11 @@ from rig.model.devices import GatedSpad, GuardedLaser, Operator, PointClock, Tcs
 
 if TYPE_CHECKING:
     from simulators.bench import Bench
+
+
+#: Roles whose device may be an object of the caller's.
+OWN = ("galvo", "detector", "tcspc", "point_clock")
+Own = Mapping[str, AbstractContextManager[Any]]
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,7 @@ def open_devices(
     tagged: bool = False,
     begin_s: float = 0.0,
     operator: Operator | None = None,
+    own: Own | None = None,
 ) -> Iterator[Devices]:
     """Open and identify all devices; leave all of them safe at the end, the laser first.
 
@@ -59,6 +66,8 @@ def open_devices(
         Time at which the clock of a simulated bench begins.
     operator
         Who sets by hand what has no data interface; None where nobody is there. A simulated rig has its own.
+    own
+        Devices in place of those that the configuration names, by role (`OWN`), to be entered.
 
     Raises
     ------
@@ -66,6 +75,8 @@ def open_devices(
         If a device is missing, is another one, or fails.
     RefusedError
         If the timing instrument cannot record so.
+    UsageError
+        If there is no such role, or its device has to be one of the configuration.
     """
     with ExitStack() as stack:
         if config.simulated:
@@ -73,7 +84,7 @@ def open_devices(
         else:
             stack.enter_context(locked(config))
             wires = stack.enter_context(wires_by_address(config, operator))
-        yield stack.enter_context(devices_on(config, wires, first, tagged=tagged))
+        yield stack.enter_context(devices_on(config, wires, first, tagged=tagged, own=own))
 
 
 #: Reaches the wires of one device, named by its section of the configuration.
@@ -108,16 +119,25 @@ def _without_others(config: RigConfig, section: str) -> RigConfig:
 
 
 @contextmanager
-def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool = False) -> Iterator[Devices]:
+def devices_on(
+    config: RigConfig,
+    wires: Wires,
+    first: int = 0,
+    *,
+    tagged: bool = False,
+    own: Own | None = None,
+) -> Iterator[Devices]:
     """Open and identify the devices at the ends of these wires; leave them safe at the end, the laser first.
 
     Parameters and errors are those of `open_devices`.
     """
+    own = own or {}
+    _check_own(own)
     with ExitStack() as stack:
-        galvo = stack.enter_context(GALVOS.of(config.galvo).open(config.galvo, wires))
-        clock = stack.enter_context(_point_clock(config, wires, tagged))
-        spad = stack.enter_context(open_detector(config, wires))
-        tcspc = stack.enter_context(_timing(config, wires, first, tagged))
+        galvo = stack.enter_context(own.get("galvo") or GALVOS.of(config.galvo).open(config.galvo, wires))
+        clock = stack.enter_context(own.get("point_clock") or _point_clock(config, wires, tagged))
+        spad = stack.enter_context(own.get("detector") or open_detector(config, wires))
+        tcspc = stack.enter_context(own.get("tcspc") or _timing(config, wires, first, tagged))
         guarded = _guarded(config, wires, stack, spad)  # the last, so that it is the first to be made safe
         yield Devices(
             galvo=galvo,
@@ -127,6 +147,16 @@ def devices_on(config: RigConfig, wires: Wires, first: int = 0, *, tagged: bool 
             laser=_attended(config, wires, stack, guarded, lambda: tcspc.rates().sync_hz),
             clock=wires.clock,
         )
+
+
+def _check_own(own: Mapping[str, object]) -> None:
+    """Refuse devices that cannot be given as objects."""
+    for role in own:
+        if role not in OWN:
+            raise UsageError(
+                f"the {role} cannot be given as an object, but {', '.join(OWN)} can. A laser is opened by "
+                "its guard, in a process of its own: bring it as a package, see docs/plug-ins.md"
+            )
 
 
 def _point_clock(config: RigConfig, wires: Wires, tagged: bool) -> AbstractContextManager[PointClock | None]:
@@ -172,10 +202,11 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
 def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.operator import SimulatedOperator
-    from rig.bench.simulated import simulated_instruments
+    from rig.bench.simulated import simulated_instruments, timing_faults
 
     bench, instruments = simulated_instruments(config, begin_s)
     bench.warm_up()
+    timing_faults(config).warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

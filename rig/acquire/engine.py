@@ -124,6 +124,9 @@ class ScanEngine:
         Step to begin with; those before it were measured earlier.
     operator
         Who is asked for what passes need; None where no pass asks.
+    adjusted
+        Whether a person changes the light meanwhile, as while optics are aligned (`rig.acquire.vigil.Vigil`).
+        Nothing is recorded then, and so nothing is taken back.
     """
 
     def __init__(
@@ -134,6 +137,7 @@ class ScanEngine:
         *,
         first: int = 0,
         operator: Operator | None = None,
+        adjusted: bool = False,
     ) -> None:
         self._devices = devices
         self._plan = plan
@@ -145,10 +149,11 @@ class ScanEngine:
         detector = state.config.detector
         self._gate_s = (detector.gate_delay_s, detector.gate_width_s)
         self._hold_off_s = detector.hold_off_s
+        self._adjusted = adjusted
         self._prepared: Preparation | None = None
         self._lit = False
         self._sync_tells = False
-        self._vigil = Vigil(devices, state)
+        self._vigil = Vigil(devices, state, adjusted=adjusted)
         self._consume: Consumer = lambda event: None
         self._asked: Callable[[], bool | str] = lambda: False
         self._stopped_by = "stopped by the operator"
@@ -287,7 +292,8 @@ class ScanEngine:
         settings = self._with_its_gate_seen()
         warnings += sync.doubts(rates, self._state.config.laser.repetition_hz, settings["tcspc"])
         self._vigil.begin(rates, settings)
-        self._tell(Ready(pass_index, rates, warnings, settings))
+        blind = self._sync_tells and self._state.config.detector.gated
+        self._tell(Ready(pass_index, rates, warnings, settings, None if blind else dark.input_hz))
         self._tell(PhaseChanged(Phase.EXPOSING))
 
     def _with_its_gate_seen(self) -> dict[str, Settings]:
@@ -391,7 +397,7 @@ class ScanEngine:
     def _take_back(self, first: int) -> str:
         """Take back the steps from ``first`` on, and return in words which; nothing if there is none."""
         measured, self._done = self._done, first
-        if measured == first:
+        if self._adjusted or measured == first:
             return ""
         which = f"Positions {first} to {measured - 1}"
         return f"{which} may be wrong and are taken back: mend it and resume the scan"

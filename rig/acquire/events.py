@@ -1,14 +1,22 @@
 """What the scan engine tells while it runs; files and displays are consumers of these events."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.devices import Exposure, Rates, Settings
 from rig.model.plan import ScanPlan, Step
+
+_LIGHT_IN_WORDS = {
+    None: re.compile(r"the laser could not be confirmed dark at (?P<when>\S+): treat it as EMITTING"),
+    True: re.compile(r"laser on since (?P<when>\S+)"),
+    False: re.compile(r"laser dark, (?P<how>.+) at (?P<when>\S+)"),
+}
 
 
 class Phase(Enum):
@@ -58,12 +66,16 @@ class Ready:
         The timing instrument's own warnings.
     settings
         What each device says of itself and its settings now, by device name.
+    dark_hz
+        Detections a second before there was light; None where they say nothing, because the gate opens with
+        the laser's pulses alone.
     """
 
     pass_index: int
     rates: Rates
     warnings: tuple[str, ...]
     settings: dict[str, Settings]
+    dark_hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +122,14 @@ class LightChanged:
             return f"the laser could not be confirmed dark at {self.when}: treat it as EMITTING"
         return f"laser on since {self.when}" if self.on else f"laser dark, {self.how} at {self.when}"
 
+    @classmethod
+    def from_words(cls, words: str) -> "LightChanged | None":
+        """Read such a sentence, as scan files and logs keep it; None where it is another one."""
+        for on, pattern in _LIGHT_IN_WORDS.items():
+            if found := pattern.fullmatch(words):
+                return cls(on, **found.groupdict())
+        return None
+
 
 @dataclass(frozen=True)
 class Noticed:
@@ -123,12 +143,15 @@ class Noticed:
         The steps that it concerns.
     kind
         ``warning``, or what else it is.
+    when_s
+        Seconds since 1970 at which it began; NaN where nobody noted that.
     """
 
     sentence: str
     first: int
     last: int
     kind: str = "warning"
+    when_s: float = nan
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,18 @@ class StopRequest:
     def __init__(self, announce: Callable[[str], None]) -> None:
         self._announce = announce
         self._requested = False
+        self._reason = ""
         self._previous: dict[int, object] = {}
 
-    def __call__(self) -> bool:
-        """Return whether a stop was asked for."""
-        return self._requested
+    def __call__(self) -> bool | str:
+        """Return whether a stop was asked for: the reason, if `ask` was called with one first."""
+        return self._requested and (self._reason or True)
+
+    def ask(self, reason: str) -> None:
+        """Ask for a stop, as the first signal does; from any thread."""
+        if not self._requested:
+            self._reason = reason
+        self._request()
 
     def __enter__(self) -> Self:
         for number in _stopping():
@@ -49,6 +56,9 @@ class StopRequest:
             signal.signal(number, handler)  # type: ignore[arg-type]
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._request()
+
+    def _request(self) -> None:
         said = "Stopping: the laser goes dark first." if self._requested else "Stopping after this position."
         self._requested = True
         with suppress(Exception):  # a terminal that is gone cannot be told, and must not keep the light on

@@ -1,6 +1,5 @@
 """The log beside a scan: what happened and when, in plain text, a line an event."""
 
-import sys
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +18,7 @@ from rig.acquire.events import (
     StepCut,
     StepDone,
 )
-from rig.errors import in_shell
+from rig.errors import command_line
 from rig.model.plan import ScanPlan
 from rig.model.quantities import show
 
@@ -56,7 +55,7 @@ class ScanLog:
     def __enter__(self) -> Self:
         with suppress(OSError):
             self._file = self.path.open("a", buffering=1, encoding="utf-8")
-        self._say(f"{'resumed' if self._first else 'started'} by: {in_shell('rig', *sys.argv[1:])}")
+        self._say(f"{'resumed' if self._first else 'started'} by: {command_line() or 'a Python program'}")
         self._say(f"plan: {len(self._plan)} positions, from {self._first} on; {self._plan.model_dump_json()}")
         return self
 

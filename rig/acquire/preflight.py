@@ -1,18 +1,20 @@
 """What is known of a scan before anything moves: how much it is, and whether the rig can do it."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rig.acquire.abilities import require_point_clock, tagging_of
 from rig.acquire.times import check_times
+from rig.bench.placed import Hidden, looked_at
 from rig.devices.kinds import check_settings, loading, time_axis, timing_limits
-from rig.errors import RefusedError
+from rig.errors import RefusedError, UsageError
 from rig.files.writer import RESERVE_BYTES
+from rig.model.config import HarpConfig
 from rig.model.plan import Grid, ScanPlan
-from rig.model.quantities import show_length
+from rig.model.quantities import show_bytes, show_length
 from rig.model.state import RigState
 from rig.model.sweep import Trajectories
 
@@ -41,6 +43,8 @@ class Estimate:
     sweeps, loaded, loading_s
         Of a mirror that never stops: number of sweeps, positions that are loaded into it for all of them, and
         how long that takes; 0 of one that stops.
+    hidden
+        What is known of a mesh that is the hidden scene of a simulated rig, once it was looked at.
     """
 
     bins: int
@@ -52,6 +56,7 @@ class Estimate:
     sweeps: int = 0
     loaded: int = 0
     loading_s: float = 0.0
+    hidden: Hidden | None = None
 
 
 def estimate(plan: ScanPlan, state: RigState) -> Estimate:
@@ -87,7 +92,7 @@ def estimate(plan: ScanPlan, state: RigState) -> Estimate:
 
 
 def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
-    """Refuse what the rig cannot do, before anything moves, and say how much the scan is.
+    """Refuse what the rig or the disk cannot do, before anything moves, and say how much the scan is.
 
     Parameters
     ----------
@@ -98,14 +103,36 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
 
     Raises
     ------
+    UsageError
+        If there is no such folder.
     RefusedError
-        If a spot is outside the mirror's limits, times do not fit each other, the disk would overflow, or
-        the rig has not what a mirror that never stops needs.
+        As `check_rig`; or if there is no such folder, or the disk would overflow.
+    drivers.errors.LimitError
+        As `check_rig`.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is not a folder; make it first, or choose another place with --out")
+    found = check_rig(plan, state)
+    free = shutil.disk_usage(folder).free
+    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
+        raise RefusedError(
+            f"the scan needs about {show_bytes(found.bytes_on_disk)}, {folder} has {show_bytes(free)} "
+            "free. Free some space, or choose another place with --out"
+        )
+    return found
+
+
+def check_rig(plan: ScanPlan, state: RigState) -> Estimate:
+    """Refuse what the rig cannot do, before anything moves; the disk is not looked at.
+
+    Raises
+    ------
+    RefusedError
+        If a spot is outside the mirror's limits, times do not fit each other, or the rig has not what a
+        mirror that never stops needs.
     drivers.errors.LimitError
         If laser or timing instrument cannot be set so.
     """
-    if not folder.is_dir():
-        raise RefusedError(f"{folder} is not a folder; make it first, or choose another place with --out")
     if not len(plan):
         raise RefusedError(
             "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
@@ -122,30 +149,42 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         if one.motion == "step":  # otherwise the point clock ticks, of which the instrument knows nothing
             limits.check_exposure(one.exposure_s)
     check_times(plan, state)
-    free = shutil.disk_usage(folder).free
-    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
-        raise RefusedError(
-            f"the scan needs about {found.bytes_on_disk / 1e6:.0f} MB, {folder} has {free / 1e6:.0f} MB "
-            "free. Free some space, or choose another place with --out"
-        )
-    return found
+    return replace(found, hidden=_look_at_mesh(plan, state))
+
+
+def _look_at_mesh(plan: ScanPlan, state: RigState) -> Hidden | None:
+    """Refuse a mesh that the record of a simulated scan does not hold."""
+    config, gate = state.config, state.gate
+    if config.simulation is None or config.simulation.mesh is None:
+        return None
+    bins, bin_width_s = time_axis(config)
+    begin_s = config.tcspc.offset_s if isinstance(config.tcspc, HarpConfig) else 0.0
+    end_s = begin_s + bins * bin_width_s
+    if gate:
+        begin_s, end_s = max(begin_s, gate.delay_s), min(end_s, gate.delay_s + gate.width_s)
+    detector_m = np.array([channel.spot_m for channel in state.channels])
+    delay_s = state.delays.delay_s(plan.spots_m[:, None], detector_m)
+    record_s = begin_s - float(delay_s.max()), end_s - float(delay_s.min())
+    return looked_at(config, plan.spots_m, detector_m, record_s)
 
 
 def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
     galvo = state.config.galvo
     limits = (galvo.max_angle_x_rad, galvo.max_angle_y_rad)
+    is_grid = isinstance(plan.passes[0].positions, Grid)
+    nearer = "Use a smaller grid or spacing" if is_grid else "Stay nearer to the wall's middle"
     for axis, angle, limit in zip("xy", found.mirror_rad, limits, strict=True):
         if angle > limit:
             raise RefusedError(
                 f"{_in_words(plan)} needs {np.degrees(angle):.1f} deg of mirror angle in {axis}, "
                 f"{np.degrees(limit):.1f} deg is the limit. "
-                f"Use a smaller grid or spacing, or raise galvo.max_angle_{axis} if the mirror can do it"
+                f"{nearer}, or raise galvo.max_angle_{axis} if the mirror can do it"
             )
 
 
 def _in_words(plan: ScanPlan) -> str:
     grid = plan.passes[0].positions
     if not isinstance(grid, Grid):
-        return f"the list of {len(plan)} positions"
+        return f"the list of {len(plan)} positions" if len(plan) > 1 else "this position"
     lines = f" x {show_length(grid.row_spacing_m)}" if grid.row_spacing_m else ""
     return f"the grid of {grid.columns} x {grid.rows} at {show_length(grid.spacing_m)}{lines}"

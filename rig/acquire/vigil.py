@@ -104,10 +104,14 @@ class Vigil:
         The open devices.
     state
         How the rig is set; it decides how many counts a detector bears.
+    adjusted
+        Whether a person changes the light meanwhile, down to none: then a rate that leaps, or ends, is no
+        reason for doubt, and pile-up is for that person to see. Too much light is one, as ever.
     """
 
-    def __init__(self, rig: Rig, state: RigState) -> None:
+    def __init__(self, rig: Rig, state: RigState, *, adjusted: bool = False) -> None:
         self._rig = rig
+        self._adjusted = adjusted
         config = state.config
         asked_hz = config.detector.max_count_rate_hz
         each_hz = BEARABLE * _fastest_hz(config) if asked_hz is None else asked_hz
@@ -264,6 +268,8 @@ class Vigil:
             )
 
     def _require_photons(self, rates: Rates, photons: int, live_s: float) -> None:
+        if self._adjusted:
+            return
         expected = min(self._count_hz, rates.input_hz or self._count_hz) * live_s
         if photons == 0 and expected >= EXPECTED_AT_LEAST:
             raise DoubtError(
@@ -280,7 +286,7 @@ class Vigil:
 
     def _leap(self) -> list[str]:
         """Tell when the rate of what is recorded leaps from one reading back to the next."""
-        if self._line_before is None or not self._live_s:
+        if self._adjusted or self._line_before is None or not self._live_s:
             return []
         before, before_s = self._line_before
         now_hz, before_hz = self._photons / self._live_s, before / before_s if before_s else 0.0
@@ -296,7 +302,7 @@ class Vigil:
     def _pile_up(self, rates: Rates) -> list[str]:
         piled_up = rates.input_hz > PILE_UP * rates.sync_hz
         begins, self._piled_up = piled_up and not self._piled_up, piled_up
-        if not begins:
+        if self._adjusted or not begins:
             return []
         percent = 100 * rates.input_hz / rates.sync_hz
         return [f"{percent:.0f} % of the pulses are counted: early photons hide late ones (pile-up)"]

@@ -4,8 +4,6 @@ import errno
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-import numpy as np
-
 from drivers.daq.board import SharedBoard
 from drivers.errors import DeviceNotFoundError, LinkError
 from rig.bench.simulated import simulated_family
@@ -47,7 +45,6 @@ def timing_at(address: str, harp: HarpConfig) -> Iterator[object]:
     DeviceNotFoundError
         If no bench is served there.
     """
-    from simulators.bench import Detections
     from simulators.wire.harp import HarpSimulator
     from simulators.wire.served.timing import ServedBench
 
@@ -56,9 +53,7 @@ def timing_at(address: str, harp: HarpConfig) -> Iterator[object]:
             bench = stack.enter_context(ServedBench(address))
         except OSError as problem:
             raise _not_reached(f"served bench at {address}", problem) from problem
-        bench.faults.timing.registered(
-            Detections(np.arange(9), np.zeros(9)), 1e-7, 0.0
-        )  # loads compiled code
+        bench.faults.timing.warm_up()
         faults = bench.faults
         simulator = HarpSimulator(
             bench, simulated_family(harp), timing=faults.timing, count_depth=faults.count_depth

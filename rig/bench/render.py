@@ -1,6 +1,5 @@
 """Rendering a hidden scene: what a scan of it would give on average, without noise and instrument."""
 
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.atomic import appearing
 from rig.bench.simulated import renderer, true_geometry
-from rig.errors import UsageError, in_shell
+from rig.errors import UsageError, command_line
 from rig.files.description import ScanDescription
 from rig.files.writer import ScanWriter
 from rig.model.config import RigConfig
@@ -81,7 +80,7 @@ def render(
         channels=state.channels,
         state=state,
         simulated=True,
-        command=in_shell("rig", *sys.argv[1:]),
+        command=command_line(),
         dtype="<f4",
     )
     photons = 0.0
@@ -95,6 +94,70 @@ def render(
     return photons
 
 
+def even_grid(columns: int, rows: int, width_m: float, height_m: float) -> NDArray[np.float64]:
+    """Return (columns * rows, 3) spots in the middles of equal parts of a wall, row by row."""
+    x_m = ((np.arange(columns) + 0.5) / columns - 0.5) * width_m
+    y_m = ((np.arange(rows) + 0.5) / rows - 0.5) * height_m
+    x_m, y_m = np.meshgrid(x_m, y_m)
+    return np.stack([x_m, y_m, np.zeros_like(x_m)], axis=-1).reshape(-1, 3)
+
+
+def render_each_with_each(
+    laser_m: NDArray[np.float64],
+    pixel_m: NDArray[np.float64],
+    config: RigConfig,
+    axis: TimeAxis,
+    target: Path,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> float:
+    """Write the expected transients of each laser spot at each pixel; as `render` in all else.
+
+    Steps of the file are lasers, channels are pixels. Two lasers are in memory.
+
+    Parameters
+    ----------
+    laser_m, pixel_m
+        (L, 3) and (D, 3) spots on the wall.
+    config, axis, target, progress
+        As of `render`; the detector's own spots are not used.
+    """
+    from simulators.transport.each_with_each import EachWithEach
+
+    if target.exists():
+        raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    description = ScanDescription(
+        laser_m=laser_m,
+        detector_m=pixel_m[None],
+        bins=axis.bins,
+        bin_width_s=axis.bin_width_s,
+        first_bin_s=0.0,
+        state=RigState(config),
+        simulated=True,
+        command=command_line(),
+        dtype="<f4",
+    )
+    counted_m2 = _counted_m2(config, config.scan.exposure_s, pixel_m)
+    photons = 0.0
+    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
+        scene = EachWithEach(renderer(config), pixel_m)
+
+        def rendered(laser: int) -> NDArray[np.float64]:
+            light = scene.transients(tuple(laser_m[laser].tolist()), axis.bins, axis.bin_width_s)
+            return light * counted_m2[:, None]
+
+        with ThreadPoolExecutor(1) as ahead:
+            following = ahead.submit(rendered, 0)
+            for laser in range(len(laser_m)):
+                step = following.result()
+                if laser + 1 < len(laser_m):
+                    following = ahead.submit(rendered, laser + 1)
+                writer.append(step)
+                photons += float(step.sum())
+                progress((laser + 1) / len(laser_m))
+        writer.close("complete", "all positions rendered")
+    return photons
+
+
 def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArray[np.float64]]:
     """Yield (steps, channels, bins) expected photons."""
     from simulators.transport.light_paths import transients
@@ -102,7 +165,8 @@ def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArr
     scene = renderer(config)
     of_channels = [scene.light_paths(channel.spot_m) for channel in config.channels]
     edges_s = axis.bin_width_s * np.arange(axis.bins + 1, dtype=np.float64)
-    counted_m2 = _counted_m2(config, plan.passes[0].exposure_s)
+    spots_m = np.array([channel.spot_m for channel in config.channels])
+    counted_m2 = _counted_m2(config, plan.passes[0].exposure_s, spots_m)
 
     def rendered(first: int) -> NDArray[np.float64]:
         spots_m = plan.spots_m[first : first + BLOCK]
@@ -117,12 +181,12 @@ def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArr
             yield block
 
 
-def _counted_m2(config: RigConfig, exposure_s: float) -> NDArray[np.float64]:
-    """Return photons counted in an exposure if all of the laser's came, per m^2, to the detector's spot."""
+def _counted_m2(config: RigConfig, exposure_s: float, spots_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return photons counted in an exposure if all of the laser's came, per m^2, to each detector spot."""
     from simulators.detector import Detector
     from simulators.optics.light import Optics
 
     optics, head_m = Optics(), true_geometry(config).detector_head_m
-    per_photon_m2 = np.array([optics.collection_m2(head_m, channel.spot_m) for channel in config.channels])
+    per_photon_m2 = np.array([optics.collection_m2(head_m, tuple(spot_m)) for spot_m in spots_m.tolist()])
     photons = optics.photons_per_s * config.laser.fraction_of_full * exposure_s
     return photons * Detector().efficiency * per_photon_m2

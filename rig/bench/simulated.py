@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.bench.gates import detector_head, gate_delayer
 from rig.errors import ConfigError, DataFileError, UsageError
+from rig.files.recorded import digest_of_file
 from rig.model.config import (
     AnalogueGalvoConfig,
     DaqClockConfig,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from simulators.detector import Detector
     from simulators.detector.first_bounce import FirstBounce
     from simulators.scenes import Scene
-    from simulators.transport.light_paths import Renderer
+    from simulators.transport.renderer import Transport
     from simulators.wire.daq import DaqWiring
     from simulators.wire.harp import HarpSimulator, SimulatedFamily, Timing
     from simulators.wire.instruments import SimulatedInstruments
@@ -239,16 +240,30 @@ def hidden_scene(config: RigConfig) -> "Scene":
     ConfigError
         If there is no such scene.
     """
-    from simulators.scenes import scene
+    from simulators.scenes import Placement, scene
 
     simulation = config.simulation or SimulationConfig()
+    if (mesh := simulation.mesh) and not mesh_is_as_it_was(simulation):
+        raise ConfigError(
+            f"simulation.scene: {mesh} is not the file that the scan began with (its SHA-256 is not "
+            f"{simulation.mesh_sha256[:12]}...); put that one back, or begin a new scan"
+        )
+    placement = Placement(simulation.place_m, simulation.rotate_rad, simulation.scale)
     try:
-        hidden = scene(simulation.scene)
+        hidden = scene(simulation.scene, placement)
     except (ValueError, ModuleNotFoundError) as error:
         raise ConfigError(f"simulation.scene: {error}") from None
     if simulation.roughness is not None:
         hidden = hidden.with_roughness(simulation.roughness)
     return hidden if simulation.gloss is None else hidden.with_gloss(simulation.gloss)
+
+
+def mesh_is_as_it_was(simulation: SimulationConfig) -> bool:
+    """Return whether a mesh is the one that is meant, or nobody said which; a missing one is told later."""
+    mesh = simulation.mesh
+    if mesh is None or not simulation.mesh_sha256 or not mesh.is_file():
+        return True
+    return digest_of_file(mesh) == simulation.mesh_sha256
 
 
 def scene_depth(name: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -299,7 +314,7 @@ def mesh_triangles_m(path: Path) -> NDArray[np.float64]:
         raise DataFileError(str(error)) from None
 
 
-def renderer(config: RigConfig) -> "Renderer":
+def renderer(config: RigConfig) -> "Transport":
     """Return what follows the light in the hidden scene.
 
     Raises

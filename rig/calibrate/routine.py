@@ -49,6 +49,13 @@ class Routine(ABC, Generic[K]):
         """Say in a sentence why a rig of this kind has no such calibration; empty where it has."""
         return ""
 
+    def lacking(self, config: RigConfig) -> str:
+        """Say in a sentence why it cannot be measured here and now; empty where it can.
+
+        Then ``rig calibrate all`` leaves it out, and measures the others.
+        """
+        return self.impossible(config)
+
     def setup(self, config: RigConfig) -> RigConfig:
         """Return the configuration with which the devices are opened for it: as it is, if not overridden."""
         return config

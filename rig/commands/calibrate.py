@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.calibrate_run import run
+from rig.commands.options import above_zero
 
 if TYPE_CHECKING:
     from rig.calibrate.routine import Routine
@@ -54,8 +55,8 @@ def galvo(
     method: Annotated[
         Method, typer.Option(help="With two cameras, or by times of flight and a few marks on the wall.")
     ] = Method.CAMERAS,
-    columns: Annotated[int, typer.Option(min=2, help="Mirror angles along x.")] = 11,
-    rows: Annotated[int, typer.Option(min=2, help="Mirror angles along y.")] = 9,
+    columns: Annotated[int, typer.Option(min=2, max=200, help="Mirror angles along x.")] = 11,
+    rows: Annotated[int, typer.Option(min=2, max=200, help="Mirror angles along y.")] = 9,
 ) -> "Routine[Any]":
     """Learn where the beam meets the wall for each command."""
     if method is Method.CAMERAS:
@@ -71,7 +72,9 @@ def galvo(
 def dark(
     exposure: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Exposure of each step. [dim]\\[200s, uncovered 100s][/dim]"),
+        typer.Option(
+            metavar="TIME", help="Exposure of each step. [dim]\\[default: 200s, uncovered 100s][/dim]"
+        ),
     ] = None,
     hold_offs: Annotated[
         str,
@@ -89,13 +92,12 @@ def dark(
     With --from: the file with the lens covered, then the one uncovered, then those with the attenuated beam.
     """
     from rig.calibrate.counting.dark import DarkRoutine
-    from rig.model.quantities import parse
 
     names = ("dark_s", "ambient_s", "afterpulse_s")
     return DarkRoutine(
-        hold_offs_s=tuple(parse(text, "time") for text in hold_offs.split(",")),
-        repetition_hz=parse(repetition, "frequency"),
-        **(dict.fromkeys(names, parse(exposure, "time")) if exposure else {}),
+        hold_offs_s=tuple(above_zero("--hold-offs", text, "time") for text in hold_offs.split(",")),
+        repetition_hz=above_zero("--repetition", repetition, "frequency"),
+        **(dict.fromkeys(names, above_zero("--exposure", exposure, "time")) if exposure else {}),
     )
 
 
@@ -104,7 +106,7 @@ def gate(
     nearest: Annotated[
         str, typer.Option(metavar="LENGTH", help="Distance from the wall of the nearest object to be seen.")
     ] = "50cm",
-    columns: Annotated[int, typer.Option(min=3, help="Columns of the grid; as many rows as fit.")] = 9,
+    columns: Annotated[int, typer.Option(min=3, max=200, help="Columns; as many rows as fit.")] = 9,
     exposure: Annotated[
         str, typer.Option(metavar="TIME", help="Measurement time at each position and delay.")
     ] = "30ms",
@@ -121,10 +123,10 @@ def gate(
     from rig.model.quantities import parse
 
     return GateRoutine(
-        nearest_m=parse(nearest, "length"),
+        nearest_m=above_zero("--nearest", nearest, "length"),
         columns=columns,
-        exposure_s=parse(exposure, "time"),
-        step_s=parse(step, "time"),
+        exposure_s=above_zero("--exposure", exposure, "time"),
+        step_s=above_zero("--step", step, "time"),
         before_s=parse(before, "time"),
         after_s=parse(after, "time"),
     )
@@ -138,9 +140,8 @@ def dnl(
 ) -> "Routine[Any]":
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
     from rig.calibrate.counting.dnl import DnlRoutine
-    from rig.model.quantities import parse
 
-    return DnlRoutine(exposure_s=parse(exposure, "time"))
+    return DnlRoutine(exposure_s=above_zero("--exposure", exposure, "time"))
 
 
 @_routine("time-zero")
@@ -165,16 +166,15 @@ def time_zero(
 
 @_routine("lag")
 def lag(
-    rows: Annotated[int, typer.Option(min=2, help="Rows, passed to the right and to the left in turn.")] = 6,
+    rows: Annotated[int, typer.Option(min=2, max=1000, help="Rows, passed there and back.")] = 6,
     point: Annotated[
         str, typer.Option(metavar="TIME", help="Time of a point: how fast the mirror moves.")
     ] = "1ms",
 ) -> "Routine[Any]":
     """Measure by how much the mirror trails its command while it moves, from first bounces there and back."""
     from rig.calibrate.timing.lag import LagRoutine
-    from rig.model.quantities import parse
 
-    return LagRoutine(rows=rows, point_s=parse(point, "time"))
+    return LagRoutine(rows=rows, point_s=above_zero("--point", point, "time"))
 
 
 @_routine("irf")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.commands.consent import Yes
-from rig.commands.options import AsJson, Config, Seed
+from rig.commands.options import BUILT_IN, AsJson, Config, Seed
 
 if TYPE_CHECKING:
     from rig.calibrate.routine import Routine
@@ -72,14 +72,19 @@ def calibrated(
     from rig.calibrate.run import fitted, measured
     from rig.commands import console
     from rig.commands.operator import ConsoleOperator
-    from rig.errors import InterruptedScanError
+    from rig.errors import InterruptedScanError, UsageError, reason
 
     if recorded:
         return fitted(routine, config, recorded)
     with TemporaryDirectory(prefix="rig-calibrate-") as temporary:
         folder = keep or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        with StopRequest(console.say) as stop, console.Counting(routine.kind) as counting:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as problem:
+            raise UsageError(
+                f"--keep {folder}: cannot make this folder ({reason(problem)}); name another"
+            ) from None
+        with StopRequest(console.announce) as stop, console.Counting(routine.kind) as counting:
             operator = ConsoleOperator(stop, yes=yes)
             files = measured(routine, config, operator, folder, Watch([counting], stop))
         if stop():
@@ -96,7 +101,10 @@ def configuration(path: Path | None, seed: int | None) -> "RigConfig":
     if seed is None:
         return config
     if config.simulation is None:
-        raise UsageError(f"--seed is for the simulated rig, and {path} names real devices; leave it out")
+        raise UsageError(
+            f"--seed is for the simulated rig, and {path} names real devices; leave it out, or use "
+            f"--config {BUILT_IN}"
+        )
     return config.model_copy(update={"simulation": config.simulation.model_copy(update={"seed": seed})})
 
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.options import AsJson
-from rig.commands.recon import depths
 from rig.commands.results import Force, names, require_free, told_if_stopped
 
 if TYPE_CHECKING:
@@ -25,23 +25,29 @@ def compare(
         str | None,
         typer.Option(
             metavar="FILE|scene:NAME",
-            help="What is really there, as in 'rig measure'. [dim]\\[what the file holds or names][/dim]",
+            autocompletion=completing.truths,
+            help="What is really there, as in 'rig measure'. "
+            "[dim]\\[default: what the file holds or names][/dim]",
         ),
     ] = None,
     wavelength: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="It sets the resolution of all. [dim]\\[as 'rig recon'][/dim]"),
+        typer.Option(
+            metavar="LENGTH", help="It sets the resolution of all. [dim]\\[default: as 'rig recon'][/dim]"
+        ),
     ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
             metavar="FROM:TO:STEP",
-            help="Depths to image. [dim]\\[the record's reach, an eighth of the wavelength][/dim]",
+            help="Depths to image. [dim]\\[default: the record's reach, an eighth of the wavelength][/dim]",
         ),
     ] = None,
     voxel: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Voxel side across. [dim]\\[about half the wavelength][/dim]"),
+        typer.Option(
+            metavar="LENGTH", help="Voxel side across. [dim]\\[default: about half the wavelength][/dim]"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -49,7 +55,8 @@ def compare(
             "--out",
             "-o",
             metavar="FOLDER|SHEET.png",
-            help="The sheet, or a folder for sheets and all volumes. [dim]\\[FILE-compare.png][/dim]",
+            help="The sheet, or a folder for sheets and all volumes. "
+            "[dim]\\[default: FILE-compare.png][/dim]",
         ),
     ] = None,
     force: Force = False,
@@ -62,23 +69,18 @@ def compare(
 
     [bold]Examples[/bold]
 
-      rig compare scan.h5                            a simulated scan knows its truth
-
-      rig compare su.h5 exit.h5 --out compared       a sheet each, one table, all volumes
-
+      # a simulated scan knows its truth
+      rig compare scan.h5
+      # a sheet each, one table, all volumes
+      rig compare su.h5 exit.h5 --out compared
       rig compare night.h5 --depth 0.8m:1.8m:5mm --truth object.ply
     """
     from rig.commands import console
+    from rig.image.asked import asked
     from rig.image.compare import check_comparable
     from rig.image.compare import compare as compared
-    from rig.image.reconstruct import Request
-    from rig.model.quantities import parse
 
-    request = Request(
-        wavelength_m=parse(wavelength, "length") if wavelength else None,
-        depth_m=depths(depth) if depth else None,
-        voxel_m=parse(voxel, "length") if voxel else None,
-    )
+    request = asked(wavelength=wavelength, depth=depth, voxel=voxel)
     for file in files:
         check_comparable(file, console.warn)
     sheets, keep = _places(files, out, force)
@@ -94,7 +96,7 @@ def compare(
 
 def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path], Path | None]:
     """Return where each file's sheet goes, and the folder for volumes if they are kept."""
-    from rig.errors import UsageError
+    from rig.errors import UsageError, reason
     from rig.image.compare import volumes_of
 
     if out is None:
@@ -112,7 +114,9 @@ def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"cannot make the folder {out}: {error}; name another, or a .png") from error
+        raise UsageError(
+            f"cannot make the folder {out} ({reason(error)}); name another, or a .png"
+        ) from error
     sheets = [out / f"{stem}-compare.png" for stem in stems]
     require_free([*sheets, *(path for file in files for path in volumes_of(file, out).values())], force=force)
     return sheets, out

@@ -7,21 +7,31 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
 from rig.acquire.events import Ended, Event, Grown, LightChanged, Noticed, PhaseChanged, Ready, StepDone
+from rig.commands.voice import voice
 from rig.errors import printable
 from rig.model.quantities import show, show_duration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rig.acquire.doctor import Finding
+    from rich.live import Live
+
     from rig.files.scan import ScanFile
     from rig.model.devices import Exposure
     from rig.model.plan import Step
+    from rig.setup.doctor import Finding
 
 
 #: Positions whose time says how long the others will take; the first has what happens once in it.
@@ -31,35 +41,84 @@ err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def say(message: str) -> None:
-    """Tell the person something that is not a result."""
-    err.print(_plain(message))
+    """Say something that is not a result."""
+    voice.note("say", message)
+    if not voice.quiet:
+        _print(message)
+
+
+def announce(message: str) -> None:
+    """Say what a person needs who asked for quiet, too: what concerns the light, or answers a question."""
+    voice.note("say", message)
+    _print(message)
+
+
+def detail(message: str) -> None:
+    """Say what is done, and when: only with ``--verbose``, and in the log."""
+    voice.note("detail", message)
+    if voice.verbose:
+        err.print(Text(f"{voice.elapsed_s:8.3f} s ", "dim"), _plain(message))
+
+
+def _print(message: str) -> None:
+    if voice.verbose:
+        err.print(Text(f"{voice.elapsed_s:8.3f} s ", "dim"), _plain(message))
+    else:
+        err.print(_plain(message))
 
 
 def warn(message: str) -> None:
     """Warn the person."""
-    err.print(Text("warning:", "yellow"), _plain(message))
+    voice.note("warning", message)
+    if not voice.quiet:
+        err.print(Text("warning:", "yellow"), _plain(message))
 
 
 def shout(message: str) -> None:
-    """Tell the person what must not be missed."""
+    """Say what must not be missed."""
+    voice.note("shout", message)
     err.print(Text(f" {printable(message).upper()} ", "bold white on red"))
 
 
-#: The bars that are drawn now.
-_drawn: "list[Progress]" = []
+def _shows_bars() -> bool:
+    """Return whether bars are drawn: on a terminal, for one who did not ask for quiet."""
+    return err.is_terminal and not voice.quiet
+
+
+def _bar_width() -> int:
+    """Return how wide a bar may be, so that what stands beside it fits the line: a wrapped one would stay."""
+    return max(6, min(30, err.width - 74))
+
+
+#: What is drawn and redrawn now, below the messages.
+_drawn: "list[Progress | Live]" = []
+
+
+def draw(what: "Progress | Live") -> None:
+    """Begin to draw something that is redrawn; it leaves the terminal while a person is asked something."""
+    what.start()
+    if what not in _drawn:
+        _drawn.append(what)
+
+
+def wipe(what: "Progress | Live") -> None:
+    """Draw it no more."""
+    what.stop()
+    if what in _drawn:
+        _drawn.remove(what)
 
 
 @contextmanager
 def aside() -> "Iterator[None]":
-    """Take drawn bars away while a person is asked something."""
-    bars = list(_drawn)
-    for bar in bars:
-        bar.stop()
+    """Take away what is drawn while a person is asked something."""
+    drawn = list(_drawn)
+    for one in drawn:
+        one.stop()
     try:
         yield
     finally:
-        for bar in bars:
-            bar.start()
+        for one in drawn:
+            one.start()
 
 
 def _plain(text: str) -> Text:
@@ -75,6 +134,7 @@ def warn_of(scan: "ScanFile") -> None:
 
 def print_facts(title: str, facts: dict[str, str]) -> None:
     """Print names and values as two aligned columns on stdout."""
+    voice.note("result", "\n".join([title, *(f"{name}: {value}" for name, value in facts.items())]))
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column()
@@ -99,9 +159,9 @@ def print_table(
     Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
 
 
-def print_findings(findings: "Sequence[Finding]") -> None:
+def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
-    colours = {"ok": "green", "warning": "yellow", "missing": "red"}
+    colours = {"ok": "green", "warning": "yellow", "missing": "red", "optional": "dim"}
     table = Table.grid(padding=(0, 2))
     table.add_column()
     table.add_column(overflow="fold")
@@ -112,7 +172,9 @@ def print_findings(findings: "Sequence[Finding]") -> None:
         if finding.remedy:
             found.append("\n").append(printable(finding.remedy), "dim")
         table.add_row(verdict, _plain(finding.what), found)
-    Console(highlight=False).print(table)
+    console = Console(highlight=False)
+    console.print(Text(printable(headline), "bold"))
+    console.print(table)
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -146,14 +208,14 @@ class ScanProgress:
             SpinnerColumn(),
             TextColumn("{task.fields[light]}"),
             TextColumn("{task.fields[phase]:>14}"),
-            BarColumn(bar_width=30),
+            BarColumn(bar_width=_bar_width()),
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]}"),
             TextColumn("{task.fields[left]}"),
             console=err,
             transient=True,
             auto_refresh=False,
-            disable=not err.is_terminal,
+            disable=not _shows_bars(),
         )
         self._task = self._bar.add_task("", total=positions, light="", phase="", rate="", left="")
 
@@ -178,26 +240,17 @@ class ScanProgress:
                 self._positions = len(plan)
                 self._bar.update(self._task, total=self._positions)
             case Ended():
-                self._stop_bar()
+                wipe(self._bar)
 
     def _show_phase(self, phase: str) -> None:
         self._phase = phase
-        if err.is_terminal:
-            self._start_bar()
+        if _shows_bars():
+            detail(phase)
+            draw(self._bar)
             self._draw(0 if phase == "aiming" else None)
         else:
             say(phase)
         self._since_s = time.monotonic()
-
-    def _start_bar(self) -> None:
-        self._bar.start()
-        if self._bar not in _drawn:
-            _drawn.append(self._bar)
-
-    def _stop_bar(self) -> None:
-        self._bar.stop()
-        if self._bar in _drawn:
-            _drawn.remove(self._bar)
 
     def _count(self, step: "Step", exposure: "Exposure") -> None:
         if not self._measured:  # of a scan that is resumed: what is there already is no progress of now
@@ -209,7 +262,7 @@ class ScanProgress:
 
     def _advance(self, done: int) -> None:
         now_s = time.monotonic()
-        if err.is_terminal:
+        if _shows_bars():
             if now_s - self._drawn_s > 0.25:
                 self._drawn_s = now_s
                 self._draw(done)
@@ -237,6 +290,7 @@ class ScanProgress:
 def tell_light(event: LightChanged) -> str:
     """Tell what is known of the light, and return it in short."""
     time_of_day = event.when[11:19]
+    voice.note("light", event.words)
     if event.on is None:
         err.print(
             f"[bold white on red] {time_of_day} THE LASER CANNOT BE CONFIRMED DARK: "
@@ -265,7 +319,7 @@ class Counting:
         self._status = err.status(_plain(what))
 
     def __enter__(self) -> Self:
-        if err.is_terminal:
+        if _shows_bars():
             self._status.start()
         return self
 
@@ -288,7 +342,7 @@ class Counting:
 
 
 class Working:
-    """Shows how far one long step is, on a terminal only; call it with the fraction that is done.
+    """Shows how far one long step is, and the time left, on a terminal; call it with the fraction done.
 
     Parameters
     ----------
@@ -300,20 +354,27 @@ class Working:
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=30),
+            BarColumn(bar_width=_bar_width()),
             TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
             console=err,
             transient=True,
-            disable=not err.is_terminal,
+            disable=not _shows_bars(),
         )
+        self._what = what
+        self._began_s = 0.0
         self._task = self._bar.add_task(printable(what), total=1.0)
 
     def __enter__(self) -> Self:
+        self._began_s = time.monotonic()
+        detail(self._what)
         self._bar.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._bar.stop()
+        took = show_duration(time.monotonic() - self._began_s)
+        detail(f"{self._what}: {'ended' if kind else 'done'} after {took}")
 
     def __call__(self, fraction: float) -> None:
         """Show that ``fraction`` of the work is done."""

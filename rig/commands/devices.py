@@ -30,7 +30,10 @@ def probe(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="For the transcripts. [dim]\\[probe-DATE-TIME][/dim]"
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="For the transcripts. [dim]\\[default: probe-DATE-TIME][/dim]",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -45,8 +48,8 @@ def probe(
     [bold]Examples[/bold]
 
       rig devices probe --config lab.toml --out first-look
-
-      rig devices probe                                   how it looks, on the simulated rig
+      # how it looks, on the simulated rig
+      rig devices probe
     """
     from rig.acquire.probing import files
     from rig.acquire.probing.run import ask_all, private_of, settled
@@ -60,7 +63,7 @@ def probe(
     simulated = rig.simulated or rig.served
     try:
         for device in ask_all(rig, asked):
-            console.say(f"{device.section}, kind {device.kind}: {_in_short(device)}")
+            console.say(f"{device.section}, kind {device.kind}: {in_short(device)}")
     finally:  # also what was asked before an interrupt
         hidden = private_of(rig, asked)
         facts = settled(asked, hidden)
@@ -79,7 +82,8 @@ def probe(
         raise typer.Exit(3)
 
 
-def _in_short(device: "DeviceTranscript") -> str:
+def in_short(device: "DeviceTranscript") -> str:
+    """Return how many questions a device answered, and what went wrong."""
     if device.unknown:
         return "no questions are known for this kind"
     if not device.exchanges:

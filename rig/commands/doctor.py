@@ -5,31 +5,47 @@ from typing import Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, Config
 
 
 def doctor(
-    config: Annotated[
-        Path | None,
+    config: Config = None,
+    out: Annotated[
+        Path,
         typer.Option(
-            "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig."
+            "--out", "-o", metavar="FOLDER", help="Where scans shall go. [dim]\\[default: here][/dim]"
         ),
-    ] = None,
+    ] = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """Tell what is installed and connected, what is missing, and what to do.
+    """Say what is installed and connected, what is missing, and what to do.
 
-    Looks only: nothing moves, nothing emits, no byte is sent to a port; rig devices probe asks the devices.
-    Exit code 3 if something is missing.
+    Looks only: nothing moves, nothing emits, no byte is sent to a device; rig devices probe asks them. A file
+    is written to the folder for scans for a moment, to know how fast it is. Exit code 3 if something is
+    missing that this rig needs.
     """
-    from rig.acquire.doctor import examine
     from rig.commands import console
+    from rig.errors import UsageError
     from rig.model.config import built_in, load
+    from rig.setup.doctor import examine
 
-    findings = examine(load(config) if config else built_in(), Path())
+    if not out.is_dir():
+        raise UsageError(f"{out} is no folder: make it first, or give another --out")
+    found = examine(load(config) if config else built_in(), out)
     if as_json:
-        console.print_json({"findings": [vars(finding) for finding in findings]})
+        console.print_json(
+            {
+                "headline": found.headline,
+                "missing": found.count("missing"),
+                "warnings": found.count("warning"),
+                "findings": [
+                    {"check": name, **vars(finding)}
+                    for name, findings in found.findings.items()
+                    for finding in findings
+                ],
+            }
+        )
     else:
-        console.print_findings(findings)
-    if any(finding.verdict == "missing" for finding in findings):
+        console.print_findings(found.headline, [one for each in found.findings.values() for one in each])
+    if found.count("missing"):
         raise typer.Exit(3)

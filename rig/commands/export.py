@@ -31,16 +31,18 @@ def export(
 
     [bold]Examples[/bold]
 
-      rig export scan-volume.h5 letters.vti      for ParaView, in metres
-
-      rig export scan-volume.h5 letters.html     turned by hand in any browser
-
-      rig export scan.h5 letters.hdf5            for y-tal
-
-      rig export scan.h5 letters.hdf5 --rectified    for programs that cannot take path delays
+      # for ParaView, in metres
+      rig export scan-volume.h5 letters.vti
+      # turned by hand in any browser
+      rig export scan-volume.h5 letters.html
+      # for y-tal
+      rig export scan.h5 letters.hdf5
+      # for programs that cannot take path delays
+      rig export scan.h5 letters.hdf5 --rectified
     """
     from rig.commands import console
     from rig.exporters import export
+    from rig.model.quantities import show_bytes
 
     require_free([target], force=force)
     with told_if_stopped([target]):
@@ -49,7 +51,7 @@ def export(
     if as_json:
         console.print_json({"file": str(target), "layout": layout, "bytes": size_bytes})
     else:
-        facts = {"layout": layout, "size": f"{size_bytes / 1e6:.3g} MB"}
+        facts = {"layout": layout, "size": show_bytes(size_bytes)}
         if rectified:
             facts["time"] = "begins when the pulse is on the wall; what came before is left out"
         console.print_facts(str(target), facts)

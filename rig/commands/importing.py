@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import AsJson
-from rig.commands.results import told_if_stopped
+from rig.commands.results import require_free, told_if_stopped
 
 
 def import_(
@@ -31,12 +31,14 @@ def import_(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Time of flight to each position (tofgrid). [dim]\\[tof.mat beside FILE][/dim]",
+            help="Time of flight to each position (tofgrid). [dim]\\[default: tof.mat beside FILE][/dim]",
         ),
     ] = None,
     bounces: Annotated[
         str | None,
-        typer.Option(metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[all][/dim]"),
+        typer.Option(
+            metavar="N,N", help="Which bounces to add up, counted from 1. [dim]\\[default: all][/dim]"
+        ),
     ] = None,
     depth_pitch: Annotated[
         str | None,
@@ -53,7 +55,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="AXIS,AXIS",
-            help="Along a line, then from line to line: x,y or, against an axis, -y,x. [dim]\\[x,y][/dim]",
+            help="Along a line, then from line to line: x,y or, against an axis, -y,x. "
+            "[dim]\\[default: x,y][/dim]",
         ),
     ] = None,
     snake: Annotated[bool, typer.Option("--snake", help="Every other line runs backwards.")] = False,
@@ -85,26 +88,31 @@ def import_(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Turn a file from another lab into a scan file; the layout is detected by content.
+    r"""Turn a file from another lab into a scan file; the layout is detected by content.
 
     [bold]Examples[/bold]
 
-      rig import data_s_u.mat su.h5 --bin-width 4ps --fade-from 2.4ns    O'Toole 2018
-
-      rig import capture.hdf5 scan.h5                                    a TAL file
-
-      rig import sub_Sig.mat nt.h5 --bin-width 32ps --wall-size 1m --depth-pitch 1cm    Liu 2023
-
-      rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps --wall-size 2m    Lindell 2019
-
-      rig import scan.ptu a.h5 --grid 64x64 --spacing 1cm --detector confocal --point-marker 1    PicoQuant
+      # O'Toole 2018
+      rig import data_s_u.mat su.h5 --bin-width 4ps --fade-from 2.4ns
+      # a TAL file
+      rig import capture.hdf5 scan.h5
+      # Liu 2023
+      rig import sub_Sig.mat nt.h5 --bin-width 32ps --wall-size 1m \
+        --depth-pitch 1cm
+      # Lindell 2019
+      rig import meas_10min.mat bike.h5 --tof tof.mat --bin-width 32ps \
+        --wall-size 2m
+      # PicoQuant
+      rig import scan.ptu a.h5 --grid 64x64 --spacing 1cm --point-marker 1 \
+        --detector confocal
     """
     from rig.commands import console
-    from rig.commands.scan import columns_and_rows
     from rig.errors import in_shell
     from rig.importers import import_scan
+    from rig.model.asked import columns_and_rows
     from rig.model.quantities import parse
 
+    require_free([target])
     with told_if_stopped([target]):
         report = import_scan(
             source,

@@ -17,7 +17,7 @@ def info(
     ],
     as_json: AsJson = False,
 ) -> None:
-    """Tell what a file is: from when, by what rig, with what plan, settings and calibrations, how it ended.
+    """Say what a file is: from when, by what rig, with what plan, settings and calibrations, how it ended.
 
     A scan that another program writes is told as far as it is; a file of another program is named for what
     'rig import' recognises it as.
@@ -25,9 +25,7 @@ def info(
     [bold]Examples[/bold]
 
       rig info scan.h5
-
       rig info scan-volume.h5 --json
-
       rig info lab.toml
     """
     from rig.commands import console

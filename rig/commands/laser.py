@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson
+from rig.commands.options import AsJson, config_option
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
@@ -16,7 +16,9 @@ laser = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
 ThisRig = Annotated[
     Path | None,
-    typer.Option("--config", "-c", metavar="FILE", help="The rig. [dim]\\[all that are lit from here][/dim]"),
+    typer.Option(
+        "--config", "-c", metavar="FILE", help="The rig. [dim]\\[default: all that are lit from here][/dim]"
+    ),
 ]
 
 
@@ -29,8 +31,8 @@ def _laser() -> None:
 def off(config: ThisRig = None, as_json: AsJson = False) -> None:
     """Put the light out, now, also while a scan or a calibration runs; that one ends and keeps its data.
 
-    Without --config, every laser that a program on this computer has in its hands goes dark. With it, the
-    laser of that rig is opened and made dark if no program has it.
+    Without --config, every laser that a program on this computer has in its hands goes dark, whatever
+    RIG_CONFIG names. With it, the laser of that rig is opened and made dark if no program has it.
     """
     from rig.commands import console
     from rig.errors import RefusedError
@@ -42,9 +44,9 @@ def off(config: ThisRig = None, as_json: AsJson = False) -> None:
     else:
         for one in done:
             if one["dark"]:
-                console.say(f"{one['rig']}: the laser at {one['laser']} is dark.")
+                console.announce(f"{one['rig']}: the laser at {one['laser']} is dark.")
         if not done:
-            console.say("No program here has a laser in its hands. To reach one anyway: --config FILE")
+            console.announce("No program here has a laser in its hands. To reach one anyway: --config FILE")
     if still := [str(one["laser"]) for one in done if not one["dark"]]:
         raise RefusedError(
             f"treat the laser at {', '.join(still)} as EMITTING: turn its key off by hand, now"
@@ -77,9 +79,9 @@ def _made_dark(rig: "RigConfig") -> bool:
     from rig.light.dark import make_dark
 
     try:
-        console.say(make_dark(rig))
+        console.announce(make_dark(rig))
     except RefusedError as found:
-        console.say(str(found))
+        console.announce(str(found))
         return False
     return True
 
@@ -97,16 +99,18 @@ def status(as_json: AsJson = False) -> None:
         console.print_json({"guards": guards, "trips": open_trips})
         return
     for guard in guards:
-        console.say(f"{guard['rig']}: the laser at {guard['laser']} is guarded by process {guard['guard']}")
+        console.announce(
+            f"{guard['rig']}: the laser at {guard['laser']} is guarded by process {guard['guard']}"
+        )
     for trip in open_trips:
-        console.say(f"{trip['rig']}: trip at {trip['when']}, not acknowledged: {trip['reason']}")
+        console.announce(f"{trip['rig']}: trip at {trip['when']}, not acknowledged: {trip['reason']}")
     if not guards and not open_trips:
-        console.say("No program on this computer has a laser in its hands, and no trip is open.")
+        console.announce("No program on this computer has a laser in its hands, and no trip is open.")
 
 
 @laser.command("acknowledge")
 def acknowledge(
-    config: Annotated[Path, typer.Option("--config", "-c", metavar="FILE", help="The rig that tripped.")],
+    config: Annotated[Path, config_option("The rig that tripped.")],
 ) -> None:
     """Say, as a person who has looked at the rig, that it may be lit again after a trip.
 
@@ -117,21 +121,21 @@ def acknowledge(
     from rig.commands import console
     from rig.errors import RefusedError, UsageError
     from rig.light.state import forget_trip, trip_of
-    from rig.model.config import load
+    from rig.model.config import built_in, load
 
-    rig = load(config)
+    rig = load(config) if config else built_in()
     trip = trip_of(rig)
     if trip is None:
-        console.say(f"No trip of {rig.name} is open.")
+        console.announce(f"No trip of {rig.name} is open.")
         return
     if not sys.stdin.isatty():
         raise UsageError("a trip is acknowledged by a person at a terminal, not by a script")
     word = "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz") for _ in range(5))
-    console.say(f"Trip of {trip.rig} at {trip.when}: {trip.reason}")
+    console.announce(f"Trip of {trip.rig} at {trip.when}: {trip.reason}")
     if (
         Prompt.ask(f"You have looked at the rig, and it is in order. Type {word}", console=console.err)
         != word
     ):
         raise RefusedError("that was another word: the trip stays open")
     forget_trip(rig)
-    console.say("Acknowledged: the rig may be lit again.")
+    console.announce("Acknowledged: the rig may be lit again.")

@@ -24,8 +24,8 @@ def list_(
 
     [bold]Examples[/bold]
 
-      rig list                               scans of this folder
-
+      # scans of this folder
+      rig list
       rig list runs --sheet runs.png
     """
     from rig.commands import console

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.options import AsJson
 
 
@@ -14,25 +15,32 @@ def measure(
         str | None,
         typer.Option(
             metavar="FILE|scene:NAME",
+            autocompletion=completing.truths,
             help="What is really there: a depth map (.npz, or HDF5 with the group truth), another volume, "
-            "a mesh (.obj, .ply, .stl), or a scene of the simulator.",
+            "a mesh (.obj, .ply, .stl), a simulated scan, or a scene of the simulator.",
         ),
     ] = None,
     scan: Annotated[
         Path | None,
         typer.Option(
             metavar="SCAN.h5",
-            help="The wall, for the formulas of resolution. [dim]\\[the volume's own, if beside it][/dim]",
+            help="The wall, for the formulas of resolution. "
+            "[dim]\\[default: the volume's own, if beside it][/dim]",
         ),
     ] = None,
     threshold: Annotated[
         float | None,
         typer.Option(
-            min=0, max=1, help="Part of the greatest intensity that a pixel needs. [dim]\\[as imaged][/dim]"
+            min=0,
+            max=1,
+            help="Part of the greatest intensity that a pixel needs. [dim]\\[default: as imaged][/dim]",
         ),
     ] = None,
     falloff: Annotated[
-        float, typer.Option(metavar="POWER", help="Power of depth that undoes the fall-off of intensity.")
+        float,
+        typer.Option(
+            metavar="POWER", min=0, max=10, help="Power of depth that undoes the fall-off of intensity."
+        ),
     ] = 4.0,
     as_json: AsJson = False,
 ) -> None:
@@ -40,11 +48,12 @@ def measure(
 
     [bold]Examples[/bold]
 
-      rig measure scan-volume.h5                                 resolution beside its theory
-
-      rig measure scan-volume.h5 --truth scene:letters --json    a simulated scan against its scene
-
-      rig measure volume.h5 --truth object.ply                   a mesh in metres, in the wall's frame
+      # resolution beside its theory
+      rig measure scan-volume.h5
+      # a simulated scan against its scene
+      rig measure scan-volume.h5 --truth scene:letters --json
+      # a mesh in metres, in the wall's frame
+      rig measure volume.h5 --truth object.ply
     """
     from rig.commands import console
     from rig.files import read_volume

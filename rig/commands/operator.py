@@ -67,7 +67,7 @@ class ConsoleOperator:
 
     def _answered_by_option(self, wanted: Request, meanwhile: Callable[[], bool]) -> str:
         if not wanted.urgent:
-            console.say(f"{wanted.words}: taken as done (--yes).")
+            console.announce(f"{wanted.words}: taken as done (--yes).")
             return f"--yes, at {_now()}, and no person"
         until_s = time.monotonic() + SILENCE_S
         while time.monotonic() < until_s:
@@ -105,7 +105,7 @@ class ConsoleOperator:
     ) -> tuple[float, float]:
         """Let the person type angles until the beam is on the mark."""
         angles = (0.0, 0.0)
-        console.say(f"Steer the beam onto the mark at x = {mark_m[0]:g} m, y = {mark_m[1]:g} m.")
+        console.announce(f"Steer the beam onto the mark at x = {mark_m[0]:g} m, y = {mark_m[1]:g} m.")
         asked = "Optical angles 'x y' in degrees, or Enter when the beam is on the mark"
         while True:
             text = _ask(asked, meanwhile) or ""
@@ -114,7 +114,7 @@ class ConsoleOperator:
             try:
                 x_deg, y_deg = map(float, text.split())
             except ValueError:
-                console.say(f"'{text}' is not two numbers, e.g. 3.25 -1.5")
+                console.announce(f"'{text}' is not two numbers, e.g. 3.25 -1.5")
                 continue
             angles = (radians(x_deg), radians(y_deg))
             galvo.point(*angles)

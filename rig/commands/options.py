@@ -1,19 +1,71 @@
 """Options that several verbs have, said once."""
 
+import os
+import re
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
+
+#: The panel of a verb's help that has the options of all verbs.
+EVERY = "Of every verb"
+#: Panels that several verbs have.
+WHAT, NOTES, RESULTS, MEANWHILE = "What is measured", "Notes in the file", "Results", "Meanwhile"
+COMPUTER = "Computer"
+if TYPE_CHECKING:
+    from rig.model.config import RigConfig
+
+#: Names the configuration that is used where none is given.
+VARIABLE = "RIG_CONFIG"
+#: What is given in place of a file to use the built-in rig, whatever the variable says.
+BUILT_IN = "simulated"
+
+
+def chosen(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the file of a configuration, None for the built-in rig; say so if the variable names it."""
+    source = context.get_parameter_source("config")
+    if path is not None and source is not None and source.name == "ENVIRONMENT":
+        _say_variable(path)
+    return None if str(path) == BUILT_IN else path
+
+
+def config_option(words: str) -> Any:
+    """Return the option ``--config`` of a verb that the variable answers for, with these words of help."""
+    return typer.Option("--config", "-c", metavar="FILE", envvar=VARIABLE, callback=chosen, help=words)
+
+
+def usual_configuration() -> "RigConfig | None":
+    """Return the configuration that the variable names, and say so; None if it names none, or the built-in.
+
+    Raises
+    ------
+    rig.errors.ConfigError
+        If it is wrong.
+    """
+    from rig.model.config import load
+
+    named = os.environ.get(VARIABLE)
+    if not named or named == BUILT_IN:
+        return None
+    _say_variable(Path(named))
+    return load(Path(named))
+
+
+def _say_variable(path: Path) -> None:
+    from rig.commands import console
+
+    console.say(f"Configuration: {path} (named by {VARIABLE}; --config FILE, or {BUILT_IN}, for another one)")
+
 
 Config = Annotated[
     Path | None,
-    typer.Option(
-        "--config", "-c", metavar="FILE", help="The rig; without it the built-in simulated rig is used."
-    ),
+    config_option(f"The rig; '{BUILT_IN}', or without it, the built-in simulated rig."),
 ]
 Grid = Annotated[
-    str | None, typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[180x130][/dim]")
+    str | None,
+    typer.Option(metavar="COLSxROWS", help="Positions along x and y. [dim]\\[default: 180x130][/dim]"),
 ]
 
 
@@ -25,11 +77,6 @@ class Order(Enum):
     PROGRESSIVE = "progressive"
     RANDOM = "random"
 
-    @property
-    def in_plan(self) -> str:
-        """The plan's word: its raster is a snake, lines alternate in direction."""
-        return "snake" if self is Order.RASTER else self.value
-
 
 class Mode(Enum):
     """How the mirror goes through the positions; the value is the plan's word, too."""
@@ -39,8 +86,24 @@ class Mode(Enum):
 
 
 Spacing = Annotated[
-    str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[1cm][/dim]")
+    str | None, typer.Option(metavar="LENGTH", help="Distance between positions. [dim]\\[default: 1cm][/dim]")
 ]
+Place = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z", help="Where the middle of a mesh is, e.g. 0cm,0cm,1.2m. [dim]\\[as it stands][/dim]"
+    ),
+]
+Rotate = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="Turn a mesh about x, then y, then z, e.g. 0deg,90deg,0deg."),
+]
+Scale = Annotated[
+    float | None,
+    typer.Option(min=0, help="Multiply a mesh's coordinates, e.g. 0.001 of millimetres. [dim]\\[1][/dim]"),
+]
+#: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
+HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")
 #: What is said in place of a number of frames.
 UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
@@ -48,7 +111,7 @@ Frames = Annotated[
     typer.Option(
         metavar=f"N|{UNTIL_STOPPED}",
         help="How often the whole grid is scanned, for a video; or frame after frame until Ctrl-C, or a RULE "
-        "of --until. [dim]\\[1][/dim]",
+        "of --until. [dim]\\[default: 1][/dim]",
     ),
 ]
 Until = Annotated[
@@ -59,26 +122,100 @@ Until = Annotated[
         "'time 60s'; rig resume goes on.",
     ),
 ]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the simulated photons. [dim]\\[0][/dim]")]
+Seed = Annotated[
+    int | None,
+    typer.Option(metavar="N", min=0, help="Seed of the simulated photons. [dim]\\[default: 0][/dim]"),
+]
 Live = Annotated[
     bool,
     typer.Option(
         "--live",
+        rich_help_panel=MEANWHILE,
         help="Show the scan while it runs: counts, rates, light, live image; in a window where there is a "
         "display, and as pictures in SCAN-live/.",
+    ),
+]
+Web = Annotated[
+    str | None,
+    typer.Option(
+        "--web",
+        metavar="[HOST:PORT]",
+        help="Show the scan as a page in a browser, on this computer; or, with an address, on others, too, "
+        "which then need the token that is printed. [dim]\\[127.0.0.1:8642][/dim]",
     ),
 ]
 Ptu = Annotated[
     bool,
     typer.Option(
         "--ptu",
+        rich_help_panel=RESULTS,
         help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
     ),
 ]
-Operator = Annotated[str | None, typer.Option(metavar="NAME", help="Who measures; kept in the file.")]
-Sample = Annotated[
-    str | None, typer.Option(metavar="TEXT", help="What is measured: the hidden object, the wall.")
+Operator = Annotated[
+    str | None, typer.Option(rich_help_panel=NOTES, metavar="NAME", help="Who measures; kept in the file.")
 ]
-Purpose = Annotated[str | None, typer.Option(metavar="TEXT", help="What the scan is for; rig list shows it.")]
-Note = Annotated[str | None, typer.Option(metavar="TEXT", help="What else is worth keeping.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON document.")]
+Sample = Annotated[
+    str | None,
+    typer.Option(
+        rich_help_panel=NOTES, metavar="TEXT", help="What is measured: the hidden object, the wall."
+    ),
+]
+Purpose = Annotated[
+    str | None,
+    typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What the scan is for; rig list shows it."),
+]
+Note = Annotated[
+    str | None, typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What else is worth keeping.")
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        rich_help_panel=COMPUTER,
+        metavar="ADDRESS",
+        help="Compute on workers: local:4, tcp://HOST:8786 or a scheduler's FILE.json. "
+        "[dim]\\[default: this process][/dim]",
+    ),
+]
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", rich_help_panel=EVERY, help="Print the result as one JSON document."),
+]
+
+
+def above_zero(option: str, text: str, kind: str) -> float:
+    """Read a quantity of an option that has to be above zero.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If it is no such quantity, or not above zero.
+    """
+    from rig.errors import UsageError
+    from rig.model.quantities import KINDS, parse
+
+    try:
+        value = parse(text, kind)
+    except UsageError as error:
+        raise UsageError(f"{option}: {error}") from None
+    if value <= 0:
+        raise UsageError(f"{option} {text}: is not above zero; write a {kind} such as {KINDS[kind][1]}")
+    return value
+
+
+class WithWeb(TyperCommand):
+    """A command whose option ``--web`` may stand alone, or be followed by an address."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read what was typed."""
+        return super().parse_args(ctx, self.with_address(args))
+
+    @staticmethod
+    def with_address(args: list[str]) -> list[str]:
+        """Return what was typed, with the address of this computer where ``--web`` has none."""
+        given, rest = list(args), []
+        while given and given[0] != "--":
+            word = given.pop(0)
+            alone = word == "--web" and not (given and _ADDRESS.fullmatch(given[0]))
+            rest.append(f"--web={HERE}" if alone else word)
+        return rest + given

@@ -17,7 +17,8 @@ def plot(
         list[Path], typer.Argument(metavar="FILE...", help="A scan, a volume, or several scans to compare.")
     ],
     image: Annotated[
-        Path | None, typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[FILE-plot.png][/dim]")
+        Path | None,
+        typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[default: FILE-plot.png][/dim]"),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -30,7 +31,6 @@ def plot(
     [bold]Examples[/bold]
 
       rig plot scan.h5
-
       rig plot office-10ms.h5 office-5ms.h5 office-1ms.h5 --image compared.png
     """
     from rig.commands import console

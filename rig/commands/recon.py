@@ -1,5 +1,6 @@
 """``rig recon``: image a scan."""
 
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -7,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from recon import registry
-from rig.commands.options import AsJson
+from rig.commands.options import COMPUTER, RESULTS, AsJson, Cluster
 from rig.commands.results import Force, names, told_if_stopped
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rig.image.reconstruct import Elsewhere, Request
     from rig.image.result import Result
 
 
@@ -33,6 +37,7 @@ class Camera(StrEnum):
     vars().update({name: name for name in registry.CAMERAS})
 
 
+VOLUME, LIGHT, VIDEO = "Volume", "Light that counts", "Video"
 _CAMERA, _SOLVER = Camera("confocal"), Solver("rsd")
 _WITH_SNR, _BOUNDED = " and ".join(registry.taking("snr")), " and ".join(registry.BOUNDED)
 
@@ -51,102 +56,177 @@ def recon(
     solver: Annotated[Solver, typer.Option(help=registry.solvers_help())] = _SOLVER,
     wavelength: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Of the virtual wave. [dim]\\[by spacing and response][/dim]"),
+        typer.Option(
+            metavar="LENGTH", help="Of the virtual wave. [dim]\\[default: by spacing and response][/dim]"
+        ),
     ] = None,
     cycles: Annotated[
-        float | None, typer.Option(help="Length of the virtual pulse, in wavelengths. [dim]\\[2][/dim]")
+        float | None,
+        typer.Option(
+            metavar="NUMBER", help="Length of the virtual pulse, in wavelengths. [dim]\\[default: 2][/dim]"
+        ),
     ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VOLUME,
             metavar="FROM:TO:STEP",
-            help="Depths to image, e.g. 0.5m:3m:2cm. [dim]\\[the record's reach][/dim]",
+            help="Depths to image, e.g. 0.5m:3m:2cm. [dim]\\[default: the record's reach][/dim]",
         ),
     ] = None,
     width: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Width of the volume. [dim]\\[the wall's][/dim]")
+        str | None,
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Width of the volume. [dim]\\[default: the wall's][/dim]",
+        ),
     ] = None,
     height: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Height of the volume. [dim]\\[the wall's][/dim]")
+        str | None,
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Height of the volume. [dim]\\[default: the wall's][/dim]",
+        ),
     ] = None,
     voxel: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Voxel side across. [dim]\\[the wall's spacing][/dim]"),
+        typer.Option(
+            rich_help_panel=VOLUME,
+            metavar="LENGTH",
+            help="Voxel side across. [dim]\\[default: the wall's spacing][/dim]",
+        ),
     ] = None,
     fade_from: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Ignore light that comes earlier than this after the pulse is on the wall."
+            rich_help_panel=LIGHT,
+            metavar="TIME",
+            help="Ignore light that comes earlier than this after the pulse is on the wall.",
         ),
     ] = None,
     snr: Annotated[
         float | None,
         typer.Option(
             metavar="RATIO",
-            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[0.8][/dim]",
+            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[default: 0.8][/dim]",
         ),
     ] = None,
     memory: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=COMPUTER,
             metavar="BYTES",
-            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. [dim]\\[what is quickest][/dim]",
+            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. "
+            "[dim]\\[default: what is quickest][/dim]",
         ),
     ] = None,
-    device: Annotated[Device, typer.Option(help="Where the rsd solver computes images.")] = Device.CPU,
+    device: Annotated[
+        Device, typer.Option(rich_help_panel=COMPUTER, help="Where the rsd solver computes images.")
+    ] = Device.CPU,
+    cluster: Cluster = None,
     calibrations: Annotated[
         Path | None,
         typer.Option(
+            rich_help_panel=LIGHT,
             metavar="FOLDER",
             help="Use the newest calibrations of this folder instead of those that the scan was taken with.",
         ),
     ] = None,
     even_bins: Annotated[
-        bool, typer.Option("--even-bins", help="Divide counts by the calibrated widths of the bins.")
+        bool,
+        typer.Option(
+            "--even-bins", rich_help_panel=LIGHT, help="Divide counts by the calibrated widths of the bins."
+        ),
     ] = False,
     frames: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VIDEO,
             metavar="FROM:TO:STEP",
-            help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[the light's way][/dim]",
+            help="Moments of the video, e.g. 2ns:20ns:0.2ns. [dim]\\[default: the light's way][/dim]",
         ),
     ] = None,
     each_frame: Annotated[
-        bool, typer.Option("--each-frame", help="Image each frame of a scan by itself: a moving object.")
+        bool,
+        typer.Option(
+            "--each-frame",
+            rich_help_panel=VIDEO,
+            help="Image each frame of a scan by itself: a moving object.",
+        ),
     ] = False,
     fresh_to: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=VIDEO,
             metavar="DEPTH",
-            help="Average frames, one for each time that a voxel is so deep. [dim]\\[never][/dim]",
+            help="Average frames, one for each time that a voxel is so deep. [dim]\\[default: never][/dim]",
+        ),
+    ] = None,
+    relight: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Light one hidden point alone, e.g. 10cm,0cm,1m: of exhaustive captures.",
         ),
     ] = None,
     over: Annotated[
-        Over | None, typer.Option(help="What a video shows of all depths. [dim]\\[surface][/dim]")
+        Over | None,
+        typer.Option(
+            rich_help_panel=VIDEO, help="What a video shows of all depths. [dim]\\[default: surface][/dim]"
+        ),
     ] = None,
     all_depths: Annotated[
-        bool, typer.Option("--all-depths", help="Store the video of every voxel, (t, z, y, x).")
+        bool,
+        typer.Option(
+            "--all-depths", rich_help_panel=VIDEO, help="Store the video of every voxel, (t, z, y, x)."
+        ),
     ] = False,
     video: Annotated[
-        Path | None, typer.Option(metavar="FILE.gif", help="The video; .mp4 needs ffmpeg.")
+        Path | None,
+        typer.Option(rich_help_panel=VIDEO, metavar="FILE.gif", help="The video; .mp4 needs ffmpeg."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             "-o",
+            rich_help_panel=RESULTS,
             metavar="VOLUME.h5",
-            help="The volume. [dim]\\[SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
+            help="The volume. [dim]\\[default: SCAN-volume.h5, SCAN-2-volume.h5 ...][/dim]",
         ),
     ] = None,
     image: Annotated[
         Path | None,
-        typer.Option(metavar="PICTURE.png", help="The picture. [dim]\\[SCAN.png, SCAN-2.png ...][/dim]"),
+        typer.Option(
+            rich_help_panel=RESULTS,
+            metavar="PICTURE.png",
+            help="The picture. [dim]\\[default: SCAN.png, SCAN-2.png ...][/dim]",
+        ),
     ] = None,
     page: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.html", help="A web page on which the volume is turned by hand."),
+        typer.Option(
+            rich_help_panel=RESULTS,
+            metavar="FILE.html",
+            help="A web page on which the volume is turned by hand.",
+        ),
     ] = None,
+    preview: Annotated[
+        bool,
+        typer.Option(
+            "--preview",
+            help="A quick, coarse picture to try wavelength and depth: SCAN-preview.png, which is replaced "
+            "each time, and no volume. What was read is kept for the next one.",
+        ),
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what it would take: voxels, memory, time; compute nothing.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Compute what takes more than ten minutes, too.")
+    ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -154,80 +234,139 @@ def recon(
 
     [bold]Examples[/bold]
 
-      rig recon scan.h5                    everything chosen by the program
-
+      # everything chosen by the program
+      rig recon scan.h5
       rig recon scan.h5 --wavelength 4cm --depth 0.5m:2m:1cm
-
-      rig recon scan.h5 --page letters.html        to be turned in any browser
-
+      # a quick look, again and again
+      rig recon scan.h5 --preview --wavelength 8cm
+      # to be turned in any browser
+      rig recon scan.h5 --page letters.html
       rig recon scan.h5 --camera photo --depth 0.8m:1.6m:10cm
-
       rig recon scan.h5 --camera transient --video flash.gif
-
       rig recon scan.h5 --each-frame --video moving.gif
-
-      rig recon scan.h5 --solver lct       an earlier method, to compare with
+      rig recon all.h5 --relight 10cm,0cm,1m --camera transient --video relit.gif
+      # an earlier method, to compare with
+      rig recon scan.h5 --solver lct
+      # what it would take, and on workers
+      rig recon scan.h5 --voxel 2mm --dry-run
+      rig recon scan.h5 --voxel 2mm --cluster local:4
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
     from rig.commands import console
-    from rig.image.reconstruct import Request, reconstruct
-    from rig.model.quantities import parse
+    from rig.image.asked import asked
+    from rig.image.reconstruct import reconstruct
     from rig.show.volume import check_picture
 
-    def length(text: str | None) -> float | None:
-        return parse(text, "length") if text else None
-
-    request = Request(
+    request = asked(
         camera=camera.value,
         solver=solver.value,
-        wavelength_m=length(wavelength),
+        wavelength=wavelength,
         cycles=cycles,
-        depth_m=depths(depth) if depth else None,
-        frames_s=_range(frames, "time", "--frames 2ns:20ns:0.2ns") if frames else None,
+        depth=depth,
+        frames=frames,
         over=over.value if over else None,
         all_depths=all_depths,
-        width_m=length(width),
-        height_m=length(height),
-        voxel_m=length(voxel),
-        fade_from_s=parse(fade_from, "time") if fade_from else None,
+        width=width,
+        height=height,
+        voxel=voxel,
+        fade_from=fade_from,
         snr=snr,
-        memory_bytes=int(parse(memory, "memory")) if memory else None,
+        memory=memory,
         device=device.value,
         calibrations=calibrations,
         even_bins=even_bins,
         each_frame=each_frame,
-        fresh_to_m=length(fresh_to),
+        fresh_to=fresh_to,
+        relight=relight,
+        however_long=yes,
     )
+    if dry_run:
+        _say_what_it_takes(scan, request, cluster, as_json)
+        return
+    if preview:
+        _preview(scan, request, {"--out": out, "--page": page, "--video": video}, image, force, as_json)
+        return
     given = {"volume": out, "picture": image, "video": video, "page": page}
     files = names(scan, {"volume": "-volume.h5", "picture": ".png"}, given, force=force)
     check_picture(files["picture"])
-    with told_if_stopped(files.values()), console.Working("imaging") as working:
-        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page)
+    with (
+        told_if_stopped(files.values()),
+        _elsewhere(scan, cluster, request) as crew,
+        console.Working("imaging") as working,
+    ):
+        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page, crew)
     _show(result, files, as_json)
 
 
-def _range(text: str, kind: str, example: str) -> tuple[float, float, float]:
+def _preview(
+    scan: Path,
+    request: "Request",
+    others: dict[str, Path | None],
+    image: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from rig.commands import console
     from rig.errors import UsageError
-    from rig.model.quantities import parse
+    from rig.image.preview import preview
+    from rig.show.volume import check_picture
 
-    parts = text.split(":")
-    if len(parts) != 3:
-        raise UsageError(f"'{text}' is not a range; write from, to and step, e.g. {example}")
-    start, stop, step = (parse(part, kind) for part in parts)
-    return start, stop, step
+    if given := [option for option, path in others.items() if path is not None]:
+        raise UsageError(f"a preview is a picture alone: leave {' and '.join(given)} out, or --preview")
+    # the one result that is replaced unasked: its own name says that it is no result
+    files = names(scan, {"picture": "-preview.png"}, {"picture": image}, force=force or image is None)
+    check_picture(files["picture"])
+    with told_if_stopped(files.values()), console.Working("previewing") as working:
+        result = preview(scan, request, files["picture"], working)
+    _show(result, files, as_json)
 
 
-def depths(text: str) -> tuple[float, float, float]:
-    """Read the option --depth."""
-    from rig.errors import UsageError
+def _say_what_it_takes(scan: Path, request: "Request", cluster: str | None, as_json: bool) -> None:
+    """Print what imaging would take; refuse what would be refused."""
+    from rig.commands import console
+    from rig.image.forecast import require_possible
+    from rig.image.reconstruct import forecasted
 
-    start_m, stop_m, step_m = _range(text, "length", "--depth 0.5m:3m:2cm")
-    if not (0 < start_m <= stop_m and step_m > 0):
-        raise UsageError(
-            f"'{text}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
-        )
-    return start_m, stop_m, step_m
+    found = forecasted(scan, request, _workers(cluster) if cluster else None)
+    bounded = request.memory_bytes is not None
+    if as_json:
+        require_possible(found, bounded=bounded, however_long=request.however_long)
+        console.print_json({"scan": str(scan), **found.as_dict()})
+        return
+    console.print_facts(str(scan), found.summary())
+    require_possible(found, bounded=bounded, however_long=request.however_long)
+
+
+def _workers(cluster: str) -> int:
+    """Return how many workers an address has."""
+    from rig.cluster.joined import joined, local_workers
+
+    number = local_workers(cluster)
+    if number is not None:
+        return number
+    with joined(cluster) as client:
+        return sum(client.nthreads().values())
+
+
+@contextmanager
+def _elsewhere(scan: Path, cluster: str | None, request: "Request") -> "Iterator[Elsewhere | None]":
+    """Join a cluster, if one was named."""
+    if cluster is None:
+        yield None
+        return
+    from rig.cluster.joined import joined, local_workers
+    from rig.files.inspection import inspect
+    from rig.image.reconstruct import check_elsewhere
+
+    local_workers(cluster)
+    check_elsewhere(request)
+    if scan.is_file():
+        inspect(scan)  # a copy of this process does it in milliseconds, as long as no thread of dask runs
+    with joined(cluster) as client:
+        from rig.cluster.imaging import Crew
+
+        yield Crew(client, request.memory_bytes)
 
 
 def _show(result: "Result", files: dict[str, Path], as_json: bool) -> None:

@@ -13,11 +13,15 @@ def report(
     scan: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="A scan file.")],
     volume: Annotated[
         Path | None,
-        typer.Argument(metavar="VOLUME.h5", help="Its image. [dim]\\[SCAN-volume.h5, if there][/dim]"),
+        typer.Argument(
+            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if there][/dim]"
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE.html", help="The page. [dim]\\[SCAN-report.html][/dim]"),
+        typer.Option(
+            "--out", "-o", metavar="FILE.html", help="The page. [dim]\\[default: SCAN-report.html][/dim]"
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -30,13 +34,13 @@ def report(
     [bold]Examples[/bold]
 
       rig report scan.h5
-
       rig report scan.h5 scan-2-volume.h5 --out tuesday.html
     """
     from rig.commands import console
     from rig.files.scan import ScanFile
     from rig.files.volume import read_volume
     from rig.image.reconstruct import picture
+    from rig.model.quantities import show_bytes
     from rig.show.report import Imaged, save_report
 
     page = names(scan, {"page": "-report.html"}, {"page": out}, force=force)["page"]
@@ -51,5 +55,5 @@ def report(
     if as_json:
         console.print_json({**result, "doubts": doubts})
         return
-    size = f"{page.stat().st_size / 1e6:.1f} MB"
+    size = show_bytes(page.stat().st_size)
     console.print_facts(str(page), {"scan": str(scan), "image": str(volume or "none"), "size": size})

@@ -7,6 +7,7 @@ are measured, and nothing that is made of them replaces one, whatever was asked.
 """
 
 import os
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -15,9 +16,18 @@ from typing import Annotated
 
 import typer
 
-from rig.errors import DataFileError, UsageError
+from rig.commands.options import RESULTS
+from rig.errors import DataFileError, UsageError, no_file, reason
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that have these names; never a scan.")]
+#: Longest name of a result, in bytes: what is written beside it first has a longer one, of 255 at most.
+LONGEST_NAME = 200
+
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force", rich_help_panel=RESULTS, help="Replace files that have these names; never a scan."
+    ),
+]
 
 
 def names(
@@ -48,7 +58,7 @@ def names(
         If the source is a folder's name and no file's.
     """
     if not source.name:
-        raise DataFileError(f"{source} does not exist, or is no file; check the name")
+        raise DataFileError(no_file(source))
     named = {what: path for what, path in (given or {}).items() if path is not None}
     require_free(named.values(), force=force)
     wanted = {what: ending for what, ending in endings.items() if what not in named}
@@ -62,44 +72,72 @@ def names(
 
 
 def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
-    """Refuse names that are taken; with ``force`` those of scans alone. None: the verb has no such option.
+    """Refuse names of results that are taken, given twice, or where nothing can be written.
+
+    With ``force`` names of scans alone are taken. None: the verb has no such option.
 
     Raises
     ------
     UsageError
         If there is one.
     """
+    from rig.files.taken import is_scan
+
+    paths = list(paths)
+    if twice := {str(path) for path in paths if paths.count(path) > 1}:
+        raise UsageError(f"{', '.join(twice)} is the name of two results; give each its own")
     for path in paths:
-        if not os.path.lexists(path):
+        if not _is_there(path):
+            _require_folder(path)
             continue
         if not force:
             otherwise = "move it away" if force is None else "replace it with --force"
             raise UsageError(f"{path} exists and is not overwritten; give another name, or {otherwise}")
-        if _is_scan(path):
+        if is_scan(path):
             raise UsageError(f"{path} is a scan, which --force does not replace; give another name")
 
 
-def _is_scan(path: Path) -> bool:
-    import h5py
+def _is_there(path: Path) -> bool:
+    """Return whether there is something of this name; raises where there can be nothing of it."""
+    if len(os.fsencode(path.name)) > LONGEST_NAME:
+        raise UsageError(f"{path}: a result's name has at most {LONGEST_NAME} bytes; give a shorter one")
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError) as problem:
+        raise UsageError(f"cannot write {path} ({reason(problem)}); give another name") from None
+    return True
 
-    from rig.files.journal import journal_of
-    from rig.files.volume import is_volume
 
-    return os.path.exists(journal_of(path)) or (path.is_file() and h5py.is_hdf5(path) and not is_volume(path))
+def _require_folder(path: Path) -> None:
+    """Refuse a folder in which no file can be made, before anything is computed for it."""
+    if not path.parent.is_dir():
+        raise UsageError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as problem:
+        raise UsageError(
+            f"cannot write {path}: {path.parent} takes no files ({reason(problem)}); choose another folder"
+        ) from None
 
 
 @contextmanager
 def told_if_stopped(results: Iterable[Path]) -> Iterator[None]:
     """Say at Ctrl-C which results are there: each appears whole or not at all."""
     before = {path: _state(path) for path in results}
+    from rig.commands import console
+
     try:
         yield
+        for path in before:
+            if path.is_file():
+                console.detail(f"wrote {path}, {path.stat().st_size:,} bytes")
     except KeyboardInterrupt:
-        from rig.commands import console
-
         whole = [str(path) for path, state in before.items() if _state(path) not in (None, state)]
         left = f"{', '.join(whole)} is there, and whole" if whole else "no file was written or changed"
-        console.say(f"Stopped before its end: {left}.")
+        console.announce(f"Stopped before its end: {left}.")
         raise
 
 

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.commands import completing
 from rig.commands.consent import Yes
 from rig.commands.options import (
-    UNTIL_STOPPED,
+    MEANWHILE,
+    RESULTS,
     AsJson,
     Config,
     Frames,
@@ -18,18 +20,21 @@ from rig.commands.options import (
     Note,
     Operator,
     Order,
+    Place,
     Ptu,
     Purpose,
+    Rotate,
     Sample,
+    Scale,
     Seed,
     Spacing,
     Until,
+    Web,
 )
 from rig.commands.results import require_free
 
 if TYPE_CHECKING:
     from rig.acquire.preflight import Estimate
-    from rig.model.config import RigConfig
     from rig.model.plan import Grid as GridPositions
     from rig.model.plan import ScanPlan
     from rig.model.state import RigState
@@ -39,7 +44,7 @@ def scan(
     config: Config = None,
     exposure: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[10ms][/dim]"),
+        typer.Option(metavar="TIME", help="Measurement time at each position. [dim]\\[default: 10ms][/dim]"),
     ] = None,
     grid: Grid = None,
     spacing: Spacing = None,
@@ -53,6 +58,7 @@ def scan(
     frames: Frames = None,
     order: Annotated[
         Order,
+        Place,
         typer.Option(
             help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
             "coarse to fine, the whole wall again and again. random: anywhere."
@@ -63,18 +69,30 @@ def scan(
         str | None,
         typer.Option(
             metavar="NAME|FILE",
-            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[letters][/dim]",
+            autocompletion=completing.scenes,
+            help="Hidden scene of the simulated rig, or a mesh file. [dim]\\[default: letters][/dim]",
         ),
     ] = None,
+    place: Place = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="A dataset of the paper, e.g. office-10ms; 'list' names all."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=completing.presets,
+            help="A dataset of the paper, e.g. office-10ms; 'list' names all.",
+        ),
     ] = None,
     seed: Seed = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="SCAN.h5", help="The scan file. [dim]\\[scan-DATE-TIME.h5][/dim]"
+            "--out",
+            "-o",
+            rich_help_panel=RESULTS,
+            metavar="SCAN.h5",
+            help="The scan file. [dim]\\[default: scan-DATE-TIME.h5][/dim]",
         ),
     ] = None,
     operator: Operator = None,
@@ -86,18 +104,22 @@ def scan(
         bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
     ] = False,
     live: Live = False,
+    web: Web = None,
     fresh_to: Annotated[
         str | None,
         typer.Option(
+            rich_help_panel=MEANWHILE,
             metavar="DEPTH",
             help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
-            "[dim]\\[never][/dim]",
+            "[dim]\\[default: never][/dim]",
         ),
     ] = None,
     video: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.gif", help="With --live and --frames: a video of them; .mp4 needs ffmpeg."
+            rich_help_panel=MEANWHILE,
+            metavar="FILE.gif",
+            help="With --live and --frames: a video of them; .mp4 needs ffmpeg.",
         ),
     ] = None,
     yes: Yes = False,
@@ -107,63 +129,65 @@ def scan(
 
     [bold]Examples[/bold]
 
-      rig scan --exposure 10ms               simulated rig, the whole wall
-
-      rig scan --grid 60x44 --spacing 3cm    a coarse one, quickly
-
-      rig scan --exposure 1ms --mode continuous    the whole wall in 24 s, once the mirror is loaded
-
-      rig scan --preset office-10ms          a dataset of the paper
-
-      rig scan --config lab.toml --dry-run   what would be done
-
-      rig scan --config configs/video.toml --frames 10    a moving hidden object, frame by frame
-
-      rig scan --config configs/video.toml --mode continuous --frames 10 --live    and seen meanwhile
+      # simulated rig, the whole wall
+      rig scan --exposure 10ms
+      # a coarse one, quickly
+      rig scan --grid 60x44 --spacing 3cm
+      # the whole wall in 24 s, once the mirror is loaded
+      rig scan --exposure 1ms --mode continuous
+      # a dataset of the paper
+      rig scan --preset office-10ms
+      # a mesh in millimetres
+      rig scan --scene model.obj --scale 0.001 --place 0cm,0cm,1.2m
+      # what would be done
+      rig scan --config lab.toml --dry-run
+      # a moving hidden object, frame by frame
+      rig scan --config configs/video.toml --frames 10
+      # and seen meanwhile
+      rig scan --config configs/video.toml --mode continuous --frames 10 --live
 
     Ctrl-C stops within half a second: the laser goes dark, the file is closed, rig resume goes on.
     """
-    from rig.acquire.acquisition import acquire
-    from rig.acquire.preflight import check
-    from rig.commands import console
-    from rig.commands.consent import require_consent
-    from rig.commands.operator import ConsoleOperator
-    from rig.commands.running import Onlookers, ending, run
-    from rig.errors import UsageError
-    from rig.files.records import beside
-    from rig.model.plan import ScanPlan
-    from rig.model.quantities import parse
-    from rig.model.state import RigState
-
     if preset == "list":
         _show_presets(as_json)
         return
+    from rig.acquire.acquisition import acquire
+    from rig.acquire.preflight import check
+    from rig.bench.simulated import hidden_scene
+    from rig.commands import console
+    from rig.commands.consent import require_consent
+    from rig.commands.operator import ConsoleOperator
+    from rig.commands.running import Onlookers, ending, page_at, run
+    from rig.files.records import beside
+    from rig.model import asked
+    from rig.model.quantities import parse
+    from rig.model.state import RigState
+
     notes = {"operator": operator, "sample": sample, "purpose": purpose, "note": note}
-    state = RigState.resolve(_configuration(config, preset, {"scene": scene, "seed": seed}, notes))
-    columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.grid(
+    simulation = {"scene": scene, "seed": seed, **asked.placement(place, rotate, scale)}
+    state = RigState.resolve(asked.configuration(config, preset, simulation, notes))
+    plan = asked.plan(
         state.config,
-        columns=columns,
-        rows=rows,
-        spacing_m=parse(spacing, "length") if spacing else None,
-        exposure_s=parse(exposure, "time") if exposure else None,
-        order=order.in_plan,
-        motion=mode.value,
-        **_frames(frames, mode),
+        exposure=exposure,
+        grid=grid,
+        spacing=spacing,
+        mode=mode.value,
+        frames=frames,
+        order=order.value,
     )
-    _check_film(plan, live, fresh_to, video)
+    _check_film(plan, live or web is not None, fresh_to, video)
     end = ending(until, plan) if until else None
     target = out or Path(_default_name())
     require_free([target, *([video] if video else [])])
-    if ptu and not plan.continuous:
-        raise UsageError(
-            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
-        )
-    if ptu and plan.endless:
-        raise UsageError(
-            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
-        )
+    if ptu:
+        _check_ptu(plan)
+    if state.config.simulation:
+        hidden_scene(state.config)  # a dry run refuses a wrong name, too
     found = check(plan, state, target.parent)
+    if found.hidden:
+        console.say(found.hidden.words)
+        for sentence in found.hidden.warnings:
+            console.warn(sentence)
     if config is None:
         console.say("No configuration given: using the built-in simulated rig.")
     if dry_run:
@@ -171,10 +195,12 @@ def scan(
         return
     if state.calibrations.records:
         console.say(f"Calibrations: {state.calibrations.in_words()}")
+    page = page_at(web)
     require_consent(state.config, yes=yes)
     needed = None if state.config.simulated else config
     fresh_to_m = parse(fresh_to, "length") if fresh_to else None
-    others, records = Onlookers(end, live, fresh_to_m, video), beside(target) if ptu else None
+    others = Onlookers(end, live, fresh_to_m, video, page, state.config.notify)
+    records = beside(target) if ptu else None
     run(
         lambda watch: acquire(
             plan,
@@ -189,27 +215,6 @@ def scan(
         needed,
         others,
     )
-
-
-def _frames(text: str | None, mode: Mode) -> dict[str, object]:
-    """Read the option --frames, as the plan has it."""
-    from rig.errors import UsageError
-    from rig.model.plan import FIRST_FRAMES
-
-    if text is None:
-        return {}
-    if text.strip() != UNTIL_STOPPED:
-        if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
-            raise UsageError(
-                f"'{text}' is no number of frames; write one from 1 on, e.g. --frames 10, or "
-                f"--frames {UNTIL_STOPPED}"
-            )
-        return {"frames": int(text)}
-    if mode is not Mode.CONTINUOUS:
-        raise UsageError(
-            f"--frames {UNTIL_STOPPED} needs --mode continuous; add it, or give a number of frames"
-        )
-    return {"frames": FIRST_FRAMES, "until_stopped": True}
 
 
 def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path | None) -> None:
@@ -232,6 +237,20 @@ def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path 
         check_video(video)
 
 
+def _check_ptu(plan: "ScanPlan") -> None:
+    """Refuse to keep records that are not made, or have no end."""
+    from rig.errors import UsageError
+
+    if not plan.continuous:
+        raise UsageError(
+            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
+        )
+    if plan.endless:
+        raise UsageError(
+            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
+        )
+
+
 def _show_presets(as_json: bool) -> None:
     from rig.commands import console
     from rig.model.presets import about
@@ -240,46 +259,6 @@ def _show_presets(as_json: bool) -> None:
         console.print_json({"presets": about()})
     else:
         console.print_facts("presets: the datasets of Liu et al. 2019", about())
-
-
-def _configuration(
-    path: Path | None, preset: str | None, simulation: dict[str, object], notes: dict[str, str | None]
-) -> "RigConfig":
-    """Return the configuration of a file, or of the built-in rig, with what options say (None: nothing)."""
-    from rig.errors import UsageError
-    from rig.model.config import built_in_with, load
-    from rig.model.presets import merged
-    from rig.model.presets import preset as changes_of
-
-    overlay = changes_of(preset) if preset else {}
-    given = {name: value for name, value in simulation.items() if value is not None}
-    said = {name: text for name, text in notes.items() if text is not None}
-    if path and (preset or given) and not load(path).simulated:
-        option = "preset" if preset else next(iter(given))
-        raise UsageError(f"--{option} is for the simulated rig, and {path} names real devices; leave it out")
-    changes = merged(overlay, {"simulation": given} if given else {})
-    changes = merged(changes, {"notes": said} if said else {})
-    return load(path, changes) if path else built_in_with(changes)
-
-
-def columns_and_rows(text: str) -> tuple[int, int]:
-    """Read a grid like 180x130.
-
-    Raises
-    ------
-    rig.errors.UsageError
-        If it is none.
-    """
-    from rig.errors import UsageError
-
-    columns, separator, rows = text.lower().partition("x")
-    numbers = [text.strip() for text in (columns, rows)]
-    plain = all(number.isascii() and number.isdecimal() and len(number) < 10 for number in numbers)
-    if not (separator and plain and min(map(int, numbers)) > 1):
-        raise UsageError(
-            f"'{text}' is not a grid; write columns and rows, each at least 2, e.g. --grid 180x130"
-        )
-    return int(numbers[0]), int(numbers[1])
 
 
 def _default_name() -> str:
@@ -293,13 +272,14 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
 
     from rig.commands import console
     from rig.model.plan import Grid
-    from rig.model.quantities import show, show_duration, show_length
+    from rig.model.quantities import show, show_bytes, show_duration, show_length
 
     config, (one,) = state.config, plan.passes
     grid = one.positions
     assert isinstance(grid, Grid)
-    angles = [degrees(angle) for angle in found.mirror_rad]
-    limits = [degrees(config.galvo.max_angle_x_rad), degrees(config.galvo.max_angle_y_rad)]
+    angles = [round(degrees(angle), 9) for angle in found.mirror_rad]
+    most_rad = (config.galvo.max_angle_x_rad, config.galvo.max_angle_y_rad)
+    limits = [round(degrees(angle), 9) for angle in most_rad]  # 24, not 23.999999999999996
     if as_json:
         console.print_json(
             {
@@ -345,8 +325,8 @@ def _show_plan(plan: "ScanPlan", state: "RigState", found: "Estimate", as_json: 
             if plan.continuous
             else "histogram": f"{found.bins:,} bins of {show(found.bin_width_s, 's')}"
             + (f", {channels} channels" if channels > 1 else ""),
-            "file": f"~{found.bytes_on_disk / 1e6:.0f} MB compressed, "
-            f"{found.bytes_in_memory / 1e6:.0f} MB of counts",
+            "file": f"~{show_bytes(found.bytes_on_disk)} compressed, "
+            f"{show_bytes(found.bytes_in_memory)} of counts",
             "mirror": f"{angles[0]:.1f} x {angles[1]:.1f} deg, limits {limits[0]:.1f} x {limits[1]:.1f} deg",
             "calibrations": state.calibrations.in_words() or "none: as configured",
             **({"not verified": "\n".join(config.unverified)} if config.unverified else {}),

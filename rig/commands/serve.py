@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import Config
+from rig.commands.options import BUILT_IN, Config
 
 if TYPE_CHECKING:
     from rig.model.config import RigConfig
@@ -43,8 +43,8 @@ def serve(
     [bold]Examples[/bold]
 
       rig sim serve --write-config served.toml --log changes.log
-
-      rig scan --config served.toml --grid 12x9 --spacing 15cm         in another terminal
+      # in another terminal
+      rig scan --config served.toml --grid 12x9 --spacing 15cm
 
     A line of the log is `time_s device what value`, e.g. `12.481 laser emission 1`.
     """
@@ -60,11 +60,13 @@ def serve(
         )
     rig_config = load(config) if config else built_in()
     if not rig_config.simulated:
-        raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
+        raise UsageError(
+            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+        )
     if write_config:
         _refuse_foreign(write_config)
     with served(rig_config, log) as server:
-        _end_in_order(server.stop)
+        end_in_order(server.stop)
         signal.signal(signal.SIGUSR1, lambda *_: server.switch_interlock())
         if write_config:
             _write(configuration(rig_config, server.addresses), write_config)
@@ -78,7 +80,7 @@ def serve(
         server.run()
 
 
-def _end_in_order(stop: Callable[[], None]) -> None:
+def end_in_order(stop: Callable[[], None]) -> None:
     """Let Ctrl-C, SIGTERM and a closed terminal end the server; with nohup it outlives its terminal."""
     if sys.platform == "win32":
         return

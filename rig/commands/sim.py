@@ -2,12 +2,29 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.commands.options import AsJson, Grid, Spacing
-from rig.commands.results import told_if_stopped
+from rig.commands import completing
+from rig.commands.options import (
+    BUILT_IN,
+    AsJson,
+    Grid,
+    Place,
+    Rotate,
+    Scale,
+    Spacing,
+    above_zero,
+    config_option,
+)
+from rig.commands.results import require_free, told_if_stopped
+
+#: Narrowest bin that is rendered: a thousandth of the finest of any timing instrument.
+LEAST_BIN_S = 1e-15
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 sim = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -26,29 +43,58 @@ def _sim() -> None:
 
 @sim.command("render")
 def render(
-    scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of a built-in scene, or a mesh file.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            autocompletion=completing.scenes,
+            help="Name of a built-in scene, or a mesh file.",
+        ),
+    ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The scan file to make.")],
     config: Annotated[
-        Path | None,
-        typer.Option("--config", "-c", metavar="FILE", help="The simulated rig. [dim]\\[built-in][/dim]"),
+        Path | None, config_option("The simulated rig. [dim]\\[default: built-in][/dim]")
     ] = None,
     bounces: Annotated[
-        int | None, typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[3][/dim]")
+        int | None,
+        typer.Option(min=3, max=5, help="Bounces of light to follow: 3, 4 or 5. [dim]\\[default: 3][/dim]"),
     ] = None,
+    place: Place = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
     grid: Grid = None,
     spacing: Spacing = None,
+    lasers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLSxROWS",
+            help="Laser spots of an exhaustive capture: each with each of --pixels. [dim]\\[none][/dim]",
+        ),
+    ] = None,
+    pixels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLSxROWS",
+            help="Pixels that see the wall, --spacing apart, for each of --lasers, which are spread over "
+            "the same wall. [dim]\\[the rig's][/dim]",
+        ),
+    ] = None,
     roughness: Annotated[
         float | None,
-        typer.Option(min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[each its own][/dim]"),
+        typer.Option(
+            min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[default: each its own][/dim]"
+        ),
     ] = None,
     gloss: Annotated[
         Gloss | None,
-        typer.Option(help="Model of all glossy surfaces. [dim]\\[each its own][/dim]"),
+        typer.Option(help="Model of all glossy surfaces. [dim]\\[default: each its own][/dim]"),
     ] = None,
     bin_width: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[4ps][/dim]")
+        str | None, typer.Option(metavar="TIME", help="Width of a bin. [dim]\\[default: 4ps][/dim]")
     ] = None,
-    bins: Annotated[int | None, typer.Option(min=1, help="Number of bins. [dim]\\[15000][/dim]")] = None,
+    bins: Annotated[
+        int | None, typer.Option(min=1, max=10_000_000, help="Number of bins. [dim]\\[default: 15000][/dim]")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Render what a scan of a hidden scene gives on average: no noise, no gate, no instrument.
@@ -57,50 +103,97 @@ def render(
 
     [bold]Examples[/bold]
 
-      rig sim render office office.h5                                 the whole wall, three bounces
-
-      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm --bin-width 16ps --bins 4000
+      # the whole wall, three bounces
+      rig sim render office office.h5
+      rig sim render letters letters.h5 --bounces 5 --grid 60x44 --spacing 3cm
+      # every laser spot with every pixel
+      rig sim render letters all.h5 --lasers 16x16 --pixels 64x64 --spacing 2cm --bin-width 32ps --bins 512
     """
     import time
 
-    from rig.bench.render import TimeAxis
+    import numpy as np
+
+    from rig.bench.placed import looked_at
+    from rig.bench.render import TimeAxis, render_each_with_each
     from rig.bench.render import render as rendered
     from rig.commands import console
-    from rig.commands.scan import columns_and_rows
     from rig.devices.kinds import time_axis
     from rig.errors import UsageError
-    from rig.model.config import built_in_with, load
-    from rig.model.plan import ScanPlan
-    from rig.model.quantities import parse, show_duration
+    from rig.model import asked
+    from rig.model.config import load
+    from rig.model.quantities import parse, show_bytes, show_duration
 
-    simulation = {"scene": scene, "bounces": bounces, "roughness": roughness, "gloss": gloss}
-    changes = {"simulation": {name: value for name, value in simulation.items() if value is not None}}
+    simulation: dict[str, object] = {"scene": scene, "bounces": bounces, "roughness": roughness}
+    simulation |= {"gloss": gloss, **asked.placement(place, rotate, scale)}
     if config and not load(config).simulated:
-        raise UsageError(f"{config} names real devices; give the configuration of a simulated rig")
-    rig_config = load(config, changes) if config else built_in_with(changes)
-    columns, rows = columns_and_rows(grid) if grid else (None, None)
-    plan = ScanPlan.grid(
-        rig_config,
-        columns=columns,
-        rows=rows,
-        spacing_m=parse(spacing, "length") if spacing else None,
-    )
+        raise UsageError(
+            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+        )
+    rig_config = asked.configuration(config, None, simulation)
+    if bool(lasers) != bool(pixels) or (lasers and grid):
+        raise UsageError(
+            "an exhaustive capture has --lasers and --pixels, both, and no --grid; e.g. --lasers 16x16 "
+            "--pixels 64x64"
+        )
+    plan = asked.plan(rig_config, grid=grid, spacing=spacing)
+    sides_m = plan.spots_m, np.array([channel.spot_m for channel in rig_config.channels])
+    if lasers and pixels:
+        spacing_m = parse(spacing, "length") if spacing else rig_config.scan.spacing_m
+        sides_m = exhaustive_spots_m(lasers, pixels, spacing_m)
     usual_bins, usual_width_s = time_axis(rig_config)
-    axis = TimeAxis(bins or usual_bins, parse(bin_width, "time") if bin_width else usual_width_s)
+    axis = TimeAxis(bins or usual_bins, _bin_width_s(bin_width, usual_width_s))
+    require_free([out])
+    hidden = looked_at(rig_config, *sides_m, (0.0, axis.bins * axis.bin_width_s))
+    if hidden:
+        console.say(hidden.words)
+        for sentence in hidden.warnings:
+            console.warn(sentence)
     began_s = time.monotonic()
     with told_if_stopped([out]), console.Working(f"rendering {scene}") as progress:
-        photons = rendered(plan, rig_config, axis, out, progress)
+        if lasers:
+            positions = len(sides_m[0]) * len(sides_m[1])
+            photons = render_each_with_each(*sides_m, rig_config, axis, out, progress)
+        else:
+            positions, photons = len(plan), rendered(plan, rig_config, axis, out, progress)
     took_s = time.monotonic() - began_s
     if as_json:
-        result = {"file": str(out), "positions": len(plan), "bins": axis.bins, "expected": photons}
+        result = {"file": str(out), "positions": positions, "bins": axis.bins, "expected": photons}
         console.print_json({**result, "took_s": round(took_s, 2)})
         return
     console.print_facts(
         str(out),
         {
-            "positions": f"{len(plan):,}, {axis.bins:,} bins each",
+            "positions": f"{positions:,}, {axis.bins:,} bins each",
             "expected": f"{photons:,.0f} photons",
-            "size": f"{out.stat().st_size / 1e6:.1f} MB",
+            "size": show_bytes(out.stat().st_size),
             "took": show_duration(took_s),
         },
     )
+
+
+def exhaustive_spots_m(lasers: str, pixels: str, spacing_m: float) -> "tuple[NDArray, NDArray]":
+    """Read the options --lasers and --pixels: spots of both, spread over the same wall, its middle at zero.
+
+    Raises
+    ------
+    rig.errors.UsageError
+        If one is no grid.
+    """
+    from rig.bench.render import even_grid
+    from rig.model.asked import columns_and_rows
+
+    columns, rows = columns_and_rows(pixels)
+    wall_m = columns * spacing_m, rows * spacing_m
+    return even_grid(*columns_and_rows(lasers), *wall_m), even_grid(columns, rows, *wall_m)
+
+
+def _bin_width_s(text: str | None, usual_s: float) -> float:
+    """Read --bin-width; light of a scene is rendered in bins that an instrument could have."""
+    from rig.errors import UsageError
+
+    if text is None:
+        return usual_s
+    width_s = above_zero("--bin-width", text, "time")
+    if width_s < LEAST_BIN_S:
+        raise UsageError(f"--bin-width {text}: bins are {LEAST_BIN_S * 1e15:g} fs wide or more, e.g. 4ps")
+    return width_s

@@ -18,20 +18,21 @@ def stats(
         typer.Option(
             "--from",
             metavar="TIME",
-            help="Count from this time after the pulse on the wall on. [dim]\\[3.332ns, bin 833][/dim]",
+            help="Count from this time after the pulse on the wall on. "
+            "[dim]\\[default: 3.332ns, bin 833][/dim]",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell the photon statistics of scans, as the paper's Table 1 does.
+    """Report the photon statistics of scans, as the paper's Table 1 does.
 
     [bold]Examples[/bold]
 
       rig stats scan.h5
-
       rig stats office-*.h5 --json
     """
     from rig.commands import console
+    from rig.errors import DataFileError, UsageError
     from rig.files.scan import ScanFile
     from rig.model.quantities import parse
     from rig.show.statistics import FIRST_USEFUL_S, tally
@@ -41,7 +42,11 @@ def stats(
     for path in scans:
         with ScanFile(path) as scan:
             console.warn_of(scan)
-            found[str(path)] = tally(scan.capture(), from_s).statistics
+            try:
+                found[str(path)] = tally(scan.capture(), from_s).statistics
+            except DataFileError as error:
+                where = f"{path}: --from {start}" if start else str(path)
+                raise (UsageError if start else DataFileError)(f"{where}: {error}") from None
     if as_json:
         console.print_json({"scans": [{"file": name, **s.as_dict()} for name, s in found.items()]})
         return

@@ -7,7 +7,7 @@ from types import ModuleType
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError
 from rig.exporters import glb, mat, npz, page, ply, ptu, tal, tiff, transients_mat, vti
-from rig.files import ScanFile, read_volume
+from rig.files import ScanFile, Volume, read_volume
 from rig.files.volume import is_volume
 
 #: Layouts of a volume: modules with NAME, ENDINGS and write(path, volume).
@@ -57,14 +57,27 @@ def export(
     if is_volume(source):
         if rectify:
             raise UsageError(f"{source} is a volume; --rectified is for scans. Leave it out")
-        layout = _by_ending(target, VOLUME_LAYOUTS, "a volume")
-        _write(target, lambda partial: layout.write(partial, read_volume(source)))
-    else:
-        with ScanFile(source) as scan:
-            layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
-            for sentence in scan.doubts:
-                tell(sentence)
-            _write(target, lambda partial: layout.write(partial, scan, rectify))
+        return write_volume_as(read_volume(source), target)
+    with ScanFile(source) as scan:
+        layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
+        for sentence in scan.doubts:
+            tell(sentence)
+        _write(target, lambda partial: layout.write(partial, scan, rectify))
+    return str(layout.NAME)
+
+
+def write_volume_as(volume: Volume, target: Path) -> str:
+    """Write a volume in the layout that the ending names, whole or not at all; return the layout's name.
+
+    Raises
+    ------
+    UsageError
+        If the ending is not known for volumes, or the layout cannot hold what the volume holds.
+    DataFileError
+        If ``target`` cannot be written.
+    """
+    layout = _by_ending(target, VOLUME_LAYOUTS, "a volume")
+    _write(target, lambda partial: layout.write(partial, volume))
     return str(layout.NAME)
 
 

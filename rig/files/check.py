@@ -10,10 +10,15 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError
+from rig.errors import DataFileError, no_file
 from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
 
+#: What files of this program are called, and what to do with one where another kind is wanted.
+_OWN = {
+    "rig-scan": ("a scan", "image it first, with rig recon"),
+    "rig-volume": ("a volume", "give the scan that it was made from"),
+}
 #: What h5py raises on damaged content. A member that cannot be opened is None to it, which lacks every
 #: attribute; JSON may be nested too deep.
 _DAMAGE = (
@@ -38,7 +43,7 @@ def open_hdf5(path: Path) -> h5py.File:
         see `rig.files.inspection`.
     """
     if not os.path.isfile(path):
-        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+        raise DataFileError(no_file(path))
     inspect(path)
     try:
         return h5py.File(path, "r")
@@ -51,7 +56,8 @@ def open_hdf5(path: Path) -> h5py.File:
             raise DataFileError(
                 f"{path} is truncated: its end is missing, so nothing in it can be trusted; copy it again"
             ) from None
-        raise DataFileError(f"{path} is not an HDF5 file, or its head is damaged: {error}") from None
+        what = "is not an HDF5 file, or its head is damaged" if os.path.getsize(path) else "is empty"
+        raise DataFileError(f"{path} {what}; copy it again, or give a file of this program") from None
 
 
 @contextmanager
@@ -67,6 +73,9 @@ def check_format(path: Path, file: h5py.File, name: str, versions: tuple[int, ..
     """Return the version of a file; raise DataFileError unless it has this format and such a version."""
     found = plain(file.attrs.get("format"))
     if found != name:
+        if found in _OWN and name in _OWN:
+            what, remedy = _OWN[found]
+            raise DataFileError(f"{path} is {what}, and {_OWN[name][0]} is wanted; {remedy}")
         what = f"its format attribute is {found!r}" if found is not None else "it has no format attribute"
         held = ", ".join(sorted(file)) or "nothing"
         raise DataFileError(

@@ -74,6 +74,27 @@ class Form(ABC):
 
     @staticmethod
     @abstractmethod
+    def unpacked(
+        transients: h5py.Group, chunk: Chunk, first: int
+    ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
+        """Return the photons of a journal's chunk.
+
+        Parameters
+        ----------
+        transients
+            Of a scan file of the same scan; its photons are not read.
+        chunk
+            The chunk.
+        first
+            The first step that is wanted of it.
+
+        Returns
+        -------
+        The bin of each photon, and how many each measured step and channel has.
+        """
+
+    @staticmethod
+    @abstractmethod
     def stored_sums(file: h5py.File) -> Any:
         """Return the checksums that a scan file holds."""
 

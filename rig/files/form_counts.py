@@ -1,7 +1,13 @@
-"""Histograms: the photons of each step, channel and bin, in chunks of several steps."""
+"""Histograms: the photons of each step, channel and bin, in chunks of several steps.
+
+A step of very many channels has several chunks, each of some channels and a band of bins, so that a step, or
+a band of bins of many steps, is read without the rest. In the journal they follow one another as one.
+"""
 
 import zlib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from typing import ClassVar, NamedTuple
 
 import h5py
@@ -12,9 +18,12 @@ from rig.files.blocks import read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.journal import Chunk
+from rig.model.photons import photons_in
 
 #: Histograms in one chunk of the file: 1 MB of 15,000 bins.
 CHUNK_HISTOGRAMS = 16
+#: A step of more bytes is stored in several chunks, of so many channels and bins at the most: 1 MB.
+STEP_BYTES, BAND = 2**22, (1024, 256)
 #: zlib's quickest level. Measured on sparse counts: level 4 takes nearly twice as long.
 COMPRESSION = 1
 
@@ -38,7 +47,8 @@ class CountForm(Form):
         self.steps, *shape = self._counts.shape  # in version 1 there is no axis of channels
         self.shape = tuple(shape)
         self._size = self._counts.chunks[0]
-        self.sums = np.zeros(-(-self.steps // self._size), np.uint32)
+        self._places = _places(self._counts)
+        self.sums = np.zeros((-(-self.steps // self._size), len(self._places)), np.uint32)
         self._photons = np.zeros(self.steps)
         self.at = Rows(0, np.zeros((self._size, *shape), self._counts.dtype))
 
@@ -46,19 +56,19 @@ class CountForm(Form):
     def create(transients: h5py.Group, description: ScanDescription) -> None:
         """Make the datasets of ``/transients`` in a new scan file."""
         steps, channels, bins = description.steps, description.channel_count, description.bins
-        size = min(max(CHUNK_HISTOGRAMS // channels, 1), steps)
+        chunks = chunk_shape(steps, channels, bins, np.dtype(description.dtype).itemsize)
         counts = transients.create_dataset(
             "counts",
             (steps, channels, bins),
             description.dtype,
-            chunks=(size, channels, bins),
+            chunks=chunks,
             compression="gzip",
             compression_opts=COMPRESSION,
             shuffle=True,
         )
         counts.attrs["kind"] = "expectation" if counts.dtype.kind == "f" else "photons"
         create_marks(transients, steps)
-        transients["checksum"] = np.zeros(-(-steps // size), "<u4")
+        transients["checksum"] = np.zeros(-(-steps // chunks[0]) * len(_places(counts)), "<u4")
 
     @staticmethod
     def copy_empty(old: h5py.Group, new: h5py.Group) -> None:
@@ -80,15 +90,29 @@ class CountForm(Form):
         """Return whether the counts are stored as this program stores them."""
         counts = transients["counts"]
         own_filters = counts.compression == "gzip" and counts.shuffle and not counts.fletcher32
-        return own_filters and counts.scaleoffset is None and counts.chunks[1:] == counts.shape[1:]
+        if not own_filters or counts.scaleoffset is not None:
+            return False
+        return counts.chunks[0] == 1 or counts.chunks[1:] == counts.shape[1:]
 
     @staticmethod
     def chunks(file: h5py.File, measured: int) -> Iterator[Chunk]:
         """Yield the first steps of a scan file as they are stored."""
         counts, live_time_s = file["transients/counts"], file["transients/live_time_s"][:measured]
         for first in range(0, measured, counts.chunks[0]):
-            _, packed = counts.id.read_direct_chunk(_place(counts, first))
-            yield Chunk(first, live_time_s[first : first + counts.chunks[0]], packed)
+            pieces = [counts.id.read_direct_chunk((first, *place))[1] for place in _places(counts)]
+            yield Chunk(first, live_time_s[first : first + counts.chunks[0]], _joined(pieces))
+
+    @staticmethod
+    def unpacked(
+        transients: h5py.Group, chunk: Chunk, first: int
+    ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
+        """Return the photons of a journal's chunk, from one of its steps on."""
+        counts = transients["counts"]
+        shape = (counts.chunks[0], *counts.shape[1:])
+        stored = np.frombuffer(zlib.decompress(chunk.packed), np.uint8).reshape(counts.dtype.itemsize, -1)
+        values = np.ascontiguousarray(stored.T).view(counts.dtype).reshape(shape)
+        wanted = values[first - chunk.first : len(chunk.live_time_s)]
+        return photons_in(wanted.reshape(-1, shape[-1]))
 
     @staticmethod
     def stored_sums(file: h5py.File) -> NDArray[np.uint32]:
@@ -99,10 +123,12 @@ class CountForm(Form):
     def altered(file: h5py.File, sums: NDArray[np.uint32]) -> NDArray[np.bool_]:
         """Return (S,) which steps are marked as measured though their chunk is not what was written."""
         counts, done = file["transients/counts"], file["transients/done"][()].astype(bool)
-        size, wrong = counts.chunks[0], np.zeros(len(done), bool)
-        for number, expected in enumerate(sums.tolist()):
+        size, wrong, places = counts.chunks[0], np.zeros(len(done), bool), _places(counts)
+        for number, expected in enumerate(np.reshape(sums, (-1, len(places))).tolist()):
             steps = slice(number * size, (number + 1) * size)
-            if done[steps].any() and stored_crc(counts, _place(counts, number * size)) != expected:
+            if done[steps].any() and expected != [
+                stored_crc(counts, (number * size, *place)) for place in places
+            ]:
                 wrong[steps] = done[steps]
         return wrong
 
@@ -133,18 +159,36 @@ class CountForm(Form):
         """Return the chunk as HDF5's own filters would: shuffled and deflated, in nearly half their time."""
         first, counts = self.at
         counts[appended - first :] = 0
-        return Chunk(first, live_time_s[first:appended], zlib.compress(shuffled(counts), COMPRESSION))
+        chunks = self._counts.chunks
+
+        def piece(place: tuple[int, ...]) -> bytes:
+            part = counts[:, *(slice(at, at + size) for at, size in zip(place, chunks[1:], strict=True))]
+            whole = np.zeros(chunks, counts.dtype)
+            whole[tuple(map(slice, part.shape))] = part
+            return zlib.compress(shuffled(whole), COMPRESSION)
+
+        if len(self._places) == 1:
+            packed = zlib.compress(shuffled(counts), COMPRESSION)
+        else:
+            with ThreadPoolExecutor() as threads:
+                packed = _joined(list(threads.map(piece, self._places)))
+        return Chunk(first, live_time_s[first:appended], packed)
 
     def write(self, chunk: Chunk, written: int, appended: int, *, last: bool) -> int:
         """Write the chunk."""
-        self._put(chunk)
-        self.sums[chunk.first // self._size] = zlib.crc32(chunk.packed)
+        self.sums[chunk.first // self._size] = self._put(chunk)
         return appended
 
-    def _put(self, chunk: Chunk) -> None:
-        self._counts.id.write_direct_chunk(_place(self._counts, chunk.first), chunk.packed)
+    def _put(self, chunk: Chunk) -> list[int]:
+        """Write a chunk of the journal; return the CRC-32 of each of the file's."""
+        pieces = _split(chunk.packed, len(self._places))
+        for place, piece in zip(self._places, pieces, strict=True):
+            self._counts.id.write_direct_chunk((chunk.first, *place), piece)
+        sums = [zlib.crc32(piece) for piece in pieces]
         if self._stored is not None:
-            self._stored[chunk.first // self._size] = zlib.crc32(chunk.packed)
+            number = chunk.first // self._size * len(sums)
+            self._stored[number : number + len(sums)] = sums
+        return sums
 
     def before(self, first: int) -> tuple[Rows, int]:
         """Return the chunk that holds step ``first``, and where it begins."""
@@ -156,8 +200,9 @@ class CountForm(Form):
     def take_up(self, measured: int) -> int:
         """Read back the first steps of a file."""
         for number in range(-(-measured // self._size)):
-            place = _place(self._counts, number * self._size)
-            self.sums[number] = zlib.crc32(self._counts.id.read_direct_chunk(place)[1])
+            for index, place in enumerate(self._places):
+                packed = self._counts.id.read_direct_chunk((number * self._size, *place))[1]
+                self.sums[number, index] = zlib.crc32(packed)
         for first in range(0, measured, self._size):
             rows = slice(first, min(first + self._size, measured))
             self.at.counts[: rows.stop - first] = self._counts[rows]
@@ -191,9 +236,36 @@ def stored_crc(dataset: h5py.Dataset, place: tuple[int, ...]) -> int | None:
         return None
 
 
-def _place(counts: h5py.Dataset, first: int) -> tuple[int, ...]:
-    """Return where the chunk begins whose first step is ``first``."""
-    return (first, *(0 for _ in counts.shape[1:]))
+def chunk_shape(steps: int, channels: int, bins: int, itemsize: int) -> tuple[int, int, int]:
+    """Return the shape of a chunk of new counts."""
+    if channels * bins * itemsize <= STEP_BYTES or channels == 1:
+        return min(max(CHUNK_HISTOGRAMS // channels, 1), steps), channels, bins
+    return 1, min(channels, BAND[0]), min(bins, BAND[1])
+
+
+def _places(counts: h5py.Dataset) -> list[tuple[int, ...]]:
+    """Return where, beyond the first axis, the chunks of a step begin, in the order of the file."""
+    beyond = zip(counts.shape[1:], counts.chunks[1:], strict=True)
+    return list(product(*(range(0, size, step) for size, step in beyond)))
+
+
+def _joined(pieces: list[bytes]) -> bytes:
+    """Return the chunks of a step as one: each with its length before it, but one alone as it is."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return b"".join(len(piece).to_bytes(8, "little") + piece for piece in pieces)
+
+
+def _split(packed: bytes, count: int) -> list[bytes]:
+    """Undo `_joined`."""
+    if count == 1:
+        return [packed]
+    pieces, at = [], 0
+    for _ in range(count):
+        size = int.from_bytes(packed[at : at + 8], "little")
+        pieces.append(packed[at + 8 : at + 8 + size])
+        at += 8 + size
+    return pieces
 
 
 def _sums(rows: NDArray) -> NDArray:

@@ -113,6 +113,16 @@ class PhotonForm(Form):
             first = last
 
     @staticmethod
+    def unpacked(
+        transients: h5py.Group, chunk: Chunk, first: int
+    ) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
+        """Return the photons of a journal's chunk, from one of its steps on."""
+        channels = (len(transients["photon_offset"]) - 1) // len(transients["done"])
+        of_channel, photons = _parts(chunk, channels, transients["photons"].dtype)
+        before = (first - chunk.first) * channels
+        return photons[of_channel[:before].sum() :], of_channel[before:]
+
+    @staticmethod
     def stored_sums(file: h5py.File) -> Sums:
         """Return the checksums that a scan file holds."""
         return Sums(read(file["transients/checksum"]), read(file["transients/step_checksum"]))
@@ -324,10 +334,8 @@ class PhotonForm(Form):
 
     def restore(self, chunk: Chunk, rows: int) -> None:
         """Write the first steps of a chunk."""
-        many = len(chunk.live_time_s) * self._channels
-        of_channel = np.frombuffer(chunk.packed, "<u4", many)
-        photons = np.frombuffer(chunk.packed, self._photons.dtype, offset=4 * many)
-        of_channel = of_channel[: rows * self._channels].astype(np.int64)
+        of_channel, photons = _parts(chunk, self._channels, self._photons.dtype)
+        of_channel = of_channel[: rows * self._channels]
         pair = chunk.first * self._channels
         self._offset[pair + 1 : pair + 1 + len(of_channel)] = self._offset[pair] + np.cumsum(of_channel)
         begin, total = self._end(chunk.first) - self.at.first, int(of_channel.sum())
@@ -373,6 +381,15 @@ def _chunk(
 ) -> Chunk:
     """Return steps as the journal holds them: photons of each step and channel (``<u4``), then the bins."""
     return Chunk(first, live_time_s, b"".join([of_channel.astype("<u4").data, photons.data]))
+
+
+def _parts(
+    chunk: Chunk, channels: int, dtype: np.dtype
+) -> tuple[NDArray[np.int64], NDArray[np.unsignedinteger]]:
+    """Return the photons of each step and channel of a chunk, and the bins."""
+    many = len(chunk.live_time_s) * channels
+    of_channel = np.frombuffer(chunk.packed, "<u4", many).astype(np.int64)
+    return of_channel, np.frombuffer(chunk.packed, dtype, offset=4 * many)
 
 
 def _step_sum(offset: NDArray[np.int64], step: int, channels: int) -> int:

@@ -64,10 +64,41 @@ class DenseHistograms:
         for run in np.split(steps, np.flatnonzero(np.diff(steps // chunk) > 1) + 1):
             start = run[0] // chunk * chunk
             with reading(self._path):
-                channels = (slice(None),) * (self._counts.ndim - 2)
-                counts = read(self._counts, slice(int(start), int(run[-1]) + 1), *channels, bins)
+                counts = self._counts_of(slice(int(start), int(run[-1]) + 1), bins)
             parts.append(counts if len(counts) == len(run) else counts[run - start])
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _counts_of(self, steps: slice, bins: slice) -> NDArray:
+        """Return the counts of some steps; of steps in several chunks no other bands of bins are read."""
+        if self._counts.ndim == 2 or self._counts.chunks is None:
+            return read(self._counts, steps)[..., bins]
+        return read(self._counts, steps, slice(None), bins)
+
+
+class LaserHistograms:
+    """Histograms of an exhaustive capture: steps are lasers, channels are pixels.
+
+    Parameters
+    ----------
+    path
+        File name, for errors.
+    counts
+        (steps, channels, bins) dataset.
+    steps
+        (lasers,) which steps, in rising order.
+    """
+
+    def __init__(self, path: Path, counts: h5py.Dataset, steps: NDArray[np.int64]) -> None:
+        self._path, self._counts, self._steps = path, counts, steps
+
+    @property
+    def bins(self) -> int:
+        """Number of bins."""
+        return int(self._counts.shape[2])
+
+    def of(self, lasers: slice) -> Histograms:
+        """Return the histograms of a run of lasers."""
+        return DenseHistograms(self._path, self._counts, self._steps[lasers])
 
 
 class RepeatedHistograms:

@@ -68,6 +68,11 @@ def inspect_all(paths: Sequence[Path]) -> None:
             _inspected.update(zip(keys, tried(batch[0], problems, *map(str, batch[1:])), strict=True))
 
 
+def inspected_elsewhere(path: Path) -> None:
+    """Take a file as walked through: another process of this program was, and found nothing wrong with it."""
+    _inspected.setdefault(_key(path), "")
+
+
 def _key(path: Path) -> tuple[str, int, int, int]:
     stat = path.stat()
     return str(path.absolute()), stat.st_ino, stat.st_size, stat.st_mtime_ns

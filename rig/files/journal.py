@@ -106,7 +106,7 @@ class Record:
 
 def journal_of(path: Path) -> Path:
     """Return the name of the journal of a scan file."""
-    return path.with_name(path.name + ".journal")
+    return path.parent / f"{path.name}.journal"
 
 
 class Journal:
@@ -198,9 +198,15 @@ class Journal:
             os.ftruncate(self.descriptor, self.end)
         os.fsync(self.descriptor)
 
-    def records(self) -> Iterator[Record]:
-        """Yield the whole records in order, up to the first that is not; `end` is then where they end."""
-        self.end = 0
+    def records(self, start: int = 0) -> Iterator[Record]:
+        """Yield the whole records in order, up to the first that is not; `end` is then where they end.
+
+        Parameters
+        ----------
+        start
+            Where to begin: the end of a record.
+        """
+        self.end = start
         size = os.fstat(self.descriptor).st_size
         while self.end + _HEADER.size <= size:
             header = self._bytes(self.end, _HEADER.size)

@@ -101,15 +101,25 @@ def outline(journal: Journal) -> h5py.File:
     Steps are marked as measured, and their photons are not there.
     """
     records = list(journal.records())
-    (head,) = [record for record in records if record.kind is Kind.HEAD]
-    file = h5py.File(io.BytesIO(journal.payload(head)), "r+")
-    _grow(file, journal, records)
+    file = _head(journal, records)
     for record, rows in _measured(journal, records):
         first, every = Chunk.place(journal.payload(record, Chunk.PLACE_BYTES))
         begin = journal.payload(record, Chunk.PLACE_BYTES + 4 * every)
         content.mark(file, first, np.frombuffer(begin[Chunk.PLACE_BYTES :], "<f4")[:rows])
     for record in records:
         _apply(file, record.kind, journal, record)
+    return file
+
+
+def beginning(journal: Journal) -> h5py.File:
+    """Return a scan file in memory with all that its journal says before the first photon."""
+    return _head(journal, list(journal.records()))
+
+
+def _head(journal: Journal, records: list[Record]) -> h5py.File:
+    (head,) = [record for record in records if record.kind is Kind.HEAD]
+    file = h5py.File(io.BytesIO(journal.payload(head)), "r+")
+    _grow(file, journal, records)
     return file
 
 

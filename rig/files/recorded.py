@@ -100,6 +100,11 @@ class RecordedFile(ABC):
         """SHA-256 of the file's bytes, hexadecimal."""
         return digest_of_file(self.digested)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it can be read."""
+        return bool(self._file)
+
     def close(self) -> None:
         """Close the file; what is read later can no longer be read."""
         self._file.close()

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.capture import Capture, Histograms
+from recon.exhaustive import Exhaustive
 from rig.errors import DataFileError, in_shell
 from rig.files import forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import plain, reading
 from rig.files.description import Settings, rectified_by_s
-from rig.files.histograms import DenseHistograms, RepeatedHistograms, TaggedHistograms
+from rig.files.histograms import DenseHistograms, LaserHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal
 from rig.files.outline import ScanOutline, why_mended
 from rig.model.config import RigConfig
@@ -30,6 +31,8 @@ PHOTONS_AT_ONCE = 2**22
 #: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
 #: their places alone take 0.5 GB.
 MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: Of histograms no places are kept: 64 x 64 lasers by 64 x 64 pixels.
+MOST_COUNTED = 2**24
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
 UNPACKED_BYTES, MOST_PACKED = 2**28, 512
@@ -237,10 +240,11 @@ class ScanFile(ScanOutline):
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
         pairs = self.steps * self.detector_m.shape[1]
-        if self.bins > MOST_BINS or pairs > MOST_PAIRS:
+        most_pairs = MOST_COUNTED if dense else MOST_PAIRS
+        if self.bins > MOST_BINS or pairs > most_pairs:
             raise DataFileError(
                 f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
-                f"{MOST_PAIRS} and {MOST_BINS} are read: divide the scan"
+                f"{most_pairs} and {MOST_BINS} are read: divide the scan"
             )
 
     def _check_stored(self, values: h5py.Dataset, measured: int) -> None:
@@ -432,6 +436,33 @@ class ScanFile(ScanOutline):
             detector_m=detector_m,
         )
 
+    def exhaustive(self) -> Exhaustive | None:
+        """Return a scan of many lasers by many pixels in rectified time, read laser by laser.
+
+        None where it is no such scan: of one frame, histograms, and pixels that are a finer aperture than the
+        lasers, or as fine. Any scan is a `capture`. It is valid while the file is open.
+
+        Raises
+        ------
+        DataFileError
+            If nothing was measured, or the passes differ in their settings.
+        """
+        if self.tagged or self.frames > 1 or len(self.detector_m) > 1 or self.version == 1:
+            return None
+        steps, _ = self.imaged
+        if not 1 < len(steps) <= len(self.channels):
+            return None
+        first_bin_s = np.full((1, 1), self.first_bin_s)
+        if self.time_origin == "laser":
+            first_bin_s = self.first_bin_s - self.rectified_by_s()[steps]
+        return Exhaustive(
+            LaserHistograms(self.path, self._file["transients/counts"], steps),
+            self.bin_width_s,
+            first_bin_s,
+            self.laser_m[steps],
+            self.detector_m[0],
+        )
+
     @property
     def whole_frames(self) -> NDArray[np.int64]:
         """(n,) frames of which every step was measured; of a plan with one set of positions."""
@@ -459,10 +490,18 @@ class ScanFile(ScanOutline):
         frames = self.frames
         size = self.steps // frames
         whole = len(self.whole_frames) if frames > 1 else 0
-        if whole < 2:
-            steps = done if frames == 1 else done[done < size]
-            return steps, self._histograms(np.isin(np.arange(self.steps), steps))
-        return np.arange(size), RepeatedHistograms(self.histograms_of_frames())
+        first = done if frames == 1 else done[done < size]
+        steps = first if whole < 2 else np.arange(size)
+        return steps, self.histograms_of(steps)
+
+    def histograms_of(self, steps: NDArray[np.int64]) -> Histograms:
+        """Return the counts of some of the steps that are `imaged`, in rising order; frames are added up."""
+        frames = self.whole_frames.tolist() if self.frames > 1 else []
+        if len(frames) < 2:
+            return self._histograms(np.isin(np.arange(self.steps), steps))
+        size = self.steps // self.frames
+        where = [np.isin(np.arange(self.steps), frame * size + steps) for frame in frames]
+        return RepeatedHistograms([self._histograms(wanted) for wanted in where])
 
     def histograms_of_frames(self) -> list[Histograms]:
         """Return the counts of each whole frame, in order; of a plan with one set of positions."""

@@ -14,6 +14,8 @@ def parameters_line(volume: Volume) -> str:
             told.append(f"wavelength {show_length(value)}")
         elif key == "cycles":
             told.append(f"{value:g} cycles")
+        elif key == "preview_cell_m":
+            told.append(f"preview, cells of {show_length(value)}")
         elif key == "estimated":
             told += [f"estimated: {words}" for words in value]
     return ", ".join(told)

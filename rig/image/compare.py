@@ -28,13 +28,13 @@ from recon.errors import GeometryError, ReconError
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.noise import quiet_level
-from recon.registry import CLASSIC_SOLVERS, SOLVERS
+from recon.registry import CLASSIC_SOLVERS, SOLVERS, entry_of, name_of
 from recon.result import Image
 from recon.solvers.classic.resample import ConfocalLattice
 from recon.solvers.classic.solve import baseline_image
 from recon.surface import find
 from recon.wave import VirtualPulse
-from rig.errors import DataFileError, RigError, UsageError, printable
+from rig.errors import DataFileError, RigError, UsageError, no_file, printable
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.files.check import open_hdf5, plain
 from rig.files.journal import journal_of
@@ -251,7 +251,7 @@ def check_comparable(file: Path, tell: Callable[[str], None] = lambda sentence: 
         If it does not exist, or is a scan that cannot be read.
     """
     if not file.is_file():
-        raise DataFileError(f"{file} does not exist, or is no file; give scans, e.g. of 'rig scan'")
+        raise DataFileError(no_file(file, "give scans, e.g. of 'rig scan'"))
     if is_volume(file):
         raise UsageError(
             f"{file} is a volume, imaged by one method already; give the scan that it was made from, "
@@ -335,7 +335,9 @@ def _in_a_process(job: _Job) -> _Done | str:
     except EOFError:
         process.join()
         if process.exitcode is None or process.exitcode > 0:
-            raise RuntimeError(f"the process of {job.request.solver} failed; what it said is above") from None
+            raise RuntimeError(
+                f"the process of {name_of(job.request.solver)} failed; what it said is above"
+            ) from None
         return "its process was ended from outside, as happens where memory is too small"
     finally:
         process.terminate()
@@ -360,7 +362,7 @@ def _run(job: _Job) -> _Done | str:
     with ScanFile(job.scan) as scan:
         work, _ = chosen(scan, job.request)
         capture = work.capture
-        if not SOLVERS[job.request.solver].virtual_wave:
+        if not entry_of(job.request.solver).virtual_wave:
             capture = low_passed(capture, job.sigma_s)
         before = peak_memory_bytes()
         try:
@@ -384,9 +386,9 @@ def _run(job: _Job) -> _Done | str:
 
 def _imaged(work: Work, capture: Capture, grid: VoxelGrid) -> Image:
     solver = work.request.solver
-    if SOLVERS[solver].virtual_wave:
+    if entry_of(solver).virtual_wave:
         return image(capture, work.pulse, grid, solver=solver, window=work.window)
-    return baseline_image(capture, grid, solver=solver, window=work.window)
+    return baseline_image(capture, grid, solver=name_of(solver), window=work.window)
 
 
 def _few_planes(grid: VoxelGrid) -> VoxelGrid:

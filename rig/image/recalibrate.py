@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from recon.capture import Capture
+from recon.exhaustive import Exhaustive
+from recon.relight import Relit
 from rig.errors import DataFileError, UsageError
 from rig.files.scan import ScanFile
 from rig.image.even_bins import corrected
@@ -30,6 +32,10 @@ class Seen:
         Full width at half maximum; None where unknown.
     rendered
         Whether it was rendered by this program: expectation values, without noise.
+    exhaustive
+        All pairs, where they are imaged by runs of lasers; ``capture`` is then their outline, to plan with.
+    relit
+        The same with its lasers focused on a hidden point; ``capture`` is then its outline.
     notes
         What was changed, and what speaks against it, as sentences.
     """
@@ -39,6 +45,13 @@ class Seen:
     instrument_response_s: float | None
     rendered: bool = False
     notes: tuple[str, ...] = ()
+    exhaustive: Exhaustive | None = None
+    relit: Relit | None = None
+
+    @property
+    def positions(self) -> int:
+        """Number of positions, or of pairs."""
+        return self.exhaustive.pairs if self.exhaustive else self.capture.positions
 
 
 def as_recorded(scan: ScanFile) -> Seen:
@@ -46,6 +59,36 @@ def as_recorded(scan: ScanFile) -> Seen:
     # Others' files of fractions may be counts that were normalised, with all their noise.
     rendered = scan.expectation and scan.simulated
     return Seen(scan.capture(), scan.fade_from_s, scan.instrument_response_s, rendered)
+
+
+def by_lasers(scan: ScanFile) -> Seen | None:
+    """Return an exhaustive capture as it was recorded; None where it is none."""
+    found = scan.exhaustive()
+    if found is None:
+        return None
+    rendered = scan.expectation and scan.simulated
+    response_s = scan.instrument_response_s
+    return Seen(found.outline(), scan.fade_from_s, response_s, rendered, exhaustive=found)
+
+
+def relit(scan: ScanFile, point_m: tuple[float, float, float]) -> Seen:
+    """Return an exhaustive capture as if only one hidden point were lit.
+
+    Raises
+    ------
+    UsageError
+        If the scan is no exhaustive capture, or the point is not in front of the wall.
+    """
+    seen = by_lasers(scan)
+    if seen is None or seen.exhaustive is None:
+        raise UsageError(
+            f"{scan.path} cannot be relit: that takes an exhaustive capture, many laser spots, each with as "
+            "many or more pixels (docs/exhaustive.md); leave --relight out"
+        )
+    if not point_m[2] > 0:
+        raise UsageError(f"--relight names a point {point_m[2]:g} m from the wall; it must be in front of it")
+    found = Relit(seen.exhaustive, np.array(point_m))
+    return dataclasses.replace(seen, capture=found.outline(), relit=found)
 
 
 def from_store(scan: ScanFile, store: CalibrationStore) -> Calibrations:

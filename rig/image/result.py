@@ -22,7 +22,9 @@ class Result:
     positions
         Positions used.
     took_s
-        Computer time from opening the scan to the picture.
+        Computer time from opening the scan to the picture; of a preview, after reading.
+    read_s
+        How long a preview read the scan; 0 where it did not, or was none.
     """
 
     volume: Volume
@@ -30,6 +32,7 @@ class Result:
     warnings: tuple[str, ...]
     positions: int
     took_s: float
+    read_s: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
@@ -45,6 +48,7 @@ class Result:
             **({"wavelength_reason": self.reason} if self.reason else {}),
             "warnings": list(self.warnings),
             "took_s": round(self.took_s, 2),
+            **({"read_s": round(self.read_s, 2)} if "preview_cell_m" in volume.parameters else {}),
         }
 
     def summary(self) -> dict[str, str]:
@@ -71,5 +75,5 @@ class Result:
             **({"estimated": "; ".join(parameters["estimated"])} if "estimated" in parameters else {}),
             "voxels": f"{width} x {height} x {depth}, depths {volume.z_m[0]:.2f} to {volume.z_m[-1]:.2f} m",
             **moments,
-            "took": f"{self.took_s:.1f} s",
+            "took": f"{self.took_s:.1f} s" + (f", and {self.read_s:.1f} s to read" if self.read_s else ""),
         }

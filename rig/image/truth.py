@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
-from rig.errors import DataFileError, UsageError
+from rig.bench.simulated import hidden_scene, mesh_is_as_it_was, mesh_triangles_m, scene_depth
+from rig.errors import DataFileError, UsageError, no_file
 from rig.files import ScanFile, read_volume
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
+from rig.files.outline import ScanOutline
+from rig.model.config.simulation import MESH_ENDINGS
 from rig.model.npz import read_npz
-
-#: Endings of triangle meshes, in metres and in the program's frame.
-MESHES = (".obj", ".ply", ".stl")
 
 
 def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -24,10 +24,10 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
     ----------
     source
         ``scene:NAME``, a scene of the simulator, or ``scene:NAME@10cm,0cm,0cm``, moved so far; or a file:
-        HDF5 with the group ``truth`` (``depth_m`` (y, x)
-        with ``x_m`` and ``y_m``, or ``geometry/NAME`` with ``vertices_m`` and ``faces``); a volume file;
-        ``.npz`` with ``depth_m`` (y, x), or ``occupied`` (z, y, x) and ``z_m``, with ``x_m`` and ``y_m``; a
-        triangle mesh as OBJ, PLY or STL.
+        HDF5 with the group ``truth`` (``depth_m`` (y, x) with ``x_m`` and ``y_m``, or ``geometry/NAME`` with
+        ``vertices_m`` and ``faces``); a volume file; a scan of the simulated rig, whose scene it is; ``.npz``
+        with ``depth_m`` (y, x), or ``occupied`` (z, y, x) and ``z_m``, with ``x_m`` and ``y_m``; a triangle
+        mesh as OBJ, PLY or STL, in metres and in the wall's frame.
     x_m, y_m
         Pixel centres, ascending.
 
@@ -44,24 +44,18 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
         If the file is damaged or lacks what is needed.
     """
     if source.startswith("scene:"):
-        from rig.bench.simulated import scene_depth
-
         return scene_depth(source.removeprefix("scene:"), x_m, y_m)
     path = Path(source)
     if not path.is_file():
-        raise DataFileError(
-            f"{path} does not exist, or is no file; a truth is a file, or scene:NAME for a simulated scene"
-        )
+        raise DataFileError(no_file(path, "a truth is a file, or scene:NAME for a simulated scene"))
     if _is_mesh(source):
-        from rig.bench.simulated import mesh_triangles_m
-
         return surface_of_mesh(mesh_triangles_m(path), x_m, y_m)
     if path.suffix.lower() == ".npz":
         return _from_npz(path, x_m, y_m)
     if h5py.is_hdf5(path):
         return _from_hdf5(path, x_m, y_m)
     raise UsageError(
-        f"{path} is no truth that can be read: give HDF5, .npz, {', '.join(MESHES)}, or scene:NAME"
+        f"{path} is no truth that can be read: give HDF5, .npz, {', '.join(MESH_ENDINGS)}, or scene:NAME"
     )
 
 
@@ -81,15 +75,20 @@ def known_truth(path: Path, scan: ScanFile) -> str | None:
             if {"depth_m", "x_m", "y_m"} <= set(truth) or "geometry" in truth:
                 return str(path)
     config = scan.config if scan.simulated else None
-    if config is None or config.simulation is None or _is_mesh(config.simulation.scene):
+    if config is None or config.simulation is None:
         return None
-    if config.simulation.motion is not None:  # it is at many places, one after the other
+    simulation = config.simulation
+    if simulation.motion is not None:  # it is at many places, one after the other
         return None
-    return f"scene:{config.simulation.scene}"
+    if simulation.mesh is None:
+        return f"scene:{simulation.scene}"
+    # where it was is said by the scan alone, and which mesh it was by its digest
+    known = bool(simulation.mesh_sha256) and simulation.mesh.is_file()
+    return str(scan.path) if known and mesh_is_as_it_was(simulation) else None
 
 
 def _is_mesh(name: str) -> bool:
-    return Path(name).suffix.lower() in MESHES
+    return Path(name).suffix.lower() in MESH_ENDINGS
 
 
 def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
@@ -117,6 +116,8 @@ def _from_hdf5(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
                 raise DataFileError(f"{path} is a volume without a depth map; it cannot serve as a truth")
             return _sampled(path, volume.depth_m, volume.x_m, volume.y_m, x_m, y_m)
         truth = file.get("truth", {})
+        if not truth and plain(file.attrs.get("format")) == "rig-scan":
+            return _of_scan(path, x_m, y_m)
         if {"depth_m", "x_m", "y_m"} <= set(truth):
             depth_m, of_x_m, of_y_m = (read(truth[name]) for name in ("depth_m", "x_m", "y_m"))
             return _sampled(path, depth_m, of_x_m, of_y_m, x_m, y_m)
@@ -127,6 +128,18 @@ def _from_hdf5(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
     if not triangles_m:
         raise DataFileError(f"{path} has no group 'truth' with depth_m, x_m and y_m, or with geometry")
     return surface_of_mesh(np.concatenate(triangles_m), x_m, y_m)
+
+
+def _of_scan(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
+    """Return the depth of the scene that a simulated scan had."""
+    with ScanOutline(path) as scan:
+        config = scan.config if scan.simulated else None
+    simulation = config.simulation if config else None
+    if config is None or simulation is None or simulation.motion is not None:
+        raise DataFileError(
+            f"{path} is no scan of a simulated scene that stood still; it cannot serve as a truth"
+        )
+    return hidden_scene(config).depth_map(x_m, y_m)
 
 
 def _needed(path: Path, arrays: dict[str, NDArray], *names: str) -> None:

@@ -38,6 +38,9 @@ class Content:
         How the file's places were brought into this program's frame, where the file has places of its own.
     assumed
         What was taken for granted, as plain sentences.
+    pixels
+        Of an exhaustive capture, how many pixels each laser spot has: positions are laser by laser, the
+        pixels of each alike, and blocks hold whole lasers. 0 for others.
     """
 
     laser_m: NDArray[np.float64]
@@ -54,6 +57,7 @@ class Content:
     simulated: bool = False
     frame: WallFrame | None = None
     assumed: Sequence[str] = ()
+    pixels: int = 0
 
     @property
     def time_origin(self) -> str:

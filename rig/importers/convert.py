@@ -147,8 +147,8 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
     if content.frame is not None and not content.frame.still:
         imported["moved"] = {"origin_m": content.frame.origin_m.tolist(), "axes": content.frame.axes.tolist()}
     description = ScanDescription(
-        laser_m=content.laser_m,
-        detector_m=content.detector_m,
+        laser_m=content.laser_m[:: content.pixels or 1],
+        detector_m=content.detector_m[None, : content.pixels] if content.pixels else content.detector_m,
         bins=content.bins,
         bin_width_s=content.bin_width_s,
         first_bin_s=content.first_bin_s,
@@ -173,4 +173,4 @@ def _rows(source: Path, content: Content) -> Iterator[NDArray]:
             block = given.astype(content.dtype, copy=False)
         if block.dtype.kind == "f" and not np.isfinite(block).all():
             raise DataFileError(f"{source} holds a value that is not a finite number; it cannot be imaged")
-        yield from block
+        yield from block.reshape(-1, content.pixels, content.bins) if content.pixels else block

@@ -103,6 +103,7 @@ def with_places(content: Content, path: Path) -> Content:
         detector_m=content.detector_m if len(content.detector_m) == 1 else content.detector_m[here],
         delay_s=None if content.delay_s is None else content.delay_s[here],
         blocks=_kept(content.blocks, here),
+        pixels=0,
         assumed=(*content.assumed, told),
     )
 

@@ -38,8 +38,8 @@ def recognise(source: Source, layouts: Sequence[ModuleType]) -> ModuleType:
         )
     own = source.hdf5 is not None and str(source.attribute("format", ""))
     if own and own.startswith("rig-"):
-        what = "no import: rig recon reads it" if own == "rig-scan" else "no transients in it to import"
-        raise DataFileError(f"{source.path} is a {own} file of this program, and needs {what}")
+        what = "needs no import: rig recon reads it" if own == "rig-scan" else "holds no transients to import"
+        raise DataFileError(f"{source.path} is a {own} file of this program, and {what}")
     alike = _alike(source, layouts)
     told = [_but_lacks(source, layout) for layout in alike[:_ALIKE]]
     if told:

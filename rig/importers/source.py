@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError
+from rig.errors import DataFileError, no_file
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.older import is_older, read_older_head
@@ -193,7 +193,7 @@ def open_source(path: Path) -> Iterator[Source]:
         If it is missing, damaged, or of none of these kinds.
     """
     if not path.is_file():
-        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+        raise DataFileError(no_file(path))
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"MATLAB 5.0"):
@@ -208,8 +208,9 @@ def open_source(path: Path) -> Iterator[Source]:
         tags = read_older_head(path) if is_older(head) else read_head(path)
         yield Source(path, dict.fromkeys(tags.values), head=tags)
     else:
+        begins = f"it begins with {head[:12]!r}" if head else "it is empty"
         raise DataFileError(
-            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: it begins with {head[:12]!r}"
+            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: {begins}; give one of these"
         )
 
 

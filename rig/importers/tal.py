@@ -32,6 +32,7 @@ PARTS = ("H_format", "H")
 #: T_Li_Si, each laser point with each sensor point.
 _AXES = {1: 3, 2: 5, 3: 2, 4: 3}
 _EXHAUSTIVE = {2, 4}
+_LX_LY_SX_SY = 2
 #: Stokes components of each bin in a polarised render, on an axis after all others; the first is intensity.
 _STOKES = 4
 _INTENSITY = "polarised: of the Stokes components on the last axis of H, the first, intensity, is taken"
@@ -102,8 +103,9 @@ def read(source: Source, options: Options) -> Content:
         bin_width_s=delta_m / C_M_PER_S,
         first_bin_s=0.0 if start_m is None else start_m[0] / C_M_PER_S,
         dtype=stored_dtype(dataset),
-        blocks=_blocks(source, dataset, stokes),
+        blocks=_blocks(source, dataset, stokes, code == _LX_LY_SX_SY),
         delays=spots.delays,
+        pixels=len(sensor_m) if code in _EXHAUSTIVE and 1 < len(laser_m) <= len(sensor_m) else 0,
         assumed=(
             *spots.assumed,
             *([] if start_m is not None else ["t_start is missing: bin 0 begins at t = 0"]),
@@ -173,8 +175,20 @@ def _optional(source: Source, name: str, *shape: int) -> NDArray[np.float64] | N
     return source.numbers(name, *shape)
 
 
-def _blocks(source: Source, dataset: h5py.Dataset, stokes: bool) -> Iterator[NDArray]:
+def _blocks(source: Source, dataset: h5py.Dataset, stokes: bool, by_rows: bool) -> Iterator[NDArray]:
+    """Yield parts of H as histograms; `by_rows`, of H with two axes of lasers, also cuts along the second."""
     for some in spans(dataset, 1, _BLOCK_BYTES):
-        with reading(source.path):
-            block = read_part(dataset, slice(None), some)
-        yield (block[..., 0] if stokes else block).reshape(len(block), -1).T
+        for row in _rows_of(dataset, some) if by_rows else [slice(None)]:
+            with reading(source.path):
+                parts = (slice(None), some, row) if by_rows else (slice(None), some)
+                block = read_part(dataset, *parts)
+            yield (block[..., 0] if stokes else block).reshape(len(block), -1).T
+
+
+def _rows_of(dataset: h5py.Dataset, some: slice) -> list[slice]:
+    """Cut the second axis of lasers where one of the first has more bytes than are read at once."""
+    one_bytes = dataset.dtype.itemsize * dataset.size // dataset.shape[1]
+    if some.stop - some.start > 1 or one_bytes <= _BLOCK_BYTES:
+        return [slice(0, dataset.shape[2])]
+    step = max(1, _BLOCK_BYTES * dataset.shape[2] // one_bytes)
+    return [slice(first, first + step) for first in range(0, dataset.shape[2], step)]

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from rig.errors import RefusedError
+from rig.errors import RefusedError, command_line
 from rig.light.state import folder, key, now
 from rig.model.config import RigConfig
 
@@ -34,7 +34,7 @@ def locked(config: RigConfig) -> Iterator[None]:
                 "light out"
             )
         with suppress(OSError):  # a full disk; the lock holds without words, too
-            _write(file, f"{' '.join(['rig', *sys.argv[1:]])!r}, process {os.getpid()}, since {now()}")
+            _write(file, f"{command_line() or 'a Python program'!r}, process {os.getpid()}, since {now()}")
         try:
             yield
         finally:

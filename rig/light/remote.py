@@ -70,7 +70,7 @@ class GuardedElsewhere:
 
     def __enter__(self) -> Self:
         try:
-            self._process = _start()
+            self._process = start_guard()
         except OSError as problem:
             raise LinkError(
                 "guard of the laser",
@@ -275,7 +275,7 @@ def _what_the_guard_did(config: RigConfig) -> str:
     return "The guard has put the laser out"
 
 
-def _start() -> "subprocess.Popen[str]":
+def start_guard() -> "subprocess.Popen[str]":
     """Start a guard that no terminal reaches, with the modules that this program has."""
     return subprocess.Popen(
         # -P: what lies in the folder where somebody works, a queue.py, is no module of the guard

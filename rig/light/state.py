@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from rig.atomic import appearing
+from rig.errors import RefusedError
 from rig.model.config import RigConfig
 
 K = TypeVar("K")
@@ -66,6 +67,21 @@ def trip_of(config: RigConfig) -> Trip | None:
     if not path.exists():
         return None
     return next(_read([path], Trip), Trip("at an unknown time", config.name, f"{path} cannot be read"))
+
+
+def require_no_trip(config: RigConfig) -> None:
+    """Raise while a trip of the rig was not acknowledged.
+
+    Raises
+    ------
+    rig.errors.RefusedError
+        If there is one.
+    """
+    if trip := trip_of(config):
+        raise RefusedError(
+            f"at {trip.when} the light of {trip.rig} was lost: {trip.reason.removesuffix('.')}. Go and look "
+            "at the rig; when all is in order, a person says so with: rig laser acknowledge --config FILE"
+        )
 
 
 def trips() -> list[Trip]:

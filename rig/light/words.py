@@ -1,7 +1,17 @@
-"""Failures of devices as words that can be sent from one process to another, and back."""
+"""The light in words; and failures of devices, as words that are sent from one process to another."""
 
 from drivers import errors
 from drivers.errors import DeviceError
+from rig.model.config import RigConfig
+
+
+def light_in_words(config: RigConfig) -> str:
+    """Return which laser is lit, where, how strong and how often."""
+    laser = config.laser
+    return (
+        f"the laser of {config.name} at {config.light_place}: {laser.power_in_words}, "
+        f"{laser.repetition_hz / 1e6:g} MHz"
+    )
 
 
 def as_error(problem: DeviceError) -> dict[str, str]:

@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -29,7 +30,8 @@ from rig.acquire.events import (
 )
 from rig.apart import apart
 from rig.files.description import ScanDescription
-from rig.live.messages import PLAIN, Begun, Block, BlockBuilder, Film, Gap, Message
+from rig.live.messages import PLAIN, Begun, Block, BlockBuilder, Film, Gap, Message, Next
+from rig.live.web.address import Address
 
 #: Photons that wait for the view at most.
 WAITING_BYTES = 2**25
@@ -118,6 +120,25 @@ class Outbox:
             self._changed.notify()
 
 
+@dataclass(frozen=True)
+class Page:
+    """A page in a browser that shows the scan, and can stop it.
+
+    Attributes
+    ----------
+    address
+        Where it is served.
+    stop
+        Called, in another thread, with why the scan is to stop, when somebody asks for that on the page.
+    then
+        Which commands follow the scan, as the page says at its end.
+    """
+
+    address: Address
+    stop: Callable[[str], None]
+    then: Next
+
+
 class LiveFeed:
     """A consumer of scan events that shows them in a process of its own; nothing of that stops a scan.
 
@@ -128,11 +149,13 @@ class LiveFeed:
     tell
         Called, once, with what became of the view if it did not go well.
     inform
-        Called at the end with what the view found out, a sentence each.
+        Called, from another thread too, with what the view found out, a sentence each.
     window
         Whether there is somebody who would look at a window.
     film
         How frames are shown, if there are several.
+    page
+        A page that shows it, too; None for none.
     command
         What shows it, reading messages from its standard input.
     """
@@ -145,10 +168,11 @@ class LiveFeed:
         inform: Callable[[str], None] = lambda sentence: None,
         window: bool = False,
         film: Film = PLAIN,
+        page: Page | None = None,
         command: tuple[str, ...] = (sys.executable, "-m", "rig.live.process"),
     ) -> None:
         self._scan, self._tell, self._inform = scan, tell, inform
-        self._window, self._film, self._command = window, film, command
+        self._window, self._film, self._page, self._command = window, film, page, command
         self.folder = folder_of(scan)
         self._outbox = Outbox()
         self._block = BlockBuilder()
@@ -178,9 +202,10 @@ class LiveFeed:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._frame_steps = description.steps // (description.plan.frames if description.plan else 1)
-        self._outbox.put(
-            Begun(description, self._scan.absolute(), self.folder.absolute(), self._window, self._film)
-        )
+        begun = Begun(description, self._scan.absolute(), self.folder.absolute(), self._window, self._film)
+        if self._page is not None:
+            begun = replace(begun, web=self._page.address, then=self._page.then)
+        self._outbox.put(begun)
         for what, pipe in ((self._send, self._process.stdin), (self._hear, self._process.stdout)):
             threading.Thread(target=what, args=(pipe,), daemon=True).start()
 
@@ -194,11 +219,17 @@ class LiveFeed:
                 self._add(step.index, event)
                 for sentence in exposure.warnings:
                     before = self._noticed.get(sentence)
-                    first = before.first if before else step.index
-                    self._noticed[sentence] = Noticed(sentence, first, step.index)
+                    self._noticed[sentence] = (
+                        replace(before, last=step.index)
+                        if before
+                        else Noticed(sentence, step.index, step.index, when_s=time.time())
+                    )
             case LineDone():
                 self._flush()
-            case PhaseChanged() | Ready() | LightChanged() | Noticed() | Grown():
+            case Noticed():
+                self._flush()
+                self._outbox.put(replace(event, when_s=time.time()))
+            case PhaseChanged() | Ready() | LightChanged() | Grown():
                 self._flush()
                 self._outbox.put(event)
             case Ended():
@@ -253,6 +284,10 @@ class LiveFeed:
                     self._fail(rest)
                 elif word == "fact":
                     self._facts.append(rest)
+                elif word == "serving" and self._page is not None:
+                    self._inform(f"Live page: {self._page.address.url}")
+                elif word == "stop" and self._page is not None:
+                    self._page.stop(f"stopped by a viewer of the page in a browser, at {rest}")
         if not self._pictured.is_set():
             self._fail("its process is gone")
         self._pictured.set()

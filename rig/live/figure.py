@@ -1,9 +1,7 @@
 """How a scan that is under way is drawn: one figure, redrawn in place."""
 
-from bisect import bisect_right
 from collections.abc import Callable
 from datetime import datetime
-from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,9 +12,8 @@ from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
 from recon.accumulate import Picture
-from recon.aperture import Aperture, recognise
-from recon.errors import GeometryError
 from rig.live.state import Seen, Subject
+from rig.live.wall import WallMap, squares_in_words
 from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
 from rig.model.quantities import show, show_duration, show_length
 from rig.show.sheet import COLOURS
@@ -222,51 +219,27 @@ class LiveFigure:
 def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDArray[np.float64]], None]:
     """Prepare the counts over the wall; return what draws (S,) counts, NaN where nothing was measured."""
     axes.set_facecolor(NO_SURFACE)
-    spots_m = subject.laser_m
-    try:
-        wall = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
-    except GeometryError:
+    spots_m, wall = subject.laser_m, WallMap.of(subject.laser_m, subject.rounds)
+    if not wall.even:
         dots = axes.scatter(spots_m[:, 0], spots_m[:, 1], c=np.full(len(spots_m), np.nan), s=9,
                             cmap=COUNT_COLOURS, norm=scale, plotnonfinite=False)  # fmt: skip
         axes.invert_xaxis()
         axes.set(aspect="equal", xlabel=X_LABEL, ylabel="y (m)")
         draw: Callable[[NDArray[np.float64]], None] = dots.set_array
     else:
-        empty = np.full((wall.y.count, wall.x.count), np.nan)
-        drawn = draw_front(axes, empty, wall.x.coordinates_m, wall.y.coordinates_m, COUNT_COLOURS, scale)
+        x, y = wall.cells.x, wall.cells.y
+        empty = np.full((y.count, x.count), np.nan)
+        drawn = draw_front(axes, empty, x.coordinates_m, y.coordinates_m, COUNT_COLOURS, scale)
         note = axes.text(0.02, 0.03, "", transform=axes.transAxes, size=9, bbox=NOTE)
 
         def draw(photons: NDArray[np.float64]) -> None:
-            there = np.isfinite(photons)
-            side = _side_of_a_square(subject.rounds, int(np.count_nonzero(there)))
-            drawn.set_array(_in_squares(wall, there, photons, side))
-            note.set_text(f"means of squares of {side} x {side} positions" if side > 1 else "")
+            image, side = wall.image(photons)
+            drawn.set_array(image)
+            note.set_text(squares_in_words(side))
             note.set_visible(side > 1)
 
     axes.set_title("photons (grey: not measured)", size=11)
     return draw
-
-
-def _side_of_a_square(rounds: tuple[int, ...], measured: int) -> int:
-    """Return how many positions are in the side of a square that holds a measured one everywhere.
-
-    The last round of a progressive scan is the whole grid; each before it has half of its positions.
-    """
-    complete = max(bisect_right(rounds, measured) - 1, 0)
-    return int(2 ** ceil((len(rounds) - 1 - complete) / 2))
-
-
-def _in_squares(
-    wall: Aperture, there: NDArray[np.bool_], photons: NDArray[np.float64], side: int
-) -> NDArray[np.float64]:
-    """Return (rows, columns) the mean of what was measured in each square; NaN where nothing was."""
-    rows, columns = -(-wall.y.count // side), -(-wall.x.count // side)
-    square = (wall.row[there] // side) * columns + wall.column[there] // side
-    visits = np.bincount(square, minlength=rows * columns)
-    sums = np.bincount(square, photons[there], minlength=rows * columns)
-    means = np.divide(sums, visits, out=np.full(rows * columns, np.nan), where=visits > 0)
-    full = means.reshape(rows, columns).repeat(side, axis=0).repeat(side, axis=1)
-    return full[: wall.y.count, : wall.x.count]
 
 
 def _how_far(seen: Seen, subject: Subject) -> str:

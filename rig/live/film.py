@@ -6,7 +6,7 @@ to the time that there is.
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, isfinite
@@ -118,7 +118,9 @@ class Filming:
     wish
         How frames are averaged, and whether there is to be a video.
     folder
-        Where pictures go.
+        Where pictures go; None for nowhere.
+    tell
+        Takes lines as the program that scans does.
 
     Attributes
     ----------
@@ -135,8 +137,10 @@ class Filming:
 
     least_s = 0.0
 
-    def __init__(self, subject: Subject, wish: Film, folder: Path) -> None:
-        self._subject, self._wish, self._folder = subject, wish, folder
+    def __init__(
+        self, subject: Subject, wish: Film, folder: Path | None, tell: Callable[[str], None] = say
+    ) -> None:
+        self._subject, self._wish, self._folder, self._tell = subject, wish, folder, tell
         self._gathering = Gathering(subject.frame_steps, subject.channels)
         capture = remapped(subject.capture)
         pitch_m = defaults.spacing_m(capture)
@@ -194,13 +198,13 @@ class Filming:
 
     def _write(self, number: int, front: NDArray[np.float32]) -> None:
         """Write a frame's picture; one that cannot be written is missed, as others say."""
+        if self._folder is None:
+            return
+        path, old = (self._folder / f"frame-{one + 1:05d}.png" for one in (number, number - KEPT))
         with suppress(DataFileError, UsageError, OSError):
             self._folder.mkdir(exist_ok=True)
-            self._drawn.save(front, f"{self._subject.name}: {self.title}", self._path(number))
-            self._path(number - KEPT).unlink(missing_ok=True)
-
-    def _path(self, number: int) -> Path:
-        return self._folder / f"frame-{number + 1:05d}.png"
+            self._drawn.save(front, f"{self._subject.name}: {self.title}", path)
+            old.unlink(missing_ok=True)
 
     def last(self, steps: int) -> Picture | None:
         """Look at the newest frame, if that was not done; write the video; tell how it went.
@@ -218,7 +222,7 @@ class Filming:
             come = max(whole - self._first, shown)
             skipped = f"; for {come - shown} there was no time" if come > shown else ""
             late = f"{show_duration(float(np.median(self._late_s)))} after its last photon in the median, "
-            say(f"fact {shown} of {come} frames were shown{skipped}: each {late}"
+            self._tell(f"fact {shown} of {come} frames were shown{skipped}: each {late}"
                 f"{show_duration(max(self._late_s))} at most")  # fmt: skip
         return picture
 
@@ -239,7 +243,7 @@ class Filming:
         try:
             save_video(volume, self._wish.video, compensation="z\u2074")
         except (DataFileError, UsageError, OSError) as error:
-            say(f"trouble {error}")
+            self._tell(f"trouble {error}")
 
 
 class FramePicture:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from rig.acquire.events import Ended, Grown, LightChanged, Noticed, PhaseChanged, Ready
 from rig.files.description import ScanDescription
+from rig.live.web.address import Address
 from rig.model.devices import Exposure
-from rig.model.photons import TaggedExposure
+from rig.model.photons import TaggedExposure, photons_in
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,22 @@ PLAIN = Film()
 
 
 @dataclass(frozen=True)
+class Next:
+    """The commands that follow a scan, as a person types them.
+
+    Attributes
+    ----------
+    resume
+        Goes on with one that was interrupted.
+    recon
+        Images one that is complete.
+    """
+
+    resume: str = ""
+    recon: str = ""
+
+
+@dataclass(frozen=True)
 class Begun:
     """The first message.
 
@@ -49,6 +66,12 @@ class Begun:
         Whether somebody would look at a window.
     film
         How frames are shown, if there are several.
+    web
+        Where a page is served; None for nowhere.
+    then
+        Which commands follow.
+    reads
+        Whether all is read from a scan file, and not sent by the program that scans.
     """
 
     description: ScanDescription
@@ -56,6 +79,9 @@ class Begun:
     folder: Path
     window: bool
     film: Film = PLAIN
+    web: Address | None = None
+    then: Next = Next()
+    reads: bool = False
 
 
 @dataclass(frozen=True)
@@ -161,12 +187,3 @@ def photons_of(exposure: Exposure) -> tuple[NDArray[np.unsignedinteger], NDArray
     if isinstance(exposure, TaggedExposure):
         return exposure.photon_bins.copy(), exposure.of_channel.copy()
     return photons_in(np.atleast_2d(exposure.counts))
-
-
-def photons_in(counts: NDArray[np.integer]) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
-    """Return the bin of each photon of (rows, bins) counts, row after row, and how many each row has."""
-    bins = counts.shape[-1]
-    filled = np.flatnonzero(counts)
-    times = counts.reshape(-1)[filled]
-    small = np.uint16 if bins <= 2**16 else np.uint32
-    return np.repeat((filled % bins).astype(small), times), counts.sum(axis=-1, dtype=np.int64)

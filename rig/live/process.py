@@ -1,9 +1,10 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, and
-``pictured`` when the last picture is there. Three threads share its work: one reads messages; one keeps the
-state, and makes images between two messages; one draws.
+each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, ``serving``
+when its page can be seen, ``stop WHO`` when somebody asks there for the end of the scan, and ``pictured``
+when the last picture is there. Three threads share its work: one reads messages; one keeps the state, and
+makes images between two messages; one draws. A fourth serves the page, where one is wanted.
 """
 
 import os
@@ -12,8 +13,9 @@ import queue
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -24,8 +26,12 @@ from recon.window import Window
 from rig.errors import RigError
 from rig.files.scan import ScanFile
 from rig.live.film import Filming
-from rig.live.messages import Begun, Block, Message, photons_in, say
+from rig.live.messages import Begun, Block, Message, say
 from rig.live.state import LiveState, Subject
+from rig.model.photons import photons_in
+
+if TYPE_CHECKING:
+    from rig.live.web.serving import Serving
 
 #: Lower priority than anything that scans.
 NICENESS = 10
@@ -105,6 +111,8 @@ class Worker:
         What is known before.
     inbox
         Messages; None after the last.
+    tell
+        Takes lines as the program that scans does, of what went well or not.
 
     Attributes
     ----------
@@ -112,17 +120,23 @@ class Worker:
         Whether the last image is there, and no more will come.
     news
         Set where there is something that is worth drawing at once.
+    heard_s
+        Seconds since 1970 at which the newest message came.
     """
 
-    def __init__(self, begun: Begun, inbox: "queue.Queue[Message | None]") -> None:
-        self._begun, self._inbox = begun, inbox
+    def __init__(
+        self, begun: Begun, inbox: "queue.Queue[Message | None]", tell: Callable[[str], None] = say
+    ) -> None:
+        self._begun, self._inbox, self._tell = begun, inbox, tell
         self.state = LiveState(Subject.of(begun.scan.name, begun.description))
         self._imaging: Growing | Filming | None = None
         self._fresh = False  # photons that no image shows yet
         self._next_s = self._took_s = 0.0  # when the next image is due, and how long the newest took
         self._caught_up_s = -CATCH_UP_S
+        self._left = False
         self.done = False
         self.news = threading.Event()
+        self.heard_s = time.time()
 
     def run(self) -> None:
         """Work until the scan is over and its last image is made."""
@@ -130,25 +144,34 @@ class Worker:
             self._begin_imaging()
             while self._work():
                 pass
-            self._end()
+            if not self._left:
+                self._end()
         except Exception as error:
-            say(f"trouble it failed ({type(error).__name__}: {error})")
+            self._tell(f"trouble it failed ({type(error).__name__}: {error})")
         finally:
             self.done = True
             self.news.set()
+
+    def leave(self) -> None:
+        """End soon, without a last image: nobody wants to see it."""
+        self._left = True
 
     def _begin_imaging(self) -> None:
         subject, begun = self.state.subject, self._begun
         try:
             if subject.frames > 1:
-                self._imaging = Filming(subject, begun.film, begun.folder)
+                self._imaging = Filming(
+                    subject, begun.film, None if begun.reads else begun.folder, self._tell
+                )
             else:
                 self._imaging = Growing(subject)
         except (ReconError, ValueError) as error:
-            say(f"trouble no live image can be made ({error}); all else is shown")
+            self._tell(f"trouble no live image can be made ({error}); all else is shown")
 
     def _work(self) -> bool:
         """Take a message if there is one, or make an image if it is time for one; False after the last."""
+        if self._left:
+            return False
         wait_s = max(0.0, min(0.5, self._next_s - time.monotonic())) if self._fresh else 0.5
         try:
             message = self._inbox.get(timeout=wait_s)
@@ -157,6 +180,7 @@ class Worker:
         else:
             if message is None:
                 return False
+            self.heard_s = time.time()
             self._take(message)
         behind_s = 0.0 if self._inbox.empty() else self._took_s  # then half of the time is for photons
         whole = self._imaging is not None and self._imaging.whole
@@ -237,11 +261,16 @@ def read(source: BinaryIO, inbox: "queue.Queue[Message | None]") -> None:
     inbox.put(None)
 
 
-def main() -> None:
-    """Show a scan until it is over, and the person has closed the window if there is one."""
+def lower_priority() -> None:
+    """Let a scan on the same computer go before."""
     if sys.platform != "win32":
         with suppress(OSError):
             os.nice(NICENESS)
+
+
+def main() -> None:
+    """Show a scan until it is over, and the person has closed the window if there is one."""
+    lower_priority()
     source = sys.stdin.buffer
     begun = pickle.load(source)
     from rig.live.showing import Showing
@@ -250,7 +279,19 @@ def main() -> None:
     worker = Worker(begun, inbox)
     threading.Thread(target=read, args=(source, inbox), daemon=True).start()
     threading.Thread(target=worker.run, daemon=True).start()
+    page = _page(worker, begun)
     Showing(worker, begun).run()
+    if page is not None:
+        page.end()
+
+
+def _page(worker: Worker, begun: Begun) -> "Serving | None":
+    """Serve the page that is wanted, if one is."""
+    if begun.web is None:
+        return None
+    from rig.live.web.serving import serving
+
+    return serving(worker, begun)
 
 
 if __name__ == "__main__":

@@ -49,6 +49,7 @@ class Known(Protocol):
 
     state: LiveState
     done: bool
+    heard_s: float
 
     @property
     def news(self) -> News:

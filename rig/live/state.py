@@ -278,7 +278,9 @@ class LiveState:
 
     def _warn(self, said: Noticed) -> None:
         before = self._warnings.pop(said.sentence, said)  # the newest come last
-        self._warnings[said.sentence] = replace(said, first=min(before.first, said.first))
+        self._warnings[said.sentence] = replace(
+            said, first=min(before.first, said.first), when_s=before.when_s
+        )
         while len(self._warnings) > WARNINGS:
             del self._warnings[next(iter(self._warnings))]
 

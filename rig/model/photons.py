@@ -6,8 +6,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.sorting import count_photons
-
 
 @dataclass(frozen=True)
 class TaggedExposure:
@@ -44,4 +42,15 @@ class TaggedExposure:
     @cached_property
     def counts(self) -> NDArray[np.uint32]:
         """(channels, bins) photons a bin; made when it is first asked for."""
+        from rig.model.sorting import count_photons  # compiled code, for which readers of files do not wait
+
         return count_photons(self.photon_bins, self.of_channel, self.bins)
+
+
+def photons_in(counts: NDArray[np.integer]) -> tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]:
+    """Return the bin of each photon of (rows, bins) counts, row after row, and how many each row has."""
+    bins = counts.shape[-1]
+    filled = np.flatnonzero(counts)
+    times = counts.reshape(-1)[filled]
+    small = np.uint16 if bins <= 2**16 else np.uint32
+    return np.repeat((filled % bins).astype(small), times), counts.sum(axis=-1, dtype=np.int64)

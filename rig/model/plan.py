@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from rig.errors import DataFileError, UsageError
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
+from rig.model.problems import in_words
 from rig.model.quantities import show, show_length
 
 Point = tuple[float, float, float]
@@ -455,7 +456,8 @@ def _with_passes(older: dict[str, Any]) -> dict[str, Any]:
 
 
 def _explain(error: ValidationError) -> str:
-    return "; ".join(
-        f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
-        for problem in error.errors()
-    )
+    told = []
+    for problem in error.errors():
+        place = ".".join(map(str, problem["loc"]))
+        told.append(f"{place}: {in_words(problem)}" if place else in_words(problem))
+    return "; ".join(told)

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from rig.errors import RefusedError
 from rig.model.quantities import show_length
@@ -68,7 +67,7 @@ class Pointing:
         """
         angles = np.asarray(angles_rad, dtype=float) * self.gain + self.offset_rad
         tangents = np.tan(angles)
-        turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
+        turn = _turn(self.rotation_rad)
         start_m = np.asarray(self.mirror_m)
         if self.mirrors == 1:
             inside = self._reflected(tangents)
@@ -94,7 +93,7 @@ class Pointing:
         wanted_m = np.asarray(spots_m, dtype=float)
         self._refuse_outside(wanted_m)
         offset_m = wanted_m - np.asarray(self.mirror_m)
-        turn = Rotation.from_rotvec(self.rotation_rad).as_matrix()
+        turn = _turn(self.rotation_rad)
         inside = offset_m @ turn  # the way to the spot in the mount's frame
         if self.mirrors == 1:
             inside = self._straight(inside)
@@ -114,7 +113,7 @@ class Pointing:
         The shortest turn: by the angle of incidence, towards where the beam comes from.
         """
         x_rad, y_rad = self.incidence_rad
-        return Rotation.from_rotvec((y_rad, -x_rad, 0.0)).as_matrix()
+        return _turn((y_rad, -x_rad, 0.0))
 
     def _reflected(self, tangents: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (..., 3) unit directions of the beam off one mirror, in the mount's frame.
@@ -188,3 +187,10 @@ def outside(corners_m: NDArray[np.float64], points_m: NDArray[np.float64]) -> ND
     along = np.roll(corners_m, -1, axis=0) - corners_m
     outwards = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
     return ((points_m[:, None, :] - corners_m) * outwards).sum(axis=-1).max(axis=1)
+
+
+def _turn(vector_rad: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix of a turn by a rotation vector."""
+    from scipy.spatial.transform import Rotation  # most verbs read a rig and aim nothing
+
+    return Rotation.from_rotvec(vector_rad).as_matrix()

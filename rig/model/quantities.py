@@ -83,6 +83,68 @@ def parse(text: str, kind: str) -> float:
     return float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
 
 
+def si(value: str | float | None, kind: str) -> float | None:
+    """Return a quantity in the kind's SI unit: of text, or of a number that is in it already; None is none.
+
+    Raises
+    ------
+    UsageError
+        If text is no such quantity, or the number is not finite.
+    """
+    if value is None or isinstance(value, str):
+        return parse(value, kind) if value else None
+    if not isfinite(value):
+        raise UsageError(f"{value} is not a {kind}; write a number of {KINDS[kind][0]}, or text")
+    return float(value)
+
+
+def si_range(
+    value: str | tuple[float, float, float] | None, kind: str, example: str
+) -> tuple[float, float, float] | None:
+    """Return from, to and step in the kind's SI unit: of text such as ``0.5m:3m:2cm``, or of three numbers.
+
+    Parameters
+    ----------
+    value
+        What was asked; None is none.
+    kind
+        A key of `KINDS`.
+    example
+        How it is spelled, for the message.
+
+    Raises
+    ------
+    UsageError
+        If it is no range.
+    """
+    if value is None or value == "":
+        return None
+    parts = value.split(":") if isinstance(value, str) else tuple(value)
+    if len(parts) != 3:
+        raise UsageError(f"'{value}' is not a range; write from, to and step, e.g. {example}")
+    start, stop, step = (si(part, kind) or 0.0 for part in parts)
+    return start, stop, step
+
+
+def depths(value: str | tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+    """Return the nearest and the farthest depth and the step, as `si_range`.
+
+    Raises
+    ------
+    UsageError
+        If these are no depths.
+    """
+    found = si_range(value, "length", "--depth 0.5m:3m:2cm")
+    if found is None:
+        return None
+    start_m, stop_m, step_m = found
+    if not (0 < start_m <= stop_m and step_m > 0):
+        raise UsageError(
+            f"'{value}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
+        )
+    return found
+
+
 def example_unit(kind: str) -> str:
     """Return the unit of the kind's example spelling, e.g. ``ms`` for a time."""
     return KINDS[kind][1].lstrip("0123456789.")
@@ -111,6 +173,14 @@ def show_length(value_m: float, digits: int = 3) -> str:
     raise AssertionError("unreachable")
 
 
+def show_bytes(count: float) -> str:
+    """Write a number of bytes in the unit that suits it, e.g. ``15.4 MB`` or ``812 kB``."""
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= 0.9995 * size:
+            return f"{count / size:.3g} {unit}"
+    return f"{count:.0f} bytes"
+
+
 def show_duration(duration_s: float) -> str:
     """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``."""
     if duration_s < 60:
@@ -133,7 +203,7 @@ def _reader(kind: str) -> BeforeValidator:
                 return parse(value, kind)
             except UsageError as error:
                 raise ValueError(str(error)) from None
-        if isinstance(value, bool | int | float):
+        if isinstance(value, int | float) and isfinite(value) and not isinstance(value, bool):
             raise ValueError(f'a {kind} needs a unit: write it as text, e.g. "{value}{example_unit(kind)}"')
         raise ValueError(f'a {kind} is written as text with a unit, e.g. "{KINDS[kind][1]}"')
 

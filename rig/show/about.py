@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError, in_shell, printable
+from rig.errors import DataFileError, in_shell, no_file, printable
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
@@ -20,15 +20,12 @@ from rig.files.picoquant import STEPS, Head
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
 from rig.files.volume import outline_volume
-from rig.importers.convert import LAYOUTS
-from rig.importers.recognise import recognise
-from rig.importers.source import open_source
 from rig.model.calibrations.base import Calibration, utc_now
 from rig.model.calibrations.headlines import headline
 from rig.model.calibrations.store import read as read_calibration
 from rig.model.config import load
 from rig.model.plan import Grid, ScanPlan
-from rig.model.quantities import show, show_length
+from rig.model.quantities import show, show_bytes, show_length
 
 #: How numbers are written whose names end in their unit.
 _UNITS: Mapping[str, Callable[[float], str]] = {
@@ -77,7 +74,7 @@ def about(path: Path) -> About:
     if journal_of(path).exists():
         return _scan(path)
     if not path.is_file():
-        raise DataFileError(f"{path} does not exist, or is no file; check the name")
+        raise DataFileError(no_file(path))
     if h5py.is_hdf5(path):
         return _hdf5(path)
     with path.open("rb") as file:
@@ -323,11 +320,16 @@ def _configuration(path: Path) -> About:
 
 def _foreign(path: Path) -> About:
     """Tell what the importers recognise a file as."""
+    # what most files need not
+    from rig.importers.convert import LAYOUTS
+    from rig.importers.recognise import recognise
+    from rig.importers.source import open_source
+
     with open_source(path) as source:
         layout, contents, head = recognise(source, LAYOUTS), source.contents(_NAMED), source.head
     size, digest = path.stat().st_size, digest_of_file(path)
     document = {"kind": "foreign", "file": str(path), "layout": layout.NAME, "bytes": size, "sha256": digest}
-    facts = {"what": f"{layout.NAME}: {layout.SIGN}", "holds": contents, "size": f"{size / 1e6:.3g} MB"}
+    facts = {"what": f"{layout.NAME}: {layout.SIGN}", "holds": contents, "size": show_bytes(size)}
     if head is not None and head.values.get("CreatorSW_Name") == "nlos-rig":
         facts, told = _records(path, head)
         document |= {"kind": "records", **told}

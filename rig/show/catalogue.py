@@ -8,7 +8,7 @@ from typing import Any
 
 import h5py
 
-from rig.errors import ConfigError, DataFileError, UsageError
+from rig.errors import ConfigError, DataFileError
 from rig.files.check import plain, reading
 from rig.files.inspection import inspect_all
 from rig.files.journal import journal_of
@@ -77,13 +77,13 @@ def catalogue(folder: Path) -> list[Entry]:
 
     Raises
     ------
-    UsageError
+    DataFileError
         If there is no such folder, or it cannot be read.
     """
     try:
         names = sorted(os.listdir(folder))
     except OSError as error:
-        raise UsageError(f"{folder}: {error.strerror}; give the name of a folder with scans") from None
+        raise DataFileError(f"{folder}: {error.strerror}; give the name of a folder with scans") from None
     every = dict.fromkeys(folder / name.removesuffix(".journal") for name in names)
     paths = [path for path in every if path.suffix.lower() in _ENDINGS]
     inspect_all(paths)

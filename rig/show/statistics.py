@@ -45,8 +45,11 @@ class Statistics:
     per_position: float
 
     def as_dict(self) -> dict[str, float]:
-        """Return the numbers by name."""
-        return asdict(self)
+        """Return the numbers by name; counts of a scan that was counted are whole."""
+        found = asdict(self)
+        for name in ("photons", "largest"):
+            found[name] = int(found[name]) if float(found[name]).is_integer() else found[name]
+        return found
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,9 @@ def tally(capture: Capture, from_s: float = FIRST_USEFUL_S) -> Tally:
     first = np.broadcast_to(first_bins(capture, from_s), capture.positions)
     bins = int((capture.bins - first).sum())
     if bins == 0:
-        raise DataFileError(f"the record ends before {from_s * 1e9:.3g} ns: nothing of it is to be counted")
+        raise DataFileError(
+            f"the record ends before {from_s * 1e9:.3g} ns: nothing is to be counted; count from earlier"
+        )
     start = int(first.min())
     photons, largest = np.zeros((2, capture.positions))
     for rows, counts in capture.histograms.blocks(slice(start, None)):
@@ -120,7 +125,8 @@ def tally(capture: Capture, from_s: float = FIRST_USEFUL_S) -> Tally:
 def first_bins(capture: Capture, from_s: float) -> NDArray[np.int64]:
     """Return (1,) or (P,) the first bin that begins at a rectified time, or after it."""
     # a millionth of a bin for rounding: bin 833 of 4 ps begins at 833 x 4 ps
-    first = np.ceil((from_s - capture.first_bin_s) / capture.bin_width_s - 1e-6)
+    with np.errstate(over="ignore"):  # a time far too late is infinitely many bins late
+        first = np.ceil((from_s - capture.first_bin_s) / capture.bin_width_s - 1e-6)
     return np.clip(first, 0, capture.bins).astype(np.int64)
 
 

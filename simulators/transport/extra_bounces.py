@@ -184,14 +184,30 @@ class ExtraBounces:
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all light (B,) per m^2 at the detector spot, and its paths (B,) [m]."""
-        reflected, side, leg_m = self._lit(laser_spot_m)
+        return self._arrivals(*self._lit(laser_spot_m))
+
+    def _arrivals(
+        self, reflected: NDArray[np.float64], side: NDArray[np.int64], leg_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         bins = np.zeros(self._tails.shape[2] + ceil(leg_m.max(initial=0.0) / BIN_M) + 2)
         _spread(reflected, leg_m / BIN_M, self._clusters.member, side, self._tails, *self._span, bins)
         return bins, BIN_M * np.arange(len(bins), dtype=np.float64)
 
     def transient(self, laser_spot_m: Spot, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (B,) expected photons per m^2 between B + 1 ascending edges after the wall [s]."""
-        bins, path_m = self.arrivals(laser_spot_m)
+        return self._between_edges(*self.arrivals(laser_spot_m), edges_s)
+
+    def transient_seen(
+        self, form: NDArray[np.floating], laser_spot_m: NDArray[np.float64], edges_s: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return as `transient`, where the form factors (K,) of the spot with the patches are known."""
+        leg_m = np.linalg.norm(self.patches.centre_m - laser_spot_m, axis=1)
+        return self._between_edges(*self._arrivals(*self._reflected(form.astype(np.float64), leg_m)), edges_s)
+
+    @staticmethod
+    def _between_edges(
+        bins: NDArray[np.float64], path_m: NDArray[np.float64], edges_s: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         edges_m = np.append(path_m - BIN_M / 2, path_m[-1] + BIN_M / 2)
         reached = np.append(0.0, bins.cumsum())
         return np.diff(np.interp(edges_s * C_M_PER_S, edges_m, reached))
@@ -201,13 +217,16 @@ class ExtraBounces:
         last = self._last
         if last is None or last[0] != laser_spot_m:
             spot = np.array(laser_spot_m, dtype=np.float64)
-            form, leg_m = open_form_factors(spot, self.patches.centre_m, self.patches.normal)
-            side = ((form > 0) ^ self._clusters.flipped).astype(np.int64)
-            leads_on = self._cumulative[self._clusters.member, side, -1] > 0
-            reflected = np.abs(form) * self.patches.area_m2 * self.patches.albedo * leads_on
-            shade(self._blockers, spot, self.patches.centre_m, reflected)
-            last = self._last = (laser_spot_m, (reflected, side, leg_m))
+            lit = self._reflected(*open_form_factors(spot, self.patches.centre_m, self.patches.normal))
+            shade(self._blockers, spot, self.patches.centre_m, lit[0])
+            last = self._last = (laser_spot_m, lit)
         return last[1]
+
+    def _reflected(self, form: NDArray[np.float64], leg_m: NDArray[np.float64]) -> _Lit:
+        """Return what each patch reflects towards others of what it gets by form factors (K,)."""
+        side = ((form > 0) ^ self._clusters.flipped).astype(np.int64)
+        leads_on = self._cumulative[self._clusters.member, side, -1] > 0
+        return np.abs(form) * self.patches.area_m2 * self.patches.albedo * leads_on, side, leg_m
 
 
 def _span(cumulative: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

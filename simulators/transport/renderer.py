@@ -31,6 +31,13 @@ class Transport:
     wall_albedo
         What the relay wall reflects in the middle of five bounces.
 
+    Attributes
+    ----------
+    patches, blockers
+        Surfaces, and what hides light.
+    between
+        The exchange of light inside the scene; None with three bounces.
+
     Raises
     ------
     ValueError
@@ -48,10 +55,8 @@ class Transport:
         if bounces not in BOUNCES:
             raise ValueError(f"{bounces} bounces cannot be followed: choose 3, 4 or 5")
         self.patches = patches
-        self._blockers = occluders(triangles_m)
-        self._between = (
-            Interreflections(patches, self._blockers, bounces, wall_albedo) if bounces > 3 else None
-        )
+        self.blockers = occluders(triangles_m)
+        self.between = Interreflections(patches, self.blockers, bounces, wall_albedo) if bounces > 3 else None
 
     @classmethod
     def of_scene(cls, scene: Scene, *, bounces: int = 3, wall_albedo: float = 0.8) -> Self:
@@ -60,8 +65,8 @@ class Transport:
 
     def light_paths(self, detector_spot_m: Spot) -> tuple[LightPaths, ...]:
         """Return light to one detector spot: that of three bounces, and that of more."""
-        three = ThreeBounces(self.patches, self._blockers, detector_spot_m)
-        return (three, self._between.light_paths(detector_spot_m)) if self._between else (three,)
+        three = ThreeBounces(self.patches, self.blockers, detector_spot_m)
+        return (three, self.between.light_paths(detector_spot_m)) if self.between else (three,)
 
     def transients(
         self, laser_m: NDArray[np.float64], detector_m: NDArray[np.float64], edges_s: NDArray[np.float64]

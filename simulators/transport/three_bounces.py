@@ -212,3 +212,30 @@ def _deposit(weights, corners, first, last, edges, bins):  # type: ignore[no-unt
             bins[i] += weights[k] * (after - before)
             before = after
             i += 1
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def corner_legs(spot, corners):  # type: ignore[no-untyped-def]
+    """Distances (K, 3) from a spot to the corners of all patches [m]."""
+    legs = np.empty((len(corners), 3))
+    for k in range(len(corners)):
+        for corner in range(3):
+            square = 0.0
+            for axis in range(3):
+                square += (corners[k, corner, axis] - spot[axis]) ** 2
+            legs[k, corner] = np.sqrt(square)
+    return legs
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_patch(weight, a, b, c, bins):  # type: ignore[no-untyped-def]
+    """Add a patch's weight to bins of width one from zero on; a, b and c are the paths at its corners."""
+    low, high = min(a, b, c), max(a, b, c)
+    mid = max(min(a, b), min(max(a, b), c))
+    i = int(low)
+    before = 0.0
+    while i < len(bins) and before < 1.0:
+        after = _below(i + 1.0, low, mid, high)
+        bins[i] += weight * (after - before)
+        before = after
+        i += 1

@@ -81,7 +81,7 @@ def grid_option(random: Random) -> tuple[str, str, str]:
 def read_grid(given: tuple[str, str, str]) -> None:
     """Make a plan of it, and look at what a dry run looks at."""
     from rig.acquire.preflight import check
-    from rig.commands.scan import columns_and_rows
+    from rig.model.asked import columns_and_rows
     from rig.model.plan import ScanPlan
     from rig.model.quantities import parse
     from rig.model.state import RigState
@@ -142,7 +142,7 @@ def read_voxels(given: tuple[str, str, str, str, str, float]) -> None:
     """Choose voxels for a small capture."""
     from recon import defaults
     from recon.wave import VirtualPulse
-    from rig.commands.recon import depths
+    from rig.model.quantities import depths
 
     near_far_step = depths(given[0])
     width_m, height_m, voxel_m, wavelength_m = (_or_usual(text, "length") for text in given[1:5])

@@ -9,10 +9,10 @@ import pytest
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, MemoryBoundError, ParameterError
+from recon.filming import frame_times_s, video
 from recon.grid import VoxelGrid
 from recon.imaging import bounded, image, plan, planes
 from recon.registry import WAVE_SOLVERS
-from recon.video import frame_times_s, video
 from recon.wave import ContinuousWave, VirtualPulse
 from recon.window import Window
 from support.hidden_points import C, histograms, wall

@@ -6,10 +6,10 @@ import pytest
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, ParameterError
+from recon.filming import video
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.registry import WAVE_SOLVERS
-from recon.video import video
 from recon.wave import VirtualPulse
 from support.hidden_points import C, histograms, wall
 

@@ -9,6 +9,7 @@ import pytest
 
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.wave import VirtualPulse
+from rig.commands import documents
 from rig.files import ScanFile, Volume, read_volume, write_volume
 from rig.image.compare import FWHM, METHODS, Compared, column, low_pass_sigma_s
 from rig.image.low_pass import low_passed
@@ -48,7 +49,9 @@ def test_every_method_that_applies_finds_the_point(rig, tmp_path):
     write_point(tmp_path / "one spot.h5", "one spot")
     done = rig("compare", "confocal.h5", "one spot.h5", *ASKED, "--out", "found", "--json")
     assert done.code == 0, done.err
-    for told in json.loads(done.out)["comparisons"]:
+    document = json.loads(done.out)
+    documents.Compared.model_validate(document)
+    for told in document["comparisons"]:
         detectors = told["file"].removesuffix(".h5")
         assert [one["method"] for one in told["methods"]] == list(METHODS)
         assert all(one["applies"] for one in told["methods"])

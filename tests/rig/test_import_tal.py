@@ -1,10 +1,13 @@
 """TAL files keep their places and times, however their wall stands, and what does not fit is refused."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
 
 from rig.errors import DataFileError, UsageError
+from rig.files import ScanFile
 from rig.importers import import_scan
 from support.imaged_points import brightest, point_signal
 from support.scan_files import C_M_PER_S, load
@@ -199,6 +202,59 @@ def test_a_hidden_point_of_an_exhaustive_capture_is_imaged_where_it_is(rig, tmp_
     found = brightest(rig, "a.h5", *given, "--voxel", "2cm")
     # a voxel across, and one along z
     assert (np.abs(found - point_m) < [0.021, 0.021, 0.011]).all()
+
+
+def exhaustive(path, lasers, pixels, bins, **changes):
+    """Write an exhaustive capture on grids of lasers and pixels, without its H unless that is given."""
+    grids_m = {}
+    for name, (columns, rows) in (("laser", lasers), ("sensor", pixels)):
+        x_m, y_m = np.meshgrid(np.linspace(-0.4, 0.4, columns), np.linspace(-0.4, 0.4, rows), indexing="ij")
+        grids_m[f"{name}_grid_xyz"] = np.stack([x_m, y_m, 0 * x_m], axis=-1)
+    form = ("HFormat", {"T_Lx_Ly_Sx_Sy": 2}, 2)
+    tal(path, H_format=form, **grids_m, sensor_grid_normals=None, **({"H": 0} | changes))
+    if "H" not in changes:
+        with h5py.File(path, "r+") as file:
+            del file["H"]
+            file.create_dataset("H", (bins, *lasers, *pixels), "f4", chunks=(bins, 1, 1, *pixels))
+    return grids_m
+
+
+@pytest.mark.parametrize("legs", [False, True])
+def test_an_exhaustive_capture_keeps_each_place_once(tmp_path, legs):
+    signal = np.random.default_rng(5).random((20, 2, 3, 3, 4)).astype("f4")
+    grids_m = exhaustive(
+        tmp_path / "a.hdf5", (2, 3), (3, 4), 20, H=signal, t_accounts_first_and_last_bounces=legs
+    )
+    report = import_scan(tmp_path / "a.hdf5", tmp_path / "a.h5")
+    assert report.positions == 72
+    with ScanFile(tmp_path / "a.h5") as scan:
+        assert (scan.steps, len(scan.channels)) == (6, 12)
+        np.testing.assert_allclose(scan.laser_m, grids_m["laser_grid_xyz"].reshape(-1, 3), atol=1e-15)
+        np.testing.assert_array_equal(scan.counts(range(6)), signal.reshape(20, 6, 12).transpose(1, 2, 0))
+        whole, capture = scan.exhaustive(), scan.capture()
+        begins_s = np.broadcast_to(whole.first_bin_s, (6, 12)).ravel()
+        np.testing.assert_allclose(begins_s, np.broadcast_to(capture.first_bin_s, 72), rtol=1e-12)
+        assert whole.block(slice(2, 4)).positions == 24
+
+
+def test_an_exhaustive_capture_is_never_whole_in_memory(tmp_path):
+    """Of 0.27 GB, with 0.13 GB in a row of lasers, parts of 64 MB are held, and a copy of them."""
+    if not Path("/proc/self/clear_refs").exists():
+        pytest.skip("only Linux tells the peak of a part of a run")
+    exhaustive(tmp_path / "a.hdf5", (2, 16), (64, 64), 512)
+    exhaustive(tmp_path / "small.hdf5", (2, 2), (4, 4), 20)
+    import_scan(tmp_path / "small.hdf5", tmp_path / "small.h5")  # libraries are not the import's
+    Path("/proc/self/clear_refs").write_text("5")
+    before = resident("VmRSS")
+    import_scan(tmp_path / "a.hdf5", tmp_path / "b.h5")
+    assert resident("VmHWM") - before < 200e6
+    with ScanFile(tmp_path / "b.h5") as scan:
+        assert (scan.steps, len(scan.channels), scan.bins) == (32, 4096, 512)
+
+
+def resident(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith(name))
 
 
 def test_a_tal_file_without_its_start_is_told_of(tmp_path):

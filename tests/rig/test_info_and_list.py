@@ -169,7 +169,7 @@ def test_a_folder_is_listed_newest_last_and_damaged_files_are_named(rig, tmp_pat
     assert "interrupted  a first try" in lines[2]
     assert all("damaged" in line for line in lines[4:])
     assert len(lines) == 6
-    assert rig("list", "nowhere").code == 2
+    assert rig("list", "nowhere").code == 5
 
 
 @pytest.mark.parametrize("what", ["a newer version", "a plan that is none"])
@@ -201,7 +201,7 @@ def test_a_sheet_shows_counts_and_images(rig):
 
 
 def test_a_failure_is_one_document_too(rig):
-    for arguments, code in ((("info", "none.h5"), 5), (("info", "--bogus"), 2), (("list", "nowhere"), 2)):
+    for arguments, code in ((("info", "none.h5"), 5), (("info", "--bogus"), 2), (("list", "nowhere"), 5)):
         done = rig(*arguments, "--json")
         assert done.code == code
         found = json.loads(done.out)

@@ -193,7 +193,7 @@ def test_other_files_are_refused_by_what_they_are(tmp_path):
         ScanFile(text)
     with pytest.raises(DataFileError, match="does not exist"):
         ScanFile(tmp_path / "none.h5")
-    with pytest.raises(DataFileError, match="does not exist, or is no file"):
+    with pytest.raises(DataFileError, match="is a folder, and no file"):
         ScanFile(tmp_path)
     foreign = tmp_path / "b.h5"
     with h5py.File(foreign, "w") as file:
@@ -232,7 +232,7 @@ def replace(path, value):
         (drop_attribute("transients", "time_origin"), "/transients@time_origin is missing"),
         (drop_attribute("/", "version"), "version None"),
         (set_attribute("/", "version", 3), "reads version 1 and 2"),
-        (set_attribute("/", "format", "rig-volume"), "not a rig-scan file"),
+        (set_attribute("/", "format", "rig-volume"), "is a volume, and a scan is wanted"),
         (set_attribute("transients", "time_origin", "moon"), "must be 'wall' or 'laser'"),
         (set_attribute("transients", "time_origin", "laser"), "lacks the attributes laser_head_m"),
         (set_attribute("transients", "bin_width_s", -1.0), "must be positive"),

@@ -16,6 +16,7 @@ import pytest
 import serial
 
 from rig.acquire.connect import open_devices
+from rig.commands.documents import Served
 from rig.files.scan import ScanFile
 from rig.light.state import forget_trip
 from rig.model.config import load
@@ -49,7 +50,7 @@ def counts(path):
 
 
 def test_addresses_and_configuration_are_told(bench):
-    assert bench.told["schema_version"] == 1
+    Served.model_validate(bench.told)
     assert bench.told["pid"] == bench.process.pid
     assert all(Path(bench.told[name]).exists() for name in ("galvo", "laser", "detector", "timing"))
     config = load(bench.config)

@@ -1,18 +1,17 @@
 """Every family of timing instruments, from the configuration to a picture, on the same simulated bench."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig.acquire.doctor import examine
 from rig.commands.calibrate import ROUTINES
 from rig.devices.kinds import TIMING, time_axis, timing_limits
 from rig.errors import ConfigError
 from rig.files import ScanFile
 from rig.files.picoquant import read_head
 from rig.model.config import RigConfig, TimeHarp260Config, load, recorded
+from rig.setup.doctor import timing
 from support.served_bench import served
 
 #: What a configuration says of each, beside its kind; nothing where its usual settings do.
@@ -296,7 +295,7 @@ def test_the_doctor_looks_for_the_library_of_its_kind(monkeypatch, kind, name, v
     monkeypatch.setenv("HHLIB_PATH", "/elsewhere/hhlib.so")
     ports = {name: {"address": f"sim://{name}"} for name in ("galvo", "laser", "detector")}
     config = RigConfig.model_validate({**ports, "tcspc": {"kind": kind}})
-    (finding,) = [one for one in examine(config, Path()) if one.what == f"{name} library"]
+    (finding,) = [one for one in timing.check(config) if one.what == f"{name} library"]
     assert finding.verdict == "missing"
     assert "/nowhere/lib.so" in finding.found
     assert variable in finding.remedy

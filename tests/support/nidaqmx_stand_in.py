@@ -208,6 +208,7 @@ class Task:
 
 
 class _Device:
+    name = "Dev1"
     product_type, serial_num, is_simulated = "PCIe-6343", 0x1A2B3C4, True
     do_max_rate, ao_max_rate = 10e6, 900e3
 
@@ -217,6 +218,9 @@ class _Devices:
         if not world.installed:
             raise DaqNotFoundError("Could not find an installation of NI-DAQmx.")
         return _Device() if name == "Dev1" else _Absent()
+
+    def __iter__(self) -> Iterator[_Device]:
+        yield self["Dev1"]
 
 
 class _Absent:

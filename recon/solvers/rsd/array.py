@@ -147,7 +147,7 @@ def focus_block(
     """
     on = on or backend("cpu")
     xp = on.xp
-    wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * band.finest_rad_per_s / C_M_PER_S
     y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
     lateral2 = on.array(_offsets(y)[:, None] ** 2 + _offsets(x) ** 2)
     readings = [(on.array(axis.first), on.array(axis.weights)) for axis in (y, x)]

@@ -16,7 +16,9 @@ The quickest is chosen by counting what each does; the times for that are measur
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from math import pi
+from os import cpu_count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
-from recon.solvers.problem import ImagingProblem, Need, part_of
+from recon.solvers.problem import ImagingProblem, Need, Way, part_of
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd import regular as rsd_regular
 from recon.solvers.rsd import tabulated
@@ -39,8 +41,12 @@ from recon.wave import Band
 
 #: Time of the lattice for each FFT point, plane and frequency; half of it for confocal data.
 LATTICE_NS = 10.0
+#: The same for each of several groups with one lattice.
+SHARED_NS = 7.0
 #: Time of the table for each voxel and record.
 LOOKUP_NS = 4.5
+#: Most groups that share a lattice's waves at once: more save less than a hundredth of the time.
+GROUPS = 64
 #: Time of the sum term by term for each voxel, record and frequency.
 TERM_NS = 1.0
 
@@ -97,13 +103,17 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
         # term by term, from a copy of the spectra
         return Need(100 * capture.positions, 8 * capture.positions * many, many)
     round_trip_factor = groups[0].round_trip_factor
-    if regular(capture, groups):
-        aperture = recognise(capture.laser_m - [0, 0, groups[0].depth_m])
-        return rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor)
+    if together(capture.laser_m, groups) and _on_a_lattice(groups[0], capture.laser_m):
+        aperture = recognise(capture.laser_m[groups[0].records] - [0, 0, groups[0].depth_m])
+        need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor)
+        # beside the walls, the groups' own phases at the voxels of a plane, their steps, and the wave
+        pixels = planes.size // len(planes.z_m)
+        shared = (cpu_count() or 1) * (16 * min(len(groups), GROUPS) * pixels + need.least)
+        return replace(need, fixed=need.fixed + (shared if len(groups) > 1 else 0))
     # The lattice over all positions is as large as that of any group.
     x, y = lattice(capture.laser_m, round_trip_factor, part.band, planes)
     need = rsd_regular.needs(problem, part, x, y, round_trip_factor)
-    taps = 2 * taps_half_width(x.pitch_m * round_trip_factor * part.band.last_rad_per_s / C_M_PER_S / pi)
+    taps = 2 * taps_half_width(x.pitch_m * round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S / pi)
     spreading = (TAP_BYTES * taps + 8) * capture.positions
     spread_bytes = 8 * x.count * y.count + 8 * capture.positions
     return Need(need.fixed + spreading, need.least + need.together * spread_bytes, need.together)
@@ -126,11 +136,17 @@ def planar_groups(capture: Capture) -> Sequence[PlanarGroup]:
         return []
     if capture.confocal or not capture.round_trip:
         return [PlanarGroup(np.arange(len(laser_m)), 2 if capture.confocal else 1, None, depth_m)]
-    spots_m, which = np.unique(np.round(detector_m, 7), axis=0, return_inverse=True)
-    return [
-        PlanarGroup(np.flatnonzero(which.reshape(-1) == number), 1, spot_m, depth_m)
-        for number, spot_m in enumerate(spots_m)
-    ]
+    spots_m, which = _unique(np.round(detector_m, 7))
+    order = np.argsort(which, kind="stable")
+    members = np.split(order, np.cumsum(np.bincount(which))[:-1])
+    return [PlanarGroup(*one, depth_m) for one in zip(members, repeat(1), spots_m)]
+
+
+def _unique(spots_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return different spots, and the number of each one's; quick where equal ones follow each other."""
+    begins = np.flatnonzero(np.append(True, (np.diff(spots_m, axis=0) != 0).any(axis=1)))
+    unique_m, which = np.unique(spots_m[begins], axis=0, return_inverse=True)
+    return unique_m, np.repeat(which.reshape(-1), np.diff(begins, append=len(spots_m)))
 
 
 def regular(capture: Capture, groups: Sequence[PlanarGroup]) -> bool:
@@ -152,14 +168,48 @@ def quicker_on_lattice(
         return False
     if _too_near(groups[0], band, grid) and not all(_on_a_lattice(group, laser_m) for group in groups):
         return False
-    points = 0.0
-    for group in groups:
+    return _lattice_ns(groups, laser_m, band, grid) < _other_ns(len(laser_m), band, grid, frames)
+
+
+def _lattice_ns(
+    groups: Sequence[PlanarGroup], laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid
+) -> float:
+    """Return the time that lattices take [ns]; positions are spread, or a regular grid is one as it is."""
+    if len(groups) > 1 and together(laser_m, groups):
+        each_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
+    else:
+        each_ns = LATTICE_NS * sum(
+            _points(group, laser_m, band, grid) / group.round_trip_factor for group in groups
+        )
+    return each_ns * len(grid.z_m) * len(band)
+
+
+def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid) -> int:
+    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over."""
+    try:
+        aperture = recognise(laser_m[group.records] - [0, 0, group.depth_m])
+        x, y = aperture.x, aperture.y
+    except GeometryError:
         x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
-        wavenumber = group.round_trip_factor * band.last_rad_per_s / C_M_PER_S
-        lengths = [plan_axis(axis, at, wavenumber).length for axis, at in ((x, grid.x_m), (y, grid.y_m))]
-        points += lengths[0] * lengths[1] / group.round_trip_factor
-    other_ns = LOOKUP_NS if frames == 1 else TERM_NS * len(band)
-    return LATTICE_NS * points * len(grid.z_m) * len(band) < other_ns * len(laser_m) * grid.size
+    wavenumber = group.round_trip_factor * band.finest_rad_per_s / C_M_PER_S
+    return plan_axis(y, grid.y_m, wavenumber).length * plan_axis(x, grid.x_m, wavenumber).length
+
+
+def _other_ns(positions: int, band: Band, grid: VoxelGrid, frames: int) -> float:
+    """Return the time that tables take, or, of many frames, the sum term by term [ns]."""
+    return (LOOKUP_NS if frames == 1 else TERM_NS * len(band)) * positions * grid.size
+
+
+def way(problem: ImagingProblem, part: DepthBlock) -> Way:
+    """Return how a depth block is imaged, as `focus_block` goes, and what that takes."""
+    laser_m = problem.capture.laser_m
+    groups = planar_groups(problem.capture)
+    planes = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes])
+    if not _by_fft(problem, part.band, planes, groups):
+        count_ns = _other_ns(len(laser_m), part.band, planes, problem.frames)
+        return Way(1e-9 * count_ns, False, ())
+    count_ns = _lattice_ns(groups, laser_m, part.band, planes)
+    return Way(1e-9 * count_ns, True, tuple(group.records for group in groups))
 
 
 def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:
@@ -181,7 +231,7 @@ def lattice(
     laser_m: NDArray[np.float64], round_trip_factor: int, band: Band, grid: VoxelGrid
 ) -> tuple[LatticeAxis, LatticeAxis]:
     """Choose the axes x and y of the lattice that scattered positions are spread over."""
-    wavenumber = round_trip_factor * band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * band.finest_rad_per_s / C_M_PER_S
     return (
         lattice_axis(laser_m[:, 0], grid.x_m, wavenumber),
         lattice_axis(laser_m[:, 1], grid.y_m, wavenumber),
@@ -200,7 +250,7 @@ def _put(
     except GeometryError:
         x, y = lattice(laser_m, group.round_trip_factor, problem.band, problem.grid)
         return spread(
-            laser_m, emitted, x, y, group.round_trip_factor * problem.band.last_rad_per_s / C_M_PER_S
+            laser_m, emitted, x, y, group.round_trip_factor * problem.band.finest_rad_per_s / C_M_PER_S
         )
 
 
@@ -218,12 +268,44 @@ def _on_lattices(
     total: Field = np.zeros(
         (len(problem.grid.z_m), 1 + problem.slopes, *problem.grid.shape[1:]), np.complex64
     )
-    for number, group in enumerate(groups):
-        told = part_of(problem.progress, number / len(groups), (number + 1) / len(groups))
-        part = replace(problem, progress=told)
-        for sum_, plane in zip(total, by_planes(part, _propagation(problem, emitted, group)), strict=True):
+    at_once = 1
+    laser_m = problem.capture.laser_m
+    if together(laser_m, groups):
+        wall_bytes = 8 * len(problem.band) * _points(groups[0], laser_m, problem.band, problem.grid)
+        at_once = min(GROUPS, max(1, problem.working_bytes // wall_bytes))
+    for start in range(0, len(groups), at_once):
+        some = groups[start : start + at_once]
+        told = part_of(problem.progress, start / len(groups), (start + len(some)) / len(groups))
+        propagation = _propagation if len(some) == 1 else _shared_propagation
+        focus = propagation(problem, emitted, *some)
+        for sum_, plane in zip(total, by_planes(replace(problem, progress=told), focus), strict=True):
             sum_ += plane
     yield from total
+
+
+def together(laser_m: NDArray[np.float64], groups: Sequence[PlanarGroup]) -> bool:
+    """Return whether all groups have the same positions in the same order, so that one lattice is theirs."""
+    first_m = laser_m[groups[0].records]
+    return all(np.array_equal(laser_m[group.records], first_m) for group in groups[1:])
+
+
+def _shared_propagation(
+    problem: ImagingProblem, emitted: NDArray[np.complex64], *groups: PlanarGroup
+) -> Callable[[float, NDArray[np.float64], float | None], Field]:
+    """Return what focuses groups with one lattice on a plane; the wave is transformed once for all."""
+    of_groups = [_put(problem, emitted, group) for group in groups]
+    aperture, first = of_groups[0]
+    depth_m = groups[0].depth_m
+    voxels = _from(groups[0], problem.grid)
+    through = LatticePropagator(aperture, first, problem.band, voxels, groups[0].round_trip_factor, 0)
+    walls = through.walls_of([emission for _, emission in of_groups])
+
+    def focus(z_m: float, times_s: NDArray[np.float64], reference_rad_per_s: float | None) -> Field:
+        own_s = [times_s[0] + group.detector_time_s(problem.grid, z_m) for group in groups]
+        moments_s = np.stack([np.broadcast_to(one, problem.grid.shape[1:]) for one in own_s])
+        return through.focus_together(z_m - depth_m, walls, moments_s, reference_rad_per_s)
+
+    return focus
 
 
 def _propagation(
@@ -238,6 +320,7 @@ def _propagation(
         _from(group, problem.grid),
         group.round_trip_factor,
         problem.wall_bytes,
+        threads=problem.threads,
     )
     return lambda z_m, times_s, reference: through.focus(
         z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m), reference

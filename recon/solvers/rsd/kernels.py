@@ -106,6 +106,19 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def unfold(kernel: F32, whole: C64) -> None:
+    """Write out an even kernel's quarter (2, h + 1, w + 1) as the whole (2 h, 2 w)."""
+    height, width = whole.shape
+    half = width // 2
+    for j in range(height):
+        re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
+        for i in range(half + 1):
+            whole[j, i] = complex(re[i], im[i])
+        for i in range(half + 1, width):
+            whole[j, i] = complex(re[width - i], im[width - i])
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
     """Interpolate (lattice rows, width) along its first axis into (rows, width)."""
     for j in range(len(first)):
@@ -153,6 +166,18 @@ def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT
             before = sums[i]
             slopes[i] = (slopes[i] + before) * turns[i]
             sums[i] = before * turns[i] + fields[i]
+
+
+@njit(nogil=True, cache=True, fastmath=True)
+def add_turned(total: C64, turn: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
+    """Add `turn` times the field, interpolated along the rows; then `turn` <- `turn` * `step`."""
+    line = np.empty(len(first), np.complex64)
+    for j in range(total.shape[0]):
+        fields, sums, turns, steps = _along(rows[j], first, weights, line), total[j], turn[j], step[j]
+        for i in range(len(sums)):
+            sums[i] += turns[i] * fields[i]
+        for i in range(len(turns)):
+            turns[i] *= steps[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)

@@ -24,6 +24,7 @@ voxels of a plane are read at one moment, as in confocal data, the sum is taken 
 0.5 FFTs remain. Planes are shared out to threads; each thread's working set stays within its cache.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
@@ -108,6 +109,8 @@ class LatticePropagator(Propagator):
         As of `ImagingProblem`.
     kernels
         Where the wave's transforms are kept for later images; None keeps none.
+    threads
+        How many transform the wall; None takes one for each core.
     """
 
     def __init__(
@@ -119,6 +122,7 @@ class LatticePropagator(Propagator):
         round_trip_factor: int,
         wall_bytes: int = ImagingProblem.wall_bytes,
         kernels: Kernels | None = None,
+        threads: int | None = None,
     ) -> None:
         self.band = band
         self._kernels = kernels
@@ -130,8 +134,8 @@ class LatticePropagator(Propagator):
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
-        with ThreadPoolExecutor(cpu_count() or 1) as threads:
-            walls = list(threads.map(self._transform, range(min(kept, len(band)))))
+        with ThreadPoolExecutor(threads or cpu_count() or 1) as pool:
+            walls = list(pool.map(self._transform, range(min(kept, len(band)))))
         self._walls: Sequence[NDArray[np.complex64]] | NDArray[np.complex64] = walls
 
     def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
@@ -253,11 +257,87 @@ class LatticePropagator(Propagator):
         fields *= base
         return fields
 
+    def walls_of(self, emitted: Sequence[NDArray[np.complex64]]) -> NDArray[np.complex64]:
+        """Return the transforms of what several groups of the positions emit, for `focus_together`.
+
+        Parameters
+        ----------
+        emitted
+            (F, P) complex64 of each group: what each position emits at each frequency.
+
+        Returns
+        -------
+        ndarray
+            (F, groups, lattice y, lattice x) complex64.
+        """
+        shape = len(self.band), len(emitted), self._y.length, self._x.length
+        walls = np.empty(shape, np.complex64)
+        places = list(np.ndindex(shape[:2]))
+
+        def fill(place: tuple[int, int]) -> None:
+            frequency, group = place
+            walls[place] = self._transformed(emitted[group][frequency])
+
+        with ThreadPoolExecutor(cpu_count() or 1) as threads:
+            deque(threads.map(fill, places), maxlen=0)
+        return walls
+
+    def focus_together(
+        self,
+        z_m: float,
+        walls: NDArray[np.complex64],
+        times_s: NDArray[np.float64],
+        reference_rad_per_s: float | None = None,
+    ) -> Field:
+        """Sum all frequencies of groups on the same lattice, each read at moments of its own.
+
+        The spherical wave is transformed once for all groups, and each takes 0.75 FFTs.
+
+        Parameters
+        ----------
+        z_m
+            Depth of the plane.
+        walls
+            As of `walls_of`.
+        times_s
+            (groups, y, x) moment at which each group is read at each voxel.
+        reference_rad_per_s
+            As of `Propagator.focus`.
+
+        Returns
+        -------
+        ndarray
+            (1, y, x) complex64, with a reference (2, y, x).
+        """
+        work = self._workspace()
+        fields = np.zeros((2, *self._shape), np.complex64)
+        turns, steps = (np.empty(times_s.shape, np.complex64) for _ in range(2))
+        for moments_s, turn, step in zip(times_s, turns, steps, strict=True):
+            rates = self.band.last_rad_per_s / (2 * np.pi), -self.band.step_rad_per_s / (2 * np.pi)
+            kernels.phase(np.ascontiguousarray(moments_s), *rates, turn, step)
+        part = np.empty_like(fields[0])
+        # written out once for all groups, the wave is multiplied in half of the time
+        wave = np.empty(walls.shape[2:], np.complex64) if work.spectrum.shape == walls.shape[2:] else None
+        for index in self._walk(z_m, work):
+            part[:] = 0
+            if wave is not None:
+                kernels.unfold(work.kernel, wave)
+            for wall, turn, step in zip(walls[index], turns, steps, strict=True):
+                if wave is not None:
+                    np.multiply(wall, wave, out=work.spectrum)
+                else:
+                    kernels.multiply(wall, work.kernel, work.spectrum, False)
+                kernels.add_turned(part, turn, step, self._rows(work), self._x.first, self._x.weights)
+            fields[0] += part
+            if reference_rad_per_s is not None:
+                fields[1] += 1j * (self.band.frequencies_rad_per_s[index] - reference_rad_per_s) * part
+        return fields if reference_rad_per_s is not None else fields[:1]
+
     def _wavenumber(
         self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
     ) -> float:
         """Return the highest spatial frequency of the field along an axis [rad/m]."""
-        return self._round_trip_factor * self.band.last_rad_per_s / C_M_PER_S
+        return self._round_trip_factor * self.band.finest_rad_per_s / C_M_PER_S
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
@@ -294,9 +374,13 @@ class LatticePropagator(Propagator):
         return self._transform(index)
 
     def _transform(self, index: int) -> NDArray[np.complex64]:
+        """Return the transform of what the positions emit at a frequency."""
+        return self._transformed(self._emitted[index])
+
+    def _transformed(self, emitted: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Put positions on the lattice, and transform: along x only the rows that emit."""
         scale = np.float32(1 / (self._y.length * self._x.length))  # the inverse FFT's
-        rows = _put(self._aperture, self._emitted[index] * scale, self._y, self._x)
+        rows = _put(self._aperture, emitted * scale, self._y, self._x)
         wall = np.zeros((self._y.length, self._x.length), np.complex64)
         wall[self._y.wall] = c2c(rows, axes=(1,), out=rows, nthreads=1)
         return c2c(wall, axes=(0,), out=wall, nthreads=1)
@@ -323,14 +407,14 @@ def needs(
 ) -> Need:
     """Return the memory that imaging a depth block from a lattice takes."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
-    wavenumber = round_trip_factor * part.band.last_rad_per_s / C_M_PER_S
+    wavenumber = round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S
     along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)
     thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded
     thread += 8 * along_y.folded * along_x.folded + 64 * len(grid.y_m) * len(grid.x_m)
     # One wall field is put on its lattice at a time, in two steps where it is spread.
-    fixed, wall = (cpu_count() or 1) * thread + 16 * points, 8 * points
+    fixed, wall = problem.threads * thread + 16 * points, 8 * points
     if problem.frames == 1:
         return Need(24 * grid.size + fixed, wall, 1)
     return Need(fixed, min(many * wall, problem.wall_bytes), many)

@@ -16,15 +16,15 @@ Paths are single precision: 6e-8 of some 200 turns of phase is 1e-4 rad.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from recon.camera import Camera
-from recon.capture import C_M_PER_S, Capture
+from recon.capture import C_M_PER_S
 from recon.grid import VoxelGrid
-from recon.sampling import DepthBlock, path_limits_m
+from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
 from recon.wave import BAND_SIGMAS, Band
 
@@ -57,7 +57,7 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
         (1 or 2, y, x) complex64 field U of each plane, and its slope where the problem asks for it.
     """
     capture, band, grid = problem.capture, problem.band, problem.grid
-    begin_m, nodes_per_m, nodes = node_range(capture, band, grid, problem.camera)
+    begin_m, nodes_per_m, nodes = node_range(band, problem.path_m)
     middle_rad_per_s = (band.first_rad_per_s + band.last_rad_per_s) / 2
     nodes_s = (begin_m + np.arange(nodes) / nodes_per_m) / C_M_PER_S
     phases = np.exp(1j * np.multiply.outer(band.frequencies_rad_per_s - middle_rad_per_s, nodes_s))
@@ -101,15 +101,23 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
 def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     """Return the memory that a depth block's tables take."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
-    nodes = node_range(problem.capture, part.band, grid, problem.camera)[2]
+    nodes = node_range(part.band, replace(problem, grid=grid).path_m)[2]
     # The table's phases, with their double-precision halves, belong to the pass's frequencies.
     fixed = 32 * grid.size + 40 * nodes * many + 100 * problem.capture.positions
     return Need(fixed, 2 * NODE_BYTES * nodes * MIN_POSITIONS, many)
 
 
-def node_range(capture: Capture, band: Band, grid: VoxelGrid, camera: Camera) -> tuple[float, float, int]:
-    """Return path at the first node [m], nodes for each metre, and number of nodes of a position's table."""
-    shortest_m, longest_m = path_limits_m(capture, grid, camera)
+def node_range(band: Band, path_m: tuple[float, float]) -> tuple[float, float, int]:
+    """Return path at the first node [m], nodes for each metre, and number of nodes of a position's table.
+
+    Parameters
+    ----------
+    band
+        The frequencies.
+    path_m
+        Shortest and longest path that is looked up.
+    """
+    shortest_m, longest_m = path_m
     half_band = (band.last_rad_per_s - band.first_rad_per_s) / 2
     # One frequency alone has a constant B.
     nodes_per_m = max(NODES * half_band / BAND_SIGMAS / C_M_PER_S, 1 / (longest_m - shortest_m + 1e-3))

@@ -15,7 +15,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from rig.calibrate import Floats, require
-from rig.errors import CalibrationError
+from rig.errors import UsageError
 from rig.model.devices import Board
 
 #: Of a camera, in the order of OpenCV's Jacobian: rotation vector [rad], translation [m], fx, fy, cx, cy
@@ -36,15 +36,19 @@ REFINED_PART = 0.3
 WRONG, MAX_WRONG = 6.0, 0.03
 
 
+#: What to do where OpenCV is missing.
+WITHOUT_OPENCV = (
+    "OpenCV is not installed: pip install opencv-python-headless (or, in this program's source folder, "
+    "pip install '.[cameras]'), or calibrate without cameras: rig calibrate galvo --method flight"
+)
+
+
 def opencv() -> Any:
-    """Return the module, which only cameras need; raises CalibrationError if it is not installed."""
+    """Return the module, which only cameras need; raises UsageError if it is not installed."""
     try:
         import cv2
     except ImportError:
-        raise CalibrationError(
-            "calibrating cameras needs OpenCV, which is not installed: pip install 'nlos-rig[cameras]', or "
-            "calibrate without cameras: rig calibrate galvo --method flight"
-        ) from None
+        raise UsageError(f"calibrating cameras: {WITHOUT_OPENCV}") from None
     return cv2
 
 

@@ -25,6 +25,7 @@ from rig.model.calibrations.kinds import GalvoModel
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
 from rig.model.devices import Preparation
+from rig.model.problems import in_words
 from rig.model.state import RigState
 
 Pair = tuple[float, float]
@@ -163,6 +164,6 @@ def _read_marks(path: Path) -> tuple[WallMarks, str]:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "it"
         raise DataFileError(
-            f"{path}: is no file of marks: {where}: {first['msg']}. It holds mark_m and mirror_rad, two "
+            f"{path}: is no file of marks: {where}: {in_words(first)}. It holds mark_m and mirror_rad, two "
             "numbers each, for every mark; see docs/calibration/galvo.md"
         ) from None

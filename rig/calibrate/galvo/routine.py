@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 
@@ -12,7 +13,13 @@ from matplotlib.ticker import MaxNLocator
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
 from rig.calibrate import Floats, figures, require
-from rig.calibrate.galvo.cameras import CalibratedCameras, calibrate_cameras, find_corners, opencv
+from rig.calibrate.galvo.cameras import (
+    WITHOUT_OPENCV,
+    CalibratedCameras,
+    calibrate_cameras,
+    find_corners,
+    opencv,
+)
 from rig.calibrate.galvo.images import ImagesWriter, WallImages, writing
 from rig.calibrate.galvo.mirror import fit_mirror, galvo_model
 from rig.calibrate.galvo.spots import background, find_spot
@@ -49,6 +56,16 @@ class CameraRoutine(Routine[GalvoModel]):
     darks: int = 8
 
     makes = GalvoModel
+
+    def lacking(self, config: RigConfig) -> str:
+        """Say that the rig has no two cameras, or that nothing here can see by them."""
+        cameras = len(config.cameras.addresses)
+        if cameras != 2 and not config.simulated:
+            return (
+                f"two cameras are needed, {cameras} are configured: name two as cameras.addresses, or "
+                "calibrate without them: rig calibrate galvo --method flight"
+            )
+        return WITHOUT_OPENCV if find_spec("cv2") is None else ""
 
     def measure(self, station: Station, state: RigState, folder: Path, watch: Watch) -> list[Path]:
         """Show boards to the cameras, then the spot for each angle."""

@@ -23,6 +23,7 @@ from rig.calibrate.gate.sweep import Sweep, nearest_after_s, open_gate_bounces, 
 from rig.calibrate.raw import origin, reading
 from rig.calibrate.routine import Routine, changed, histogram_limits, histogram_settings, recorded
 from rig.calibrate.timing.peaks import FWHM_PER_SIGMA
+from rig.errors import UsageError
 from rig.model.calibrations.kinds import GateOpening
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
@@ -38,6 +39,8 @@ MAY_PASS = 1e-4
 STEP_S = 10e-12
 #: Between the wide open gate's end and its beginning at the next pulse [s].
 CLOSED_S = 10e-9
+#: Most delays that are tried: a sweep of a second each takes half an hour.
+MOST_DELAYS = 2000
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,12 @@ class GateRoutine(Routine[GateOpening]):
     def _delays_s(self, arrival_s: Floats) -> list[float]:
         """Return the delays to try, in whole picoseconds."""
         first_s, last_s = max(arrival_s.min() - self.before_s, 0.0), arrival_s.max() + self.after_s
+        steps = (last_s - first_s) / self.step_s
+        if not steps <= MOST_DELAYS:
+            least = show((last_s - first_s) / MOST_DELAYS, "s")
+            raise UsageError(
+                f"--step {show(self.step_s, 's')} is too fine: {MOST_DELAYS} delays need {least} or more"
+            )
         return np.arange(first_s, last_s + self.step_s, self.step_s).round(12).tolist()
 
 

@@ -44,8 +44,15 @@ def headline(calibration: Calibration) -> str:
                 f"{without} of {len(found.earliest_s)} positions cannot be gated"
             )
         case BinWidths() as found:
+            # where two standard errors below it is nothing, nothing was seen
+            believed = f"of a counted deviation {found.kept:.0%} is believed"
+            if 2 * found.nonlinearity**2 <= found.nonlinearity_at_most**2:
+                return (
+                    f"{found.counts_per_bin:.0f} counts a bin show no difference of widths; it is "
+                    f"{found.nonlinearity_at_most:.2%} rms at most, and {believed}"
+                )
             return (
-                f"widths differ by {found.nonlinearity:.2%} rms, {found.nonlinearity_at_most:.2%} at most; "
-                f"of a counted deviation {found.kept:.0%} is believed"
+                f"widths differ by {found.nonlinearity:.2%} rms ({found.nonlinearity_at_most:.2%} at most); "
+                f"{believed}"
             )
     raise TypeError(f"no headline for {type(calibration).__name__}")

@@ -23,6 +23,7 @@ from rig.model.config.harps import (
     TimeHarp260Config,
 )
 from rig.model.config.lasers import ExternalLaserConfig, Katana08Config, KatanaConfig, LaserConfig, NktConfig
+from rig.model.config.notify import NotifyConfig
 from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.reading import built_in, built_in_with, load, recorded
 from rig.model.config.rig import RigConfig
@@ -57,6 +58,7 @@ __all__ = [
     "MpdConfig",
     "MultiHarpConfig",
     "NktConfig",
+    "NotifyConfig",
     "OptotuneConfig",
     "PicoHarp330Config",
     "PlaybackConfig",

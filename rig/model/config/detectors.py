@@ -63,6 +63,7 @@ class ChannelConfig(Section):
     """One pixel of the detector: what it looks at, and where its pulses go."""
 
     name: str = "spad"
+    """What the channel is called."""
     input: int = Field(0, ge=0)
     """Input of the timing instrument, counted from 0."""
     spot_m: Point = (0.0, 0.0, 0.0)

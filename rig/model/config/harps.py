@@ -21,8 +21,11 @@ class HarpConfig(TcspcConfig):
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: int = 1
+    """How many sync pulses are taken as one, for lasers that are faster than its sync input."""
     bin_width_s: Seconds = Field(4e-12, gt=0)
+    """Width of a bin; one that the instrument has."""
     bins: int = Field(15_000, ge=1)
+    """Bins of a histogram."""
     offset_s: Seconds = Field(28e-9, ge=0)
     """Start of the histogram after the sync pulse, whole nanoseconds."""
 
@@ -33,10 +36,13 @@ class HydraHarpConfig(HarpConfig):
     kind: Literal["hydraharp"] = "hydraharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = Field(0.05, ge=0)
+    """Level that a sync pulse has to pass."""
     sync_zero_cross_v: Volts = Field(0.01, ge=0)
+    """Level of the zero crossing that gives a sync pulse its time."""
     input_level_v: Volts = Field(0.05, ge=0)
     """Of every input that a channel uses."""
     input_zero_cross_v: Volts = Field(0.01, ge=0)
+    """The same of every input that a channel uses."""
 
 
 class MultiHarpConfig(HarpConfig):
@@ -45,11 +51,13 @@ class MultiHarpConfig(HarpConfig):
     kind: Literal["multiharp"] = "multiharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = -0.05
+    """Level that a sync pulse has to pass."""
     sync_edge: Edge = "falling"
     """A negative pulse begins with its falling edge."""
     input_level_v: Volts = -0.05
     """Of every input that a channel uses."""
     input_edge: Edge = "falling"
+    """Of every input that a channel uses."""
     bin_width_s: Seconds = Field(5e-12, gt=0)
     bins: int = Field(12_000, ge=1)
 
@@ -58,6 +66,7 @@ class EitherTriggerConfig(HarpConfig):
     """An instrument with edge triggers or discriminators; all levels have their sign."""
 
     sync_level_v: Volts = -0.05
+    """Level that a sync pulse has to pass."""
     sync_edge: Edge | None = None
     """None: falling, where the trigger is an edge."""
     sync_zero_cross_v: Volts | None = None
@@ -65,7 +74,9 @@ class EitherTriggerConfig(HarpConfig):
     input_level_v: Volts = -0.05
     """Of every input that a channel uses."""
     input_edge: Edge | None = None
+    """None: falling, where the trigger is an edge."""
     input_zero_cross_v: Volts | None = None
+    """None: -10 mV, where the trigger is a discriminator."""
 
     @property
     def has_cfd(self) -> bool:
@@ -117,6 +128,7 @@ class TimeHarp260Config(EitherTriggerConfig):
 
     kind: Literal["timeharp260"] = "timeharp260"
     board: Literal["P", "N"] = "P"
+    """Which board it is."""
     sync_divider: Literal[1, 2, 4, 8] = 1
     bin_width_s: Seconds = Field(25e-12, gt=0)
     """Of the N 250 ps where nobody says."""

@@ -28,6 +28,7 @@ from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import DeviceSection
 from rig.model.config.shutters import DaqShutterConfig, SerialShutterConfig, ShutterConfig
 from rig.model.config.timing import PlaybackConfig, TcspcConfig
+from rig.model.problems import in_words
 from rig.model.quantities import FROM_RECORD
 
 
@@ -115,7 +116,7 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
     def said(problem: Any) -> str:
         if problem["type"] == "extra_forbidden":
             return f"is no key of kind '{kind}', which has {keys}"
-        return str(problem["msg"]).removeprefix("Value error, ")
+        return in_words(problem)
 
     lines = [
         InitErrorDetails(

@@ -1,7 +1,6 @@
 """Configurations read from files and records, and what is wrong with them in words."""
 
-import re
-import tomllib
+import os
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -11,21 +10,19 @@ from pydantic_core import ErrorDetails
 from rig.errors import ConfigError
 from rig.model.config.delayers import PsdConfig
 from rig.model.config.detectors import ChannelConfig
+from rig.model.config.inherited import Written, read
 from rig.model.config.kinds import ROLES
 from rig.model.config.point_clocks import DaqClockConfig
 from rig.model.config.rig import RigConfig
 from rig.model.config.simulation import MotionConfig, SimulationConfig
 from rig.model.presets import Table, merged
+from rig.model.problems import in_words
 from rig.model.quantities import FROM_RECORD
 
-#: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
-MOST_BYTES = 1_000_000
 #: Wrong keys that are told at once.
 MOST_TOLD = 20
 #: The sections that the built-in rig has beside those that every rig has.
 _BUILT_IN: Table = {"delayer": {}, "point_clock": {}, "simulation": {}}
-#: A key of more than 100 words: reading it would take time with the square of their number.
-_LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
 
 
 def built_in() -> RigConfig:
@@ -44,7 +41,12 @@ def recorded(text: str) -> RigConfig:
     try:
         return RigConfig.model_validate_json(text, context=FROM_RECORD, by_alias=False, by_name=True)
     except ValidationError as error:
-        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+        raise ConfigError(explained(error)) from None
+
+
+def explained(error: ValidationError) -> str:
+    """Return all that is wrong with values, in a line."""
+    return "; ".join(_explain(problem) for problem in error.errors())
 
 
 def built_in_with(changes: Table) -> RigConfig:
@@ -55,53 +57,68 @@ def built_in_with(changes: Table) -> RigConfig:
     ConfigError
         If a value is wrong.
     """
-    try:
-        return RigConfig.model_validate(merged(_BUILT_IN, changes))
-    except ValidationError as error:
-        raise ConfigError("; ".join(_explain(problem) for problem in error.errors())) from None
+    return of_tables(merged(_BUILT_IN, changes))
 
 
-def load(path: Path, changes: Table | None = None) -> RigConfig:
-    """Read a configuration file, and make ``changes``, written as a file's tables are, to it.
+def of_tables(tables: Table) -> RigConfig:
+    """Return the configuration that a file with these tables would be.
 
     Raises
     ------
     ConfigError
-        If the file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
+        If a key is unknown, or a value is wrong.
     """
-    table = _table(path)
     try:
-        return RigConfig.model_validate(merged(table, changes or {}))
+        return RigConfig.model_validate(tables)
     except ValidationError as error:
-        raise ConfigError(_all_of(error, path)) from None
+        raise ConfigError(explained(error)) from None
 
 
-def _table(path: Path) -> Table:
-    """Read a TOML file; raises as `load`."""
+def load(path: Path, changes: Table | None = None) -> RigConfig:
+    """Read a configuration file with all that it extends, and make ``changes``, written as tables are, to it.
+
+    Where calibrations are kept begins at the folder of the file that says it, or, if none does, of the first
+    file that extends no other; it is absolute afterwards.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing, is not TOML, or has an unknown key or a wrong value; all are named.
+    """
+    return resolved(read(path), changes or {})
+
+
+def resolved(written: Written, changes: Table) -> RigConfig:
+    """Return the configuration that files give together, with changes; raises as `load`."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        text = content.decode("utf-8")
-        if len(content) > MOST_BYTES or _LONG_KEY.search(text):
-            raise ConfigError(
-                f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
-            )
-        return tomllib.loads(text)
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be read ({error.strerror}). Give the path of a TOML file"
-        ) from None
-    except RecursionError:
-        raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
-    except ValueError as error:  # what TOML forbids, bytes that are no text, numbers of thousands of digits
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+        return RigConfig.model_validate(merged(_with_folder(written), changes))
+    except ValidationError as error:
+        raise ConfigError(_all_of(error, written)) from None
 
 
-def _all_of(error: ValidationError, path: Path) -> str:
+def _with_folder(written: Written) -> Table:
+    """Return the content with an absolute folder of calibrations, if what is said of it is a path at all."""
+    section = written.table.get("calibration", {})
+    folder = section.get("folder", "calibrations") if isinstance(section, dict) else None
+    if not isinstance(folder, str) or not folder:
+        return written.table
+    said = ("calibration", "folder") in written.files
+    file = written.file_of(("calibration", "folder")) if said else written.first
+    return merged(written.table, {"calibration": {"folder": os.path.abspath(file.parent / folder)}})
+
+
+def _all_of(error: ValidationError, written: Written) -> str:
     """Return what is wrong, a line for each key, the first `MOST_TOLD` of them."""
-    told = [f"{path}: {_explain(problem)}" for problem in error.errors()]
-    more = [f"{path}: and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
+    told = [f"{written.file_of(_place(problem))}: {_explain(problem)}" for problem in error.errors()]
+    more = [f"and {len(told) - MOST_TOLD} more"] if len(told) > MOST_TOLD else []
     return "\n".join(told[:MOST_TOLD] + more)
+
+
+def _place(problem: ErrorDetails) -> tuple[str, ...]:
+    """Return where in a file a wrong value stands: without the kind that was chosen, and numbers of lists."""
+    place = problem["loc"]
+    parts = [part for before, part in zip(("", *place), place, strict=False) if not _is_kind(before, part)]
+    return tuple(part for part in parts if isinstance(part, str))
 
 
 def _explain(problem: ErrorDetails) -> str:
@@ -116,7 +133,7 @@ def _explain(problem: ErrorDetails) -> str:
             )
         near = get_close_matches(str(place[-1]), _known_keys(place[:-1]), n=1)
         return f"unknown key '{where}'" + (f"; did you mean '{near[0]}'?" if near else "")
-    message = problem["msg"].removeprefix("Value error, ")
+    message = in_words(problem)
     return f"{where}: {message}" if where else message
 
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from rig.model.config.delayers import DelayerConfig, ExternalDelayerConfig
 from rig.model.config.detectors import (
@@ -15,6 +15,8 @@ from rig.model.config.galvos import AnalogueGalvoConfig, GalvoConfig, OptotuneCo
 from rig.model.config.harps import HarpConfig, HydraHarpConfig
 from rig.model.config.kinds import ROLES
 from rig.model.config.lasers import ExternalLaserConfig, KatanaConfig, LaserConfig
+from rig.model.config.notify import NotifyConfig
+from rig.model.config.older import with_kinds
 from rig.model.config.point_clocks import DaqClockConfig, PointClockConfig
 from rig.model.config.section import Section
 from rig.model.config.shutters import DaqShutterConfig, ShutterConfig
@@ -28,6 +30,7 @@ class RigConfig(Section):
     """The whole rig. Its defaults are the built-in rig, but for delayer, point clock and simulation."""
 
     name: str = "simulated rig"
+    """What the rig is called; its calibrations are found by this name."""
     galvo: Annotated[GalvoConfig, ROLES["galvo"]] = OptotuneConfig()
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
     """Without this section, which a real rig has, the simulated laser has full power."""
@@ -46,6 +49,8 @@ class RigConfig(Section):
     calibration: CalibrationConfig = CalibrationConfig()
     cameras: CamerasConfig = CamerasConfig()
     notes: NotesConfig = NotesConfig()
+    notify: NotifyConfig = Field(NotifyConfig(), exclude=True)
+    """Excluded from all that is written of a configuration: it may hold secrets."""
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 
@@ -54,8 +59,9 @@ class RigConfig(Section):
     def _from_older(cls, table: Any, info: ValidationInfo) -> Any:
         if not isinstance(table, dict):
             return table
-        table = _with_kinds(table)
+        table = with_kinds(table)
         if info.context == FROM_RECORD:
+            table.pop("notify", None)  # no program writes it, and none obeys it
             return _with_a_gate_that_exists(table)
         _refuse_gated_id120(table.get("detector"))
         return _with_built_in_delayer(table)
@@ -231,27 +237,6 @@ _NOT_MEASURED_WITH = (
     "notes.",
     "simulation.real_time",
 )
-
-
-#: Sections as they were called before their kind was a choice, and keys that have gone to `channels` since.
-_OLDER_SECTIONS = {"hydraharp": "tcspc", "spad": "detector"}
-_OLDER_KEYS = {
-    ("tcspc", "input_channel"): "input",
-    ("detector", "spot"): "spot",
-    ("detector", "spot_m"): "spot_m",
-}
-
-
-def _with_kinds(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a configuration of an older program, as a file or a scan holds it, in the present sections."""
-    table = {_OLDER_SECTIONS.get(name, name): value for name, value in table.items()}
-    of_channel: dict[str, Any] = {}
-    for (section, key), channel_key in _OLDER_KEYS.items():
-        values = table.get(section)
-        if isinstance(values, dict) and key in values:
-            of_channel[channel_key] = values[key]
-            table[section] = {name: value for name, value in values.items() if name != key}
-    return {**table, "channels": [of_channel]} if of_channel and "channels" not in table else table
 
 
 def _with_a_gate_that_exists(table: dict[str, Any]) -> dict[str, Any]:

@@ -1,11 +1,15 @@
 """Sections of the simulated bench."""
 
+from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
 
 from rig.model.config.section import Point, Section
 from rig.model.quantities import Hertz, Metres, Radians, Seconds, Volts
+
+#: Endings of mesh files.
+MESH_ENDINGS = (".obj", ".ply", ".stl")
 
 
 class MisalignmentConfig(Section):
@@ -14,7 +18,9 @@ class MisalignmentConfig(Section):
     wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
     """The wall, turned about its vertical and its horizontal middle line."""
     galvo_shift_m: Point = (0.0, 0.0, 0.0)
+    """By how much the mirror stands elsewhere."""
     spad_shift_m: Point = (0.0, 0.0, 0.0)
+    """By how much the detector stands elsewhere."""
     mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
     """The mirror's mount, turned about x, y and z."""
     mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
@@ -37,18 +43,23 @@ class FaultsConfig(Section):
     """
 
     dark_counts_hz: Hertz = Field(10.0, ge=0)
+    """Counts a second without any light."""
     ambient_light_hz: Hertz = Field(500.0, ge=0)
     """Counts a second from room light while the detector is sensitive."""
     hold_off: bool = True
     """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
     afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
+    """Probability that a detection leaves another one behind."""
     afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
+    """Time in which that probability falls to 1/e."""
     gate_ringing: float = Field(0.07, ge=0, le=1)
     """Overshoot of the sensitivity when the gate opens."""
     gate_ringing_decay_s: Seconds = Field(1.5e-9, gt=0)
+    """Time in which the overshoot falls to 1/e."""
     memory: float = Field(0.0, ge=0, le=1)
     """Fraction of the gated-off first bounce that comes back inside the gate."""
     memory_decay_s: Seconds = Field(30e-9, gt=0)
+    """Time in which it falls to 1/e."""
     reflections_per_pulse: float = Field(0.0, ge=0)
     """Detections a pulse from each stray reflection of the first bounce."""
     failed_gates: float = Field(0.0, ge=0, le=1)
@@ -96,6 +107,15 @@ class SimulationConfig(Section):
 
     scene: str = "letters"
     """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
+    place_m: Point | None = None
+    """Where the middle of a mesh's bounding box is put; None leaves it where its file has it."""
+    rotate_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
+    """A mesh is turned about x, then y, then z, about that middle."""
+    scale: float = Field(1.0, gt=0, le=1e6)
+    """The coordinates of a mesh's file are multiplied by it: 0.001 of a file in millimetres."""
+    mesh_sha256: str = ""
+    """Of a mesh's file; another file is refused then. Scan files have it, so that a scan is resumed with the
+    mesh that it began with."""
     bounces: Literal[3, 4, 5] = 3
     """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
     roughness: float | None = Field(None, ge=0.05, le=1)
@@ -107,11 +127,28 @@ class SimulationConfig(Section):
     count_rate_hz: Hertz | None = Field(None, gt=0)
     """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
     seed: int = Field(0, ge=0)
+    """Seed of the photons; one seed draws the same photons each time."""
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
     misalignment: MisalignmentConfig = MisalignmentConfig()
     by_hand: ByHandConfig = ByHandConfig()
+
+    @property
+    def mesh(self) -> Path | None:
+        """The mesh file that is the scene; None of a built-in scene."""
+        path = Path(self.scene)
+        return path if path.suffix.lower() in MESH_ENDINGS else None
+
+    @model_validator(mode="after")
+    def _places_meshes_alone(self) -> "SimulationConfig":
+        placed = self.place_m is not None or any(self.rotate_rad) or self.scale != 1
+        if placed and self.mesh is None:
+            raise ValueError(
+                f"place, rotate and scale are for a mesh file, and the scene '{self.scene}' is built in: "
+                f"leave them out, or name an {', '.join(MESH_ENDINGS)} file"
+            )
+        return self
 
     @model_validator(mode="after")
     def _moves_without_interreflections(self) -> "SimulationConfig":

@@ -14,11 +14,15 @@ class ScanConfig(Section):
     """The scan when the command line does not say otherwise."""
 
     columns: int = Field(180, ge=2)
+    """Positions along x."""
     rows: int = Field(130, ge=2)
+    """Positions along y."""
     spacing_m: Metres = Field(0.01, gt=0)
+    """Distance between positions."""
     row_spacing_m: Metres | None = Field(None, gt=0)
     """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
+    """Measurement time at each position."""
     skip_m: Metres = Field(0.04, ge=0)
     """Side of the square around the detector's spot that is not scanned."""
 
@@ -27,7 +31,8 @@ class CalibrationConfig(Section):
     """What the rig has learned of itself."""
 
     folder: Path = Path("calibrations")
-    """Where calibrations are kept; a relative path begins where the program is called."""
+    """Where calibrations are kept. A relative path begins at the folder of the configuration file that says
+    it, and where the program is called for the built-in rig, which has no file."""
     use: bool = True
     """Whether scans use them."""
 
@@ -38,8 +43,9 @@ class CamerasConfig(Section):
     addresses: tuple[str, ...] = ()
     """Numbers, device files or URLs of two cameras, as OpenCV opens them."""
     board_columns: int = Field(9, ge=3)
-    """Inner corners along the board's columns and rows: one number odd, the other even."""
+    """Inner corners of the board along its columns; one of this and board_rows is odd, the other even."""
     board_rows: int = Field(6, ge=3)
+    """Inner corners along its rows."""
     board_square_m: Metres = Field(0.08, gt=0)
     """Side of a square."""
     board_marks_m: tuple[tuple[Metres, Metres], ...] = ((-0.95, -0.2), (-0.32, -0.2), (0.31, -0.2))

@@ -93,6 +93,11 @@ class Timing:
     drift_s_per_s: float = 0.0
     pulses: Pulses = field(default_factory=Pulses)
 
+    def warm_up(self) -> None:
+        """Count a few detections for nothing, so that what has to be compiled is before anybody waits."""
+        counted = self.registered(Detections(np.arange(9), np.zeros(9)), 1e-7, 0.0)
+        self.nonlinearity.counted(1.0 + counted.time_s)
+
     def registered(self, arrived: Detections, period_s: float, start_s: float) -> Detections:
         """Return which detections the input counts, and when, in a measurement begun at ``start_s``."""
         pulse, time_s = arrived.pulse, arrived.time_s

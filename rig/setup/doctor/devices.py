@@ -1,56 +1,20 @@
-"""What is installed and connected, and what to do about what is missing. It only looks."""
+"""Whether the devices of a real rig are connected: looked for, never asked."""
 
-import shutil
-import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
 
-from rig.model.config import ExternalDetectorConfig, HarpConfig, Id120Config, RigConfig
-
-#: What a check says: all is well, something to look at, or something without which nothing works.
-Verdict = Literal["ok", "warning", "missing"]
-
-_PACKAGES = ("numpy", "scipy", "h5py", "matplotlib", "numba", "ducc0", "pyserial", "pyusb")
+from rig.model.config import ExternalDetectorConfig, Id120Config, RigConfig
+from rig.setup.doctor.finding import Finding
 
 
-@dataclass(frozen=True)
-class Finding:
-    """The result of one check."""
-
-    what: str
-    verdict: Verdict
-    found: str
-    remedy: str = ""
-
-
-def examine(config: RigConfig, folder: Path) -> list[Finding]:
-    """Run all checks for the rig that a configuration names; simulated rigs need no hardware."""
-    findings = [*_software(), _disk(folder)]
-    findings += [Finding("set by hand", "warning", sentence) for sentence in config.unverified]
+def check(config: RigConfig) -> Iterator[Finding]:
+    """Return what is known of each device; of a simulated rig only what a person sets."""
+    for sentence in config.unverified:
+        yield Finding("set by hand", "warning", sentence)
     if not config.simulated:
-        findings += [*_ports(config), *_boards(config), *_detector(config), _timing_library(config)]
-    return findings
-
-
-def _software() -> Iterator[Finding]:
-    yield Finding("Python", "ok", sys.version.split()[0])
-    for package in _PACKAGES:
-        try:
-            yield Finding(package, "ok", version(package))
-        except PackageNotFoundError:
-            yield Finding(package, "missing", "not installed", f"Install it: pip install {package}")
-
-
-def _disk(folder: Path) -> Finding:
-    free = shutil.disk_usage(folder).free
-    verdict: Verdict = "ok" if free > 2e9 else "warning"
-    remedy = (
-        "" if verdict == "ok" else "A long scan may need more; free some space or scan with --out elsewhere"
-    )
-    return Finding(f"disk space in {folder.resolve()}", verdict, f"{free / 1e9:.1f} GB free", remedy)
+        yield from _ports(config)
+        yield from _boards(config)
+        yield from _detector(config)
 
 
 def _ports(config: RigConfig) -> Iterator[Finding]:
@@ -71,7 +35,7 @@ def _ports(config: RigConfig) -> Iterator[Finding]:
                 what,
                 "missing",
                 f"no such port; present: {seen}",
-                "Plug it in, switch it on, or correct the address",
+                f"Plug it in, switch it on, or correct {name}.address",
             )
 
 
@@ -83,7 +47,7 @@ def _boards(config: RigConfig) -> Iterator[Finding]:
     for device, address in config.boards.items():
         what = f"DAQ board {device}"
         if address:
-            yield _served(f"served {what} at {address}", address)
+            yield served(f"served {what} at {address}", address)
             continue
         try:
             yield Finding(what, "ok", SharedBoard(NidaqmxBoard(device)).identity())
@@ -91,7 +55,8 @@ def _boards(config: RigConfig) -> Iterator[Finding]:
             yield Finding(what, "missing", error.answered, error.remedy)
 
 
-def _served(what: str, address: str) -> Finding:
+def served(what: str, address: str) -> Finding:
+    """Return whether a bench is there that another program serves."""
     if Path(address).exists():
         return Finding(what, "ok", "there; it is tried when a scan opens it")
     remedy = "Start rig sim serve, and use the configuration that it writes"
@@ -111,7 +76,7 @@ def _detector(config: RigConfig) -> list[Finding]:
 
 def _on_usb(detector: Id120Config) -> Finding:
     if detector.address:
-        return _served(f"served detector at {detector.address}", detector.address)
+        return served(f"served detector at {detector.address}", detector.address)
 
     from drivers.errors import DeviceError
     from drivers.id120 import ID120
@@ -130,21 +95,3 @@ def _on_usb(detector: Id120Config) -> Finding:
             "Plug the detector in, unless this is it; it is asked for its name when a scan opens it",
         )
     return Finding(what, "ok", f"bus {device.bus}, address {device.address}")
-
-
-def _timing_library(config: RigConfig) -> Finding:
-    from drivers.errors import DeviceError
-    from drivers.harp.loading import load_library
-    from rig.devices.kinds.harps import family_of
-
-    if not isinstance(config.tcspc, HarpConfig):
-        return Finding("timing instrument", "ok", f"{config.tcspc.kind}: no instrument is needed")
-    if config.tcspc.address:
-        return _served(f"served bench at {config.tcspc.address}", config.tcspc.address)
-    family = family_of(config.tcspc)
-    what = f"{family.name} library"
-    try:
-        library = load_library(family, config.tcspc.library)
-    except DeviceError as error:
-        return Finding(what, "missing", error.answered, error.remedy)
-    return Finding(what, "ok", f"version {library.get_library_version()}")

@@ -1,0 +1,202 @@
+"""Planes of an image, computed by the workers of a cluster.
+
+Each worker reads some positions of the scan file and takes their spectra; each part of the image gets the
+spectra that it needs from there, by dask's own way between workers, and its field comes back here. Where
+workers do not see the file, spectra are taken here and sent once to each part.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+from math import ceil
+from operator import getitem
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rig
+from recon.imaging import Planes
+from recon.noise import Tally
+from recon.parts import Cut, Field, Part, Slab, Spectra, cut, readings
+from recon.solvers.problem import ImagingProblem, Solver
+from rig.cluster.stacked import Layer, Task, stacked
+from rig.cluster.tasks import Stored, Worker, fingerprint, focus, introduce, take
+from rig.errors import RefusedError
+from rig.files.form_counts import CHUNK_HISTOGRAMS
+from rig.files.scan import ScanFile
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+#: Part of a worker's memory that a part of an image may take: dask moves data to disk from 0.6 on.
+SHARE = 0.5
+#: Memory of a worker that has no limit.
+UNLIMITED_BYTES = 4e9
+#: Spectra that are held here at once where workers do not see the file.
+HELD_BYTES = 2**30
+#: Parts that are sent to each worker before the first comes back.
+AHEAD = 3
+
+
+class Crew:
+    """The workers of a cluster, and what they can do.
+
+    Parameters
+    ----------
+    client
+        The cluster.
+    memory_bytes
+        What a part of an image may take; None takes a share of the worker's own limit.
+    files
+        Whether workers may read the scan file; otherwise they are sent what they need.
+
+    Raises
+    ------
+    RefusedError
+        If the workers have not this program's version.
+    """
+
+    def __init__(self, client: "Client", memory_bytes: int | None = None, *, files: bool = True) -> None:
+        self._client, self._memory_bytes, self._files = client, memory_bytes, files
+        self._workers = self._introduced(None)
+        versions = {worker.version for worker in self._workers}
+        if versions != {rig.__version__}:
+            raise RefusedError(
+                f"workers have rig {', '.join(sorted(versions))}, and this is {rig.__version__}; install the "
+                "same on all"
+            )
+
+    @property
+    def threads(self) -> int:
+        """How many parts are computed at the same time."""
+        return sum(worker.threads for worker in self._workers)
+
+    @property
+    def memory_bytes(self) -> int:
+        """What a part may take."""
+        if self._memory_bytes is not None:
+            return self._memory_bytes
+        return int(min(SHARE * (one.memory_bytes or UNLIMITED_BYTES) / one.threads for one in self._workers))
+
+    def _introduced(self, path: Path | None) -> list[Worker]:
+        try:
+            return list(self._client.run(introduce, path).values())
+        except ImportError as error:
+            raise RefusedError(
+                f"the cluster's workers do not have rig ({error}); install nlos-rig {rig.__version__} there"
+            ) from error
+
+    def imaging(self, scan: ScanFile | None) -> Planes:
+        """Return what computes planes of images of a scan; None, where its counts are changed meanwhile."""
+        stored = self._stored(scan) if scan and self._files else None
+
+        def planes(problem: ImagingProblem, solver: str | Solver) -> Iterator[Field]:
+            assert isinstance(solver, str)  # all others were refused (`check_elsewhere`)
+            found = cut(problem, solver, workers=self.threads, memory_bytes=self.memory_bytes)
+            return self._planes(problem, found, stored)
+
+        return planes
+
+    def _stored(self, scan: ScanFile) -> Stored | None:
+        """Return the file as workers read it; None where they do not see it, or it is not as it seems."""
+        path = scan.path.resolve()
+        here = fingerprint(path)
+        if scan.growing or scan.mended or {one.sees for one in self._introduced(path)} != {here}:
+            return None
+        return Stored(path, scan.imaged[0], len(scan.channels), here)
+
+    def _planes(self, problem: ImagingProblem, found: Cut, stored: Stored | None) -> Iterator[Field]:
+        total, so_far = sum(slab.work_s for slab in found.slabs), 0.0
+
+        def done(work_s: float) -> None:
+            nonlocal so_far
+            so_far += work_s
+            problem.progress(min(1.0, so_far / total))
+
+        room = self.threads * self.memory_bytes / 2 if stored else HELD_BYTES
+        for slabs in _batches(found, problem.capture.positions, room):
+            layers = self._read_there(problem, slabs, stored) if stored else self._read_here(problem, slabs)
+            yield from stacked(layers, AHEAD * self.threads, done)
+
+    def _read_there(self, problem: ImagingProblem, slabs: list[Slab], stored: Stored) -> Iterator[Layer]:
+        """Let the workers take the spectra; what they summed up meanwhile is added here."""
+        client, wanted = self._client, _wanted(slabs)
+        histograms = problem.capture.histograms
+        tally = histograms if isinstance(histograms, Tally) else None
+        read = readings(problem, wanted, self._runs(problem, wanted, stored), tally)
+        taken = [client.submit(take, stored, one, pure=False) for one in read]
+        pieces = {
+            one.name: [client.submit(getitem, some, number, pure=False) for some in taken]
+            for number, one in enumerate(wanted)
+        }
+        sums = [client.submit(getitem, some, len(wanted), pure=False) for some in taken] if tally else []
+        del taken
+
+        def task(part: Part) -> "Callable[[], Future]":
+            needed = pieces[part.takes.name]
+            return lambda: client.submit(focus, part, *needed, pure=False)
+
+        yield from _layers(slabs, task)
+        if tally:
+            for other in client.gather(sums):
+                tally.absorb(other)
+
+    def _read_here(self, problem: ImagingProblem, slabs: list[Slab]) -> Iterator[Layer]:
+        """Take the spectra here, and send them with the parts."""
+        wanted = _wanted(slabs)
+        (reading,) = readings(problem, wanted, [slice(0, problem.capture.positions)])
+        found, _ = reading.taken(problem.capture.histograms)
+        at = {one.name: spectra for one, spectra in zip(wanted, found, strict=True)}
+
+        def task(part: Part) -> "Callable[[], Future]":
+            def submit() -> "Future":
+                sent = self._client.scatter(at[part.takes.name], hash=False)
+                return self._client.submit(focus, part, sent, pure=False)
+
+            return submit
+
+        yield from _layers(slabs, task)
+
+    def _runs(self, problem: ImagingProblem, wanted: list[Spectra], stored: Stored) -> list[slice]:
+        """Divide positions among readers: whole chunks of the file, and no more than their memory holds."""
+        positions = problem.capture.positions
+        size = sum(_spectra_bytes(problem, one) for one in wanted)
+        chunk = CHUNK_HISTOGRAMS * stored.channels
+        many = max(self.threads, ceil(size / (self.memory_bytes / 2)))
+        edges = np.linspace(0, ceil(positions / chunk), min(many, ceil(positions / chunk)) + 1)
+        cuts = np.minimum(edges.round().astype(int) * chunk, positions).tolist()
+        return [slice(first, stop) for first, stop in pairwise(cuts)]
+
+
+def _layers(slabs: list[Slab], task: "Callable[[Part], Callable[[], Future]]") -> Iterator[Layer]:
+    for slab in slabs:
+        yield Layer(slab.shape, tuple(Task(task(part), part.work_s) for part in slab.parts))
+
+
+def _wanted(slabs: Iterable[Slab]) -> list[Spectra]:
+    """Return what spectra slabs need, each once."""
+    return list({part.takes.name: part.takes for slab in slabs for part in slab.parts}.values())
+
+
+def _spectra_bytes(problem: ImagingProblem, one: Spectra) -> int:
+    frequencies = len(problem.depth_blocks[one.block].band[one.frequencies])
+    return 8 * frequencies * (problem.capture.positions if one.positions is None else len(one.positions))
+
+
+def _batches(found: Cut, positions: int, room: float) -> Iterator[list[Slab]]:
+    """Put slabs together whose spectra fit into the cluster; each batch is a pass over the record."""
+    batch: list[Slab] = []
+    held: set[tuple[int, int, int]] = set()
+    size = 0
+    for slab in found.slabs:
+        fresh = {part.takes.name: part for part in slab.parts if part.takes.name not in held}
+        more = sum(8 * len(p.problem.band) * p.problem.capture.positions for p in fresh.values())
+        if batch and size + more > room:
+            yield batch
+            batch, held, size = [], set(), 0
+            more = sum(8 * len(p.problem.band) * p.problem.capture.positions for p in slab.parts)
+        batch.append(slab)
+        held |= {part.takes.name for part in slab.parts}
+        size += more
+    if batch:
+        yield batch

@@ -1,0 +1,195 @@
+"""Many images, written down: a TOML file of scans, and of settings whose lists are multiplied."""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import rig
+from recon.registry import CAMERAS, SOLVERS
+from rig.cluster.tasks import fingerprint
+from rig.errors import ConfigError, UsageError
+from rig.image.reconstruct import Request
+from rig.model.quantities import depths, parse, si_range
+
+
+def _quantity(kind: str) -> Callable[[Any], float]:
+    return lambda text: parse(_text(text), kind)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise UsageError(f"{value!r} is to be text with a unit, in quotes")
+    return value
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise UsageError(f"{value!r} is no number")
+    return float(value)
+
+
+def _switch(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"{value!r} is neither true nor false")
+    return value
+
+
+def _one_of(*words: str) -> Callable[[Any], str]:
+    def read(value: Any) -> str:
+        if value not in words:
+            raise UsageError(f"{value!r} is none of {', '.join(words)}")
+        return str(value)
+
+    return read
+
+
+#: Settings by the names of the options of ``rig recon``: the request's field, and what reads a value.
+SETTINGS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "camera": ("camera", _one_of(*CAMERAS)),
+    "solver": ("solver", _one_of(*SOLVERS)),
+    "wavelength": ("wavelength_m", _quantity("length")),
+    "cycles": ("cycles", _number),
+    "depth": ("depth_m", lambda text: depths(_text(text))),
+    "width": ("width_m", _quantity("length")),
+    "height": ("height_m", _quantity("length")),
+    "voxel": ("voxel_m", _quantity("length")),
+    "fade-from": ("fade_from_s", _quantity("time")),
+    "frames": ("frames_s", lambda text: si_range(_text(text), "time", "2ns:20ns:0.2ns")),
+    "over": ("over", _one_of("surface", "max", "sum")),
+    "all-depths": ("all_depths", _switch),
+    "snr": ("snr", _number),
+    "memory": ("memory_bytes", lambda text: int(parse(_text(text), "memory"))),
+    "device": ("device", _one_of("cpu", "cuda")),
+    "even-bins": ("even_bins", _switch),
+    "each-frame": ("each_frame", _switch),
+    "fresh-to": ("fresh_to_m", _quantity("length")),
+}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One image.
+
+    Attributes
+    ----------
+    name
+        Of its files: the scan's, and what was varied.
+    scan
+        What is imaged.
+    settings
+        As they were written.
+    request
+        The same, read.
+    """
+
+    name: str
+    scan: Path
+    settings: Mapping[str, Any]
+    request: Request
+
+    @property
+    def key(self) -> str:
+        """What tells it from the same name with another scan, other settings or another version."""
+        what = [str(self.scan), fingerprint(self.scan), dict(self.settings), rig.__version__]
+        return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]
+
+    def files(self, folder: Path) -> tuple[Path, Path]:
+        """Return where its volume and its picture go."""
+        return folder / f"{self.name}-volume.h5", folder / f"{self.name}.png"
+
+
+def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
+    """Read a file of jobs.
+
+    Parameters
+    ----------
+    path
+        The file; scans are named relative to it.
+    however_long
+        Whether images that take long are computed, too.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, no TOML, or has a wrong key or value, or names no scan, or two images alike.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:  # no text and no TOML are ValueErrors
+        raise ConfigError(f"{path} cannot be read: {error}; see docs/cluster.md for an example") from None
+    tables = document.pop("job", None)
+    listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
+    if document or not listed:
+        wrong = f"it has the key {', '.join(document)}" if document else "it has none"
+        raise ConfigError(f"{path} is to hold tables [[job]] alone, and {wrong}; see docs/cluster.md")
+    jobs: list[Job] = []
+    for number, table in enumerate(tables, 1):
+        jobs += _of_table(path, f"{path}, job {number}", table, however_long)
+    names = [job.name for job in jobs]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(
+            f"{path}: {len(twice)} images would have the name of another, the first is {twice[0]}; name the "
+            "scans differently, or each scan and setting once"
+        )
+    return jobs
+
+
+def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bool) -> list[Job]:
+    if unknown := sorted(set(table) - {*SETTINGS, "scans"}):
+        raise ConfigError(
+            f"{where}: unknown key {', '.join(unknown)}; known are scans, {', '.join(SETTINGS)}"
+        )
+    scans = _scans(path, where, table.get("scans"))
+    lists = {
+        key: value if isinstance(value, list) else [value] for key, value in table.items() if key != "scans"
+    }
+    if empty := [key for key, values in lists.items() if not values]:
+        raise ConfigError(f"{where}: {', '.join(empty)} is an empty list; leave it out")
+    varied = [key for key, values in lists.items() if len(values) > 1]
+    jobs = []
+    for scan in scans:
+        for values in product(*lists.values()):
+            settings = dict(zip(lists, values, strict=True))
+            name = "-".join([scan.stem, *(f"{key}={_in_a_name(settings[key])}" for key in varied)])
+            jobs.append(Job(name, scan, settings, _request(where, settings, however_long)))
+    return jobs
+
+
+def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    if not isinstance(patterns, list) or not patterns or not all(isinstance(one, str) for one in patterns):
+        raise ConfigError(f'{where}: scans is to be a list of names or patterns, such as ["night/*.h5"]')
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        root = Path(Path(pattern).anchor or path.parent)
+        try:
+            rest = pattern.removeprefix(Path(pattern).anchor)
+            matches = sorted(one.resolve() for one in root.glob(rest) if one.is_file())
+        except (ValueError, NotImplementedError, IndexError, OSError) as error:
+            raise ConfigError(f"{where}: '{pattern}' is no pattern of file names: {error}") from None
+        if not matches:
+            raise ConfigError(f"{where}: no file is called '{pattern}', seen from {root.resolve()}")
+        found |= dict.fromkeys(matches)
+    return list(found)
+
+
+def _request(where: str, settings: Mapping[str, Any], however_long: bool) -> Request:
+    fields: dict[str, Any] = {"however_long": however_long}
+    for key, value in settings.items():
+        field, read = SETTINGS[key]
+        try:
+            fields[field] = read(value)
+        except UsageError as error:
+            raise ConfigError(f"{where}: {key}: {error}") from None
+    return Request(**fields)
+
+
+def _in_a_name(value: Any) -> str:
+    """Return a value as a part of a file's name."""
+    return re.sub(r"[^\w.+=-]", "_", str(value).lower() if isinstance(value, bool) else str(value))

@@ -1,0 +1,141 @@
+"""Joining a cluster: one that runs, or workers of this computer for as long as they are needed."""
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.errors import RefusedError, UsageError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+#: How a cluster is named.
+FORMS = "local, local:4, tcp://HOST:8786, tls://HOST:8786, or the name of a scheduler's FILE.json"
+#: How long a scheduler may take to answer.
+PATIENCE_S = 20
+_QUIET = {
+    # what workers and scheduler say of themselves is not a result, and what matters comes as an error
+    "logging.distributed": "critical",
+    "logging.tornado": "critical",
+    "distributed.admin.large-graph-warning-threshold": "1GB",
+}
+
+
+def local_workers(address: str) -> int | None:
+    """Return how many workers of this computer an address asks for; None where it names a cluster.
+
+    Raises
+    ------
+    UsageError
+        If it is no address.
+    """
+    if match := re.fullmatch(r"local(?::(\d+))?", address):
+        number = int(match.group(1) or os.cpu_count() or 1)
+        if not 1 <= number <= 4 * (os.cpu_count() or 1):
+            raise UsageError(
+                f"--cluster {address}: this computer has {os.cpu_count()} cores; ask for 1 to "
+                f"{4 * (os.cpu_count() or 1)} workers"
+            )
+        return number
+    if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", address) or address.endswith(".json"):
+        return None
+    raise UsageError(f"--cluster '{address}' names no cluster; write {FORMS}")
+
+
+@contextmanager
+def joined(address: str, *, dashboard: bool = False) -> "Iterator[Client]":
+    """Join a cluster; workers that were started for it end with the block, however that ends.
+
+    Parameters
+    ----------
+    address
+        One of `FORMS`.
+    dashboard
+        Whether local workers have dask's page, on a free port.
+
+    Raises
+    ------
+    UsageError
+        If it is no address, dask is not installed, or nobody answers there.
+    """
+    number = local_workers(address)
+    try:
+        import dask
+    except ImportError as error:
+        raise UsageError(
+            f"--cluster needs dask and distributed ({error}): pip install 'nlos-rig[cluster]'"
+        ) from None
+    with dask.config.set(_QUIET), _named(address) if number is None else _local(number, dashboard) as client:
+        yield client
+
+
+@contextmanager
+def _local(number: int, dashboard: bool) -> "Iterator[Client]":
+    from distributed import Client, LocalCluster
+
+    with _without_ctrl_c():  # the threads that dask starts, and through them the workers
+        cluster = LocalCluster(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=_share_bytes(number),
+            dashboard_address="127.0.0.1:0",  # where its server of numbers is, too: any port that is free
+            scheduler_kwargs={"dashboard": dashboard},
+            env={"NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "critical"},
+            silence_logs="CRITICAL",
+        )
+    with cluster, Client(cluster, set_as_default=False) as client:
+        cluster.scale(number)
+        client.wait_for_workers(number)
+        yield client
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Start threads and processes that never get Ctrl-C, which a terminal sends to all of them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # it lets Ctrl-C through again in the thread in which it starts
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _share_bytes(number: int) -> int:
+    from recon.grid import memory_bytes
+
+    return int(memory_bytes() / number)
+
+
+@contextmanager
+def _named(address: str) -> "Iterator[Client]":
+    from distributed import Client
+
+    where: dict[str, Any] = {"address": address}
+    if address.endswith(".json"):
+        if not Path(address).is_file():
+            raise UsageError(
+                f"--cluster {address}: there is no such file; the scheduler writes it "
+                "(dask scheduler --scheduler-file FILE.json)"
+            )
+        where = {"scheduler_file": address}
+    try:
+        client = Client(**where, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
+        raise UsageError(
+            f"--cluster {address}: no scheduler answers within {PATIENCE_S} s ({error}); check the address, "
+            "and that the scheduler runs"
+        ) from error
+    with client:
+        if not client.nthreads():
+            raise RefusedError(f"--cluster {address}: its scheduler has no workers; start some: dask worker")
+        yield client

@@ -1,0 +1,148 @@
+"""Configuration files that extend others: all that they say together, and which file says what.
+
+A file names those that it extends with ``extends = "lab.toml"`` or a list of such. A path begins at the
+folder of the file that says it. Tables are merged key by key. Everything else replaces what was there: a
+value, a list, and the whole section of a device whose ``kind`` is another one. Of a list, later files go
+before earlier ones, and what the file itself says goes before all of them.
+"""
+
+import os
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.errors import ConfigError
+from rig.model.config.kinds import ROLES
+from rig.model.config.older import with_kinds
+from rig.model.presets import Table, merged
+
+#: The key that names the files that one extends.
+EXTENDS = "extends"
+#: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
+MOST_BYTES = 1_000_000
+#: So many files may extend one another, and so many may be named in one list.
+DEEPEST, MOST_PARENTS = 10, 10
+#: A key of more than 100 words: reading it would take time with the square of their number.
+_LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
+
+#: Where something stands in a configuration, e.g. ``("galvo", "address")``.
+Place = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a file and all that it extends say.
+
+    Attributes
+    ----------
+    table
+        The content, put together.
+    files
+        The file of each key. Of a table, the last one that has something in it.
+    first
+        The first file that extends no other; paths that nobody says begin at its folder.
+    """
+
+    table: Table
+    files: dict[Place, Path]
+    first: Path
+
+    def file_of(self, place: Place) -> Path:
+        """Return the file in which a key stands, or else the one that has the table around it."""
+        while place not in self.files:
+            place = place[:-1]
+        return self.files[place]
+
+
+def read(path: Path) -> Written:
+    """Read a file and all that it extends.
+
+    Raises
+    ------
+    ConfigError
+        If one is missing or is not TOML, if they extend each other in a circle or too deeply, or if
+        ``extends`` is no path.
+    """
+    return _read(path, (), {})
+
+
+def _read(path: Path, below: tuple[Path, ...], known: dict[str, Written]) -> Written:
+    """Read a file that those ``below`` extend; what was read once is ``known``."""
+    chain = (*below, path)
+    where = os.path.realpath(path)
+    if where in map(os.path.realpath, below):
+        raise ConfigError(f"{_arrows(chain)}: these files extend each other in a circle; leave one out")
+    if len(chain) > DEEPEST:
+        raise ConfigError(f"{_arrows(chain)}: at most {DEEPEST} files may extend one another in a row")
+    if where not in known:
+        table = with_kinds(_table(path, below))
+        names = _parents(table.pop(EXTENDS, []), path)
+        known[where] = _together([_read(path.parent / name, chain, known) for name in names], table, path)
+    return known[where]
+
+
+def _parents(said: Any, path: Path) -> list[str]:
+    names = [said] if isinstance(said, str) else said
+    if not isinstance(names, list) or not all(isinstance(one, str) and one for one in names):
+        raise ConfigError(f"{path}: extends: write the path of a configuration, or a list of such")
+    if len(names) > MOST_PARENTS:
+        raise ConfigError(f"{path}: extends: names {len(names)} files, {MOST_PARENTS} are the limit")
+    return names
+
+
+def _together(parents: list[Written], table: Table, path: Path) -> Written:
+    content: Table = {}
+    files: dict[Place, Path] = {}
+    for changes, of_changes in [*((one.table, one.files) for one in parents), (table, _all_of(table, path))]:
+        replaced = [role for role in ROLES if _other_kind(role, content.get(role), changes.get(role))]
+        content = merged({name: one for name, one in content.items() if name not in replaced}, changes)
+        files = {place: file for place, file in files.items() if not {*place[:1]} & {*replaced}} | of_changes
+    return Written(content, files, parents[0].first if parents else path)
+
+
+def _other_kind(role: str, old: Any, new: Any) -> bool:
+    """Return whether a device is of another kind than before; a section that does not say keeps its kind."""
+    if not isinstance(old, dict) or not isinstance(new, dict) or "kind" not in new:
+        return False
+    return ROLES[role].kind_of(old) != ROLES[role].kind_of(new)
+
+
+def _all_of(table: Table, path: Path, within: Place = ()) -> dict[Place, Path]:
+    """Return the file for each key of nested tables."""
+    files = {within: path}
+    for name, value in table.items():
+        place = (*within, name)
+        files |= _all_of(value, path, place) if isinstance(value, dict) else {place: path}
+    return files
+
+
+def _table(path: Path, below: tuple[Path, ...]) -> Table:
+    """Read a TOML file; raises as `read`."""
+    try:
+        if path.is_fifo():
+            raise ConfigError(f"{path}: is a pipe, read once alone; write the configuration to a file")
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        text = content.decode("utf-8-sig")  # editors on Windows put a mark before the text
+        if len(content) > MOST_BYTES or _LONG_KEY.search(text):
+            raise ConfigError(
+                f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
+            )
+        return tomllib.loads(text)
+    except OSError as error:
+        remedy = f"Mend extends in {below[-1]}" if below else "Give the path of a TOML file"
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}). {remedy}") from None
+    except RecursionError:
+        raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path}: is not text in UTF-8 (its byte {error.start} is none); save it as UTF-8"
+        ) from None
+    except ValueError as error:  # also a path with NUL, numbers of thousands of digits
+        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+
+
+def _arrows(chain: tuple[Path, ...]) -> str:
+    return " -> ".join(os.path.normpath(one) for one in chain)
