@@ -13,7 +13,7 @@ from typing import Any
 import rig
 from recon.registry import CAMERAS, SOLVERS
 from rig.cluster.tasks import fingerprint
-from rig.errors import ConfigError, UsageError
+from rig.errors import ConfigError, UsageError, reason
 from rig.image.reconstruct import Request
 from rig.model.quantities import depths, parse, si_range
 
@@ -122,7 +122,9 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:  # no text and no TOML are ValueErrors
-        raise ConfigError(f"{path} cannot be read: {error}; see docs/cluster.md for an example") from None
+        raise ConfigError(
+            f"{path} cannot be read: {reason(error)}; see docs/cluster.md for an example"
+        ) from None
     tables = document.pop("job", None)
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
     if document or not listed:

@@ -173,6 +173,75 @@ class Imaged(Document):
     took_s: float
 
 
+class Previewed(Imaged):
+    """`rig recon --preview`: a picture alone."""
+
+    volume: None = None  # type: ignore[assignment]
+    scan_digest: str | None = None  # type: ignore[assignment]
+
+
+class OnWorkers(Part):
+    """What an image takes in parts."""
+
+    workers: int
+    parts: int
+    memory_bytes: int
+    """What the largest part takes."""
+    traffic_bytes: int
+    """Spectra and fields that are sent."""
+    clock_s: float
+    """Estimated, with a core for each worker."""
+
+
+class Forecast(Document):
+    """`rig recon --dry-run`: what an image would take; of some solvers the voxels alone."""
+
+    scan: str
+    voxels: tuple[int, int, int]
+    """Along x, y and z."""
+    cores: int
+    images_at_most: int
+    """So many are made where photons are too few for the wavelength that the program chose."""
+    positions: int | None = None
+    frequencies: int | None = None
+    """Of a depth block, at most."""
+    pairs: int | None = None
+    """Of plane and frequency."""
+    by_fft: bool | None = None
+    waves_s: float | None = None
+    """Time of one core of a usual machine for waves, and then for the record and for the voxels."""
+    record_s: float | None = None
+    voxels_s: float | None = None
+    spectra_bytes: int | None = None
+    memory_bytes: int | None = None
+    """What is quickest takes so much."""
+    least_bytes: int | None = None
+    """The least bound on memory that is possible."""
+    processor_s: float | None = None
+    """Estimated processor time of one image on this computer."""
+    clock_s: float | None = None
+    on_workers: OnWorkers | None = None
+
+
+class BatchImage(Part):
+    """An image of a batch; beside these, what `rig recon` says of it, or its error and exit code."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: str
+    status: str
+    """``done``, ``kept`` from an earlier run, ``failed``, or ``to do``."""
+    took_s: float
+
+
+class Batch(Document):
+    """`rig batch`."""
+
+    folder: str
+    """Where the results are."""
+    images: list[BatchImage]
+
+
 class Rendered(Document):
     """`rig sim render`."""
 
@@ -701,7 +770,8 @@ DOCUMENTS: dict[str, Any] = {
     "scan": Measured | Planned | Presets,
     "resume": Measured,
     "align": Aligned,
-    "recon": Imaged,
+    "recon": Imaged | Previewed | Forecast,
+    "batch": Batch,
     "import": Imported,
     "export": Exported,
     "info": Info,

@@ -59,6 +59,8 @@ def ids(found: list[Block]) -> list[str]:
 
 def read(words: list[str]) -> list[tuple[str | None, object]]:
     """Read a command as ``rig`` does, without running it; return what its parameters take, and the values."""
+    if {"--install-completion", "--show-completion"} & {*words}:  # which end as soon as they are read
+        return []
     name, command = "rig", typer.main.get_command(app)
     while isinstance(command, typer.core.TyperGroup):
         name, *words = words

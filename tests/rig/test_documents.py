@@ -1,6 +1,7 @@
 """Each document that a verb prints with ``--json`` is as its schema says."""
 
 import json
+from pathlib import Path
 
 import jsonschema
 import pytest
@@ -17,6 +18,9 @@ COMMANDS = [
     ("scan", "--preset", "list"),
     ("version",),
     ("recon", "a.h5"),
+    ("recon", "a.h5", "--dry-run"),
+    ("recon", "a.h5", "--preview"),
+    ("batch", "jobs.toml", "--dry-run"),
     ("info", "a.h5"),
     ("info", "a-volume.h5"),
     ("list", "."),
@@ -73,6 +77,7 @@ def test_schemas_are_valid_and_say_their_version(verb):
 
 
 def test_what_verbs_print_is_as_their_schemas_say(rig):
+    Path("jobs.toml").write_text('[[job]]\nscans = "a.h5"\n', encoding="utf-8")
     seen = set()
     for command in COMMANDS:
         done = rig(*command, "--json")
