@@ -1,6 +1,7 @@
 """Recognise a regular grid of laser positions on the plane z = 0: a virtual aperture that an FFT can take."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,13 @@ def recognise(laser_m: NDArray[np.float64]) -> Aperture:
         If the spots are not on z = 0, or not evenly spaced along x or y; it names the position that is
         farthest off.
     """
+    return _recognised(np.asarray(laser_m, np.float64).tobytes())
+
+
+@lru_cache(maxsize=4)
+def _recognised(spots: bytes) -> Aperture:
+    """Find the lattice of positions given by their bytes: solvers ask for each depth block anew."""
+    laser_m = np.frombuffer(spots).reshape(-1, 3)
     off_plane = np.abs(laser_m[:, 2])
     if off_plane.max() > TOLERANCE_M:
         worst = int(off_plane.argmax())
@@ -78,6 +86,7 @@ def recognise(laser_m: NDArray[np.float64]) -> Aperture:
         x = LatticeAxis(x.start_m, y.pitch_m, 1)
     if y.count == 1:
         y = LatticeAxis(y.start_m, x.pitch_m, 1)
+    column.flags.writeable = row.flags.writeable = False  # all who ask are given the same
     return Aperture(x, y, column, row)
 
 

@@ -6,9 +6,11 @@ of the first bin, which may differ between positions, is a phase on its result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,6 +25,9 @@ Spectra = Callable[
     [Capture, Sequence[DepthBlock], Window, Callable[[float], None] | None, DTypeLike],
     list[NDArray[np.complexfloating]],
 ]
+
+#: Positions and their counts.
+Block = tuple[slice, NDArray]
 
 
 def spectra(
@@ -72,11 +77,20 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    for positions, counts in capture.histograms.blocks(transform.bins):
+    for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
         transform.add(positions, counts)
         if progress:
             progress(positions.stop / capture.positions)
     return transform.spectra
+
+
+def ahead(blocks: Iterator[Block]) -> Iterator[Block]:
+    """Yield the same, each read in a thread while the one before is worked at."""
+    with ThreadPoolExecutor(1) as thread:
+        following = thread.submit(next, blocks, None)
+        while (block := following.result()) is not None:
+            following = thread.submit(next, blocks, None)
+            yield block
 
 
 class Transform:
@@ -158,9 +172,16 @@ class Transform:
                 self.spectra[number][:, wanted] += sums.view(self._dtype).T * phases
 
     def _phases(self, family: "_Family", begins_s: NDArray[np.float64]) -> NDArray[np.complexfloating]:
-        """(F, positions) what the time of the first bin does to a sum."""
-        phases = np.exp(-1j * np.multiply.outer(family.band.frequencies_rad_per_s, begins_s))
-        return phases.astype(self._dtype)
+        """(F, positions) what the time of the first bin does to a sum.
+
+        Exponentials are slow: those of every few frequencies are multiplied by those of the steps between.
+        """
+        band = family.band
+        few = ceil(sqrt(len(band)))
+        steps_rad_per_s = band.step_rad_per_s * np.arange(few)
+        coarse = np.exp(-1j * np.multiply.outer(band.first_rad_per_s + few * steps_rad_per_s, begins_s))
+        fine = np.exp(-1j * np.multiply.outer(steps_rad_per_s, begins_s))
+        return (coarse[:, None] * fine).reshape(few * few, -1)[: len(band)].astype(self._dtype)
 
 
 @dataclass(frozen=True)

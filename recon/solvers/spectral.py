@@ -174,8 +174,9 @@ def _planes(
     """Image a problem of one depth block: darkness, where the record does not reach it."""
     if not part.depth_blocks[0].reached:
         return (np.zeros((part.frames + part.slopes, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
-    emitted *= part.band.weights[:, None]
-    emitted *= part.weights
+    # In the spectra's own precision: weights of another are converted number by number.
+    emitted *= part.band.weights[:, None].astype(emitted.real.dtype)
+    emitted *= part.weights.astype(emitted.real.dtype)
     return focus_block(part, emitted)
 
 

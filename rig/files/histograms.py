@@ -13,8 +13,8 @@ from rig.files.blocks import read, spans
 from rig.files.check import reading
 from rig.files.form_counts import CHUNK_HISTOGRAMS
 
-#: Bytes of counts in a block: a few chunks, and small beside any machine's memory.
-BLOCK_BYTES = 16 * 2**20
+#: Bytes of counts in a block: a few chunks. Two are in memory, one of them read ahead.
+BLOCK_BYTES = 8 * 2**20
 
 
 class DenseHistograms:

@@ -86,24 +86,23 @@ def multiply(wall: C64, kernel: F32, out: C64, add: bool) -> None:
     height, width = wall.shape
     high, wide = out.shape
     half = width // 2
+    line = np.empty(width, np.complex64)  # the kernel's row as a whole: so the compiler vectorises products
     for folded in range(high):
         target = out[folded]
         for j in range(folded, height, high):
             re, im = kernel[0, min(j, height - j)], kernel[1, min(j, height - j)]
+            for i in range(half + 1):
+                line[i] = complex(re[i], im[i])
+            for i in range(1, half):
+                line[width - i] = line[i]
             for start in range(0, width, wide):
-                source, turn = wall[j, start : start + wide], width - start
-                forward = min(max(half + 1 - start, 0), wide)
-                # Written out four times: so the compiler vectorises each.
+                source, factors = wall[j, start : start + wide], line[start : start + wide]
                 if add or j > folded or start > 0:
-                    for i in range(forward):
-                        target[i] += source[i] * complex(re[start + i], im[start + i])
-                    for i in range(forward, wide):
-                        target[i] += source[i] * complex(re[turn - i], im[turn - i])
+                    for i in range(wide):
+                        target[i] += source[i] * factors[i]
                 else:
-                    for i in range(forward):
-                        target[i] = source[i] * complex(re[start + i], im[start + i])
-                    for i in range(forward, wide):
-                        target[i] = source[i] * complex(re[turn - i], im[turn - i])
+                    for i in range(wide):
+                        target[i] = source[i] * factors[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
@@ -134,44 +133,49 @@ def read_rows(lattice: C64, first: INT, weights: F32, out: C64) -> None:
 
 
 @njit(nogil=True, cache=True, fastmath=True)
+def _along(row: C64, first: INT, weights: F32, line: C64) -> C64:
+    """Interpolate a row at the voxels, into `line`; where they are its points in turn, return these."""
+    if weights.shape[1] == 1 and first[-1] - first[0] + 1 == len(first):
+        return row[first[0] : first[-1] + 1]
+    for i in range(len(first)):
+        field = weights[i, 0] * row[first[i]]
+        for t in range(1, weights.shape[1]):
+            field += weights[i, t] * row[first[i] + t]
+        line[i] = field
+    return line
+
+
+@njit(nogil=True, cache=True, fastmath=True)
 def add_field(total: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
     """Take Horner's step, total <- total * step + field, the field interpolated along the rows."""
+    line = np.empty(len(first), np.complex64)
     for j in range(total.shape[0]):
-        if weights.shape[1] == 1:
-            sums, turns, fields = total[j], step[j], rows[j]
-            for i in range(len(sums)):
-                sums[i] = sums[i] * turns[i] + fields[first[i]]
-        else:
-            for i in range(total.shape[1]):
-                field = weights[i, 0] * rows[j, first[i]]
-                for t in range(1, weights.shape[1]):
-                    field += weights[i, t] * rows[j, first[i] + t]
-                total[j, i] = total[j, i] * step[j, i] + field
+        fields, sums, turns = _along(rows[j], first, weights, line), total[j], step[j]
+        for i in range(len(sums)):
+            sums[i] = sums[i] * turns[i] + fields[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
 def add_field_and_slope(total: C64, slope: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
     """Take the derivative's step, slope <- (slope + total) * step, and then that of `add_field`."""
+    line = np.empty(len(first), np.complex64)
     for j in range(total.shape[0]):
-        for i in range(total.shape[1]):
-            slope[j, i] = (slope[j, i] + total[j, i]) * step[j, i]
-    add_field(total, step, rows, first, weights)
+        fields, sums, turns = _along(rows[j], first, weights, line), total[j], step[j]
+        slopes = slope[j]
+        for i in range(len(sums)):
+            before = sums[i]
+            slopes[i] = (slopes[i] + before) * turns[i]
+            sums[i] = before * turns[i] + fields[i]
 
 
 @njit(nogil=True, cache=True, fastmath=True)
 def add_turned(total: C64, turn: C64, step: C64, rows: C64, first: INT, weights: F32) -> None:
     """Add `turn` times the field, interpolated along the rows; then `turn` <- `turn` * `step`."""
+    line = np.empty(len(first), np.complex64)
     for j in range(total.shape[0]):
-        sums, turns, steps, fields = total[j], turn[j], step[j], rows[j]
-        if weights.shape[1] == 1:
-            for i in range(len(sums)):
-                sums[i] += turns[i] * fields[first[i]]
-        else:
-            for i in range(len(sums)):
-                field = weights[i, 0] * fields[first[i]]
-                for t in range(1, weights.shape[1]):
-                    field += weights[i, t] * fields[first[i] + t]
-                sums[i] += turns[i] * field
+        fields, sums, turns, steps = _along(rows[j], first, weights, line), total[j], turn[j], step[j]
+        for i in range(len(sums)):
+            sums[i] += turns[i] * fields[i]
         for i in range(len(turns)):
             turns[i] *= steps[i]
 

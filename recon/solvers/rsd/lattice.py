@@ -78,6 +78,11 @@ class AxisPlan:
         return self.length // self.fold
 
     @property
+    def in_turn(self) -> bool:
+        """Whether the voxels are the first lattice points, one after the other."""
+        return self.weights.shape[1] == 1 and self.read == len(self.first)
+
+    @property
     def read(self) -> int:
         """Number of points that are read, from index 0."""
         return int(self.first[-1]) + self.weights.shape[1]

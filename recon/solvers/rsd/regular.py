@@ -133,11 +133,10 @@ class LatticePropagator(Propagator):
         self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
-        self._walls = np.empty((min(kept, len(band)), self._y.length, self._x.length), np.complex64)
         self._threads = local()
         with ThreadPoolExecutor(threads or cpu_count() or 1) as pool:
-            for index, wall in enumerate(pool.map(self._transform, range(len(self._walls)))):
-                self._walls[index] = wall
+            walls = list(pool.map(self._transform, range(min(kept, len(band)))))
+        self._walls: Sequence[NDArray[np.complex64]] | NDArray[np.complex64] = walls
 
     def transformed(self, sums: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return the wall's transforms of what lattice points emit, for `show`.
@@ -317,7 +316,7 @@ class LatticePropagator(Propagator):
             rates = self.band.last_rad_per_s / (2 * np.pi), -self.band.step_rad_per_s / (2 * np.pi)
             kernels.phase(np.ascontiguousarray(moments_s), *rates, turn, step)
         part = np.empty_like(fields[0])
-        # written out once for all groups, the wave is multiplied in a quarter of the time
+        # written out once for all groups, the wave is multiplied in half of the time
         wave = np.empty(walls.shape[2:], np.complex64) if work.spectrum.shape == walls.shape[2:] else None
         for index in self._walk(z_m, work):
             part[:] = 0
@@ -389,8 +388,12 @@ class LatticePropagator(Propagator):
     def _rows(self, work: Workspace) -> NDArray[np.complex64]:
         """Transform the spectrum back and read it along y: (voxel rows, lattice columns)."""
         c2c(work.spectrum, axes=(0,), forward=False, out=work.spectrum, nthreads=1)
-        kernels.read_rows(work.spectrum, self._y.first, self._y.weights, work.rows)
-        return c2c(work.rows, axes=(1,), forward=False, out=work.rows, nthreads=1)
+        rows = work.rows
+        if self._y.in_turn:
+            rows = work.spectrum[: len(rows)]
+        else:
+            kernels.read_rows(work.spectrum, self._y.first, self._y.weights, rows)
+        return c2c(rows, axes=(1,), forward=False, out=rows, nthreads=1)
 
     def _workspace(self) -> Workspace:
         """Return the calling thread's arrays."""
