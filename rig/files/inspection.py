@@ -28,6 +28,10 @@ PACKED = 1032
 #: Filters by HDF5's number. Others are libraries that would have to be found and loaded, and are not.
 FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
 _PACKING = {1, 32000}
+#: A name that readers look for.
+SOUGHT = "format"
+#: What h5py raises on what is damaged.
+_UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError)
 
 #: Files that one process walks through: a file of this program takes it some milliseconds.
 AT_ONCE = 50
@@ -118,7 +122,7 @@ def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]
             place = f"{prefix}/{name.decode('utf-8', 'replace')}"
             if not _is_here(path, place, group, name):
                 continue
-            with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+            with suppress(*_UNREADABLE):
                 info = h5py.h5o.get_info(group.id, name)
                 if info.addr in seen:
                     continue
@@ -158,16 +162,21 @@ def _is_here(path: str, place: str, group: h5py.Group, name: bytes) -> bool:
 
 
 def _attributes(path: str, place: str, owner: Any) -> None:
-    """Refuse attributes that are too many or too large; one that cannot be read is left to who needs it."""
-    with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+    """Refuse attributes that are too many or too large; one that cannot be read is left to who needs it.
+
+    They are looked up by name, too, as readers do it: where none can be opened, that may go round for ever.
+    """
+    with suppress(*_UNREADABLE):
+        owner.attrs.get(SOUGHT)
+    with suppress(*_UNREADABLE):
         if h5py.h5a.get_num_attrs(owner.id) > ATTRIBUTES:
             raise _refused(path, place, f"has more than {ATTRIBUTES} attributes")
         for number in range(h5py.h5a.get_num_attrs(owner.id)):
-            attribute = h5py.h5a.open(owner.id, index=number)
-            name = attribute.name.decode("utf-8", "replace")
-            if attribute.get_storage_size() > TEXT_BYTES:
-                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
-            with suppress(OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError):
+            with suppress(*_UNREADABLE):  # those behind it may be what the library loops on
+                attribute = h5py.h5a.open(owner.id, index=number)
+                name = attribute.name.decode("utf-8", "replace")
+                if attribute.get_storage_size() > TEXT_BYTES:
+                    raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
                 value = owner.attrs[name]
                 if isinstance(value, str | bytes) and len(value) > TEXT_BYTES:
                     raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
