@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.errors import RefusedError, UsageError
+from rig.install import install_extra
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -68,7 +69,7 @@ def joined(address: str, *, dashboard: bool = False) -> "Iterator[Client]":
         import dask
     except ImportError as error:
         raise UsageError(
-            f"--cluster needs dask and distributed ({error}): pip install 'nlos-rig[cluster]'"
+            f"--cluster needs dask and distributed ({error}): {install_extra('cluster')}"
         ) from None
     with dask.config.set(_QUIET), _named(address) if number is None else _local(number, dashboard) as client:
         yield client

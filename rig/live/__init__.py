@@ -1,1 +1,1 @@
-"""Looking on while a scan runs: what is known of it, how that is drawn, and the process that does it."""
+"""Watching a scan while it runs: what is known of it, how that is drawn, and the process that does it."""

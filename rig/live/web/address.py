@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 
 from rig.errors import UsageError
+from rig.install import install_extra
 
 #: The port that is taken where none is given, and it is free.
 PORT = 8642
@@ -109,5 +110,5 @@ def require_installed() -> None:
     if missing := [name for name in ("starlette", "uvicorn") if find_spec(name) is None]:
         raise UsageError(
             f"a page in the browser needs {' and '.join(missing)}, which this Python lacks: "
-            "pip install 'nlos-rig[web]'; --live shows the same in a window and as pictures"
+            f"{install_extra('web')}; --live shows the same in a window and as pictures"
         )

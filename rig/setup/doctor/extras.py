@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
+from rig.install import install_extra
 from rig.model.config import RigConfig
 from rig.setup.doctor.finding import Finding
-from rig.setup.install import install_extra
 
 #: Endings of scenes that are meshes.
 _MESHES = (".obj", ".ply", ".stl")

@@ -4,8 +4,8 @@ import sys
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 
+from rig.install import install
 from rig.setup.doctor.finding import Finding
-from rig.setup.install import install
 
 _PACKAGES = ("numpy", "scipy", "h5py", "matplotlib", "numba", "ducc0", "pyserial", "pyusb")
 
