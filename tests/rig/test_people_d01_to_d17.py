@@ -78,6 +78,7 @@ def test_d08_an_image_destroys_none_before_it():
         ('[laser]\nrepetition = "10mHz"\n', (), "repetition"),
         ('[detector]\ngate_width = "400ns"\n', (), "detector.gate_width"),
         ("", ("--out", "d.toml"), "exists"),
+        ("", ("--scene", "leters"), "'leters'"),
     ],
 )
 def test_d09_a_dry_run_finds_what_would_end_the_scan(rig, text, arguments, said):
@@ -97,6 +98,7 @@ def test_d10_numbers_of_a_resumed_scan_belong_together():
         ("scan", "--dry-run", "--exposure", "1e400s"),
         ("scan", "--dry-run", "--grid", "100000x100000"),
         ("recon", "a.h5", "--voxel", "0.01mm"),
+        ("recon", "a.h5", "--depth", "0.5m:300m:1mm"),
     ],
 )
 def test_d11_what_cannot_be_is_refused_in_words_with_its_document(rig, arguments):
