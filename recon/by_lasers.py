@@ -14,7 +14,8 @@ pixels, or the lasers where these are more.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,33 @@ RUN = 64
 USUAL_BYTES = 2**30
 
 
+@dataclass(frozen=True)
+class Added:
+    """What a run of lasers adds to an image.
+
+    Attributes
+    ----------
+    field
+        (Z, 1 or 2, y, x) complex64, as `partial` yields it.
+    levels
+        Mean intensity that counted photons give by chance, as of `recon.noise.Noise`.
+    whole
+        Whether counts are whole numbers.
+    """
+
+    field: NDArray[np.complexfloating]
+    levels: NDArray[np.floating]
+    whole: bool
+
+
+class Elsewhere(Protocol):
+    """Other processes that image runs of lasers."""
+
+    def added(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
+        """Yield what each run of lasers adds; all of them together are the image."""
+        ...
+
+
 def image(
     capture: Exhaustive,
     pulse: VirtualPulse,
@@ -47,6 +75,7 @@ def image(
     window: Window | None = None,
     progress: Callable[[float], None] | None = None,
     memory_bytes: int | None = None,
+    by: Elsewhere | None = None,
 ) -> Image:
     """Focus both sides on every voxel; as `recon.imaging.image` of all pairs, by the solver rsd.
 
@@ -56,6 +85,8 @@ def image(
         All pairs.
     pulse, grid, camera, window, progress, memory_bytes
         As of `recon.imaging.image`; without a bound some `USUAL_BYTES` are taken beside the volume.
+    by
+        What images the runs in place of this process.
 
     Raises
     ------
@@ -63,6 +94,8 @@ def image(
         As `recon.imaging.image`.
     """
     problem = planned(capture, pulse, grid, camera, window or Window())
+    if by:
+        return _gathered(capture, replace(problem, progress=progress or ignore), pulse, by)[0]
     return _summed(capture, problem, pulse, progress or ignore, memory_bytes, lambda block: block)
 
 
@@ -74,6 +107,7 @@ def image_and_noise(
     window: Window | None = None,
     progress: Callable[[float], None] | None = None,
     memory_bytes: int | None = None,
+    by: Elsewhere | None = None,
 ) -> tuple[Image, Noise | None]:
     """Return the confocal camera's image of counted photons, and what noise they alone give.
 
@@ -82,6 +116,8 @@ def image_and_noise(
     """
     window = window or Window()
     problem = planned(capture, pulse, grid, CONFOCAL, window)
+    if by:
+        return _gathered(capture, replace(problem, progress=progress or ignore), pulse, by)
     tally, levels, whole = None, np.zeros(()), True
 
     def add() -> None:
@@ -99,6 +135,32 @@ def image_and_noise(
     found = _summed(capture, problem, pulse, progress or ignore, memory_bytes, tallying)
     add()
     return found, Noise(levels, photons=True) if whole else None
+
+
+def of_run(block: Capture, problem: ImagingProblem, memory_bytes: int) -> Added:
+    """Return what a run of lasers adds to an image, and to the noise of a pulse; any worker may do it.
+
+    Parameters and exceptions are those of `partial`.
+    """
+    light = problem.light
+    if not isinstance(light, VirtualPulse):
+        return Added(np.stack(list(partial(block, problem, memory_bytes))), np.zeros(()), False)
+    read, tally = tallied(block, light, problem.window)
+    field = np.stack(list(partial(read, problem, memory_bytes)))
+    return Added(field, photon_noise(tally, light, problem.grid).levels, tally.whole)
+
+
+def _gathered(
+    capture: Exhaustive, problem: ImagingProblem, pulse: VirtualPulse, by: Elsewhere
+) -> tuple[Image, Noise | None]:
+    """Add up what others make of runs of lasers."""
+    grid = problem.grid
+    total = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
+    levels, whole = np.zeros(()), True
+    for run in by.added(problem, capture):
+        total += run.field
+        levels, whole = levels + run.levels, whole and run.whole
+    return pictured(problem, total, "rsd", pulse), Noise(levels, photons=True) if whole else None
 
 
 def _summed(
@@ -154,8 +216,7 @@ def partial(
         If the bound is below the least that imaging one run needs.
     """
     part = replace(problem, capture=block, progress=progress)
-    spare = None if memory_bytes is None else memory_bytes - held_bytes(problem)
-    return planes(bounded(part, "rsd", spare), "rsd")
+    return planes(bounded(part, "rsd", memory_bytes, held_bytes(problem)), "rsd")
 
 
 def held_bytes(problem: ImagingProblem) -> int:
@@ -165,17 +226,26 @@ def held_bytes(problem: ImagingProblem) -> int:
     return 8 * (1 + problem.slopes) * problem.grid.size + 12 * problem.capture.positions * bins
 
 
-def runs(capture: Exhaustive, problem: ImagingProblem, memory_bytes: int) -> Iterator[slice]:
+def runs(
+    capture: Exhaustive, problem: ImagingProblem, memory_bytes: int, longest: int = RUN
+) -> Iterator[slice]:
     """Yield the runs of lasers: as long as one pass over the record suffices within the memory.
 
     Where not even one laser's spectra fit, it is imaged in several passes by itself.
+
+    Parameters
+    ----------
+    capture, problem, memory_bytes
+        As of `partial`.
+    longest
+        Lasers in a run at the most.
 
     Raises
     ------
     MemoryBoundError
         If one laser does not fit in any way.
     """
-    size = min(RUN, capture.lasers)
+    size = min(longest, capture.lasers)
     while size > 1 and not _in_one_pass(capture.block(slice(size)), problem, memory_bytes):
         size //= 2
     for first in range(0, capture.lasers, size):
@@ -184,7 +254,7 @@ def runs(capture: Exhaustive, problem: ImagingProblem, memory_bytes: int) -> Ite
 
 def _in_one_pass(block: Capture, problem: ImagingProblem, memory_bytes: int) -> bool:
     try:
-        part = bounded(replace(problem, capture=block), "rsd", memory_bytes - held_bytes(problem))
+        part = bounded(replace(problem, capture=block), "rsd", memory_bytes, held_bytes(problem))
     except MemoryBoundError:
         return False
     return len(part.passes) == 1

@@ -212,8 +212,13 @@ def planes(problem: ImagingProblem, solver: str | Solver) -> Iterator[NDArray[np
     return focus(problem)
 
 
-def bounded(problem: ImagingProblem, solver: str | Solver, memory_bytes: int | None) -> ImagingProblem:
-    """Cut a problem so that it keeps to a bound on memory, if there is one; raises as `image`."""
+def bounded(
+    problem: ImagingProblem, solver: str | Solver, memory_bytes: int | None, held_bytes: int = 0
+) -> ImagingProblem:
+    """Cut a problem so that it keeps to a bound on memory, if there is one; raises as `image`.
+
+    Of the bound, ``held_bytes`` are taken by others meanwhile.
+    """
     _known(solver)
     if memory_bytes is None:
         return problem
@@ -225,7 +230,7 @@ def bounded(problem: ImagingProblem, solver: str | Solver, memory_bytes: int | N
             "it cannot keep to a bound",
             f"Use {' or '.join(BOUNDED)}.",
         )
-    return memory.cut(problem, load(needs), memory_bytes)
+    return memory.cut(problem, load(needs), memory_bytes, held_bytes)
 
 
 def check_device(solver: str | Solver, device: str) -> None:

@@ -45,7 +45,7 @@ SLACK_BYTES = 32 * 2**20
 Needs = Callable[[ImagingProblem, DepthBlock], Need]
 
 
-def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingProblem:
+def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int, held_bytes: int = 0) -> ImagingProblem:
     """Cut the work so that its peak stays below a bound.
 
     Parameters
@@ -56,6 +56,8 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
         What its solver needs.
     memory_bytes
         The bound.
+    held_bytes
+        What others take of it meanwhile.
 
     Raises
     ------
@@ -65,7 +67,7 @@ def cut(problem: ImagingProblem, needs_of: Needs, memory_bytes: int) -> ImagingP
     capture, grid, parts = problem.capture, problem.grid, problem.depth_blocks
     at_least = _at_least(problem, needs_of)
     needs, spectrum, together, solver = at_least.needs, at_least.spectrum, at_least.together, at_least.solver
-    plane, least, frames = at_least.plane, at_least.together_bytes, problem.frames
+    plane, least, frames = at_least.plane, at_least.together_bytes + held_bytes, problem.frames
     if memory_bytes < least:
         raise MemoryBoundError(
             "memory",

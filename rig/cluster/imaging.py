@@ -5,22 +5,27 @@ spectra that it needs from there, by dask's own way between workers, and its fie
 workers do not see the file, spectra are taken here and sent once to each part.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import ceil
 from operator import getitem
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import rig
+from recon.by_lasers import RUN, Added, runs
+from recon.exhaustive import Exhaustive
 from recon.imaging import Planes
 from recon.noise import Tally
 from recon.parts import Cut, Field, Part, Slab, Spectra, cut, readings
-from recon.solvers.problem import ImagingProblem, Solver
-from rig.cluster.stacked import Layer, Task, stacked
-from rig.cluster.tasks import Stored, Worker, fingerprint, focus, introduce, take
+from recon.solvers.problem import ImagingProblem, Solver, ignore
+from rig.cluster.stacked import Layer, Task, result, stacked
+from rig.cluster.tasks import Stored, Worker, add, fingerprint, focus, introduce, take
 from rig.errors import RefusedError
 from rig.files.form_counts import CHUNK_HISTOGRAMS
 from rig.files.scan import ScanFile
@@ -97,6 +102,22 @@ class Crew:
 
         return planes
 
+    def adding(self, scan: ScanFile) -> "Adding":
+        """Return what images runs of lasers of an exhaustive capture.
+
+        Raises
+        ------
+        RefusedError
+            If workers do not see the file, which is too large to be sent.
+        """
+        stored = self._stored(scan)
+        if stored is None:
+            raise RefusedError(
+                f"the workers do not all see {scan.path.resolve()} as it is here: put it where all see it "
+                "under the same path, or leave --cluster out"
+            )
+        return Adding(self._client, stored, self.threads, self.memory_bytes)
+
     def _stored(self, scan: ScanFile) -> Stored | None:
         """Return the file as workers read it; None where they do not see it, or it is not as it seems."""
         path = scan.path.resolve()
@@ -166,6 +187,46 @@ class Crew:
         edges = np.linspace(0, ceil(positions / chunk), min(many, ceil(positions / chunk)) + 1)
         cuts = np.minimum(edges.round().astype(int) * chunk, positions).tolist()
         return [slice(first, stop) for first, stop in pairwise(cuts)]
+
+
+class Adding:
+    """Images an exhaustive capture on the workers, run of lasers by run of lasers.
+
+    Parameters
+    ----------
+    client, stored
+        The cluster, and the file that its workers see.
+    threads, memory_bytes
+        How many runs are imaged at the same time, and what each may take.
+    """
+
+    def __init__(self, client: "Client", stored: Stored, threads: int, memory_bytes: int) -> None:
+        self._client, self._stored = client, stored
+        self._threads, self._memory_bytes = threads, memory_bytes
+
+    def added(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
+        """Yield what each run adds, in their order; few are computed ahead of it."""
+        told, alone = problem.progress, replace(problem, progress=ignore, threads=1)
+        longest = max(1, ceil(capture.lasers / (AHEAD * self._threads)))
+        lasers = list(runs(capture, alone, self._memory_bytes, min(longest, RUN)))
+        shared = self._client.scatter(alone, broadcast=True, hash=False)
+        waiting: deque[tuple[slice, Future]] = deque()
+        source = iter(lasers)
+        try:
+            while True:
+                while len(waiting) < AHEAD * self._threads and (run := next(source, None)) is not None:
+                    waiting.append((run, self._submit(run, shared)))
+                if not waiting:
+                    return
+                run, future = waiting.popleft()
+                yield result(partial(self._submit, run, alone), future)
+                told(run.stop / capture.lasers)
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+    def _submit(self, run: slice, problem: Any) -> "Future":
+        return self._client.submit(add, self._stored, run, problem, self._memory_bytes, pure=False)
 
 
 def _layers(slabs: list[Slab], task: "Callable[[Part], Callable[[], Future]]") -> Iterator[Layer]:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def stacked(
             total: NDArray[np.complexfloating] | None = None
             while tasks:
                 task, future = tasks.pop(0)
-                found = _result(task, future)
+                found = result(task.submit, future)
                 total = found if total is None else _added(total, found)
                 sent -= 1
                 done(task.work)
@@ -98,14 +98,19 @@ def _added(
     return total
 
 
-def _result(task: Task, future: "Future") -> NDArray[np.complexfloating]:
-    """Return what a task gives; data that went with a worker are sent once more."""
+def result(submit: "Callable[[], Future]", future: "Future") -> Any:
+    """Return what a task gives; data that went with a worker are sent once more, by `submit`.
+
+    Raises
+    ------
+    RefusedError
+        If it took worker after worker down.
+    """
     from distributed import KilledWorker
 
     for attempt in range(ATTEMPTS):
         try:
-            found: NDArray[np.complexfloating] = future.result()
-            return found
+            return future.result()
         except KilledWorker as error:
             raise RefusedError(
                 f"the cluster gave up a part of the image: {ATTEMPTS} workers ended while they computed it "
@@ -116,5 +121,5 @@ def _result(task: Task, future: "Future") -> NDArray[np.complexfloating]:
                 raise RefusedError(
                     f"the cluster lost what it was sent {ATTEMPTS} times; check that its workers stay"
                 ) from None
-            future = task.submit()
+            future = submit()
     raise AssertionError("unreachable")

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rig
+from recon.by_lasers import Added, of_run
 from recon.parts import Field, Part, Reading
+from recon.solvers.problem import ImagingProblem
 from rig.errors import DataFileError
 from rig.files.inspection import inspected_elsewhere
 from rig.files.scan import ScanFile
@@ -78,12 +80,28 @@ def take(stored: Stored, reading: Reading) -> list[Any]:
     """Read some positions; return their spectra piece by piece, and last what summed up their counts."""
     run = reading.positions
     steps = stored.steps[run.start // stored.channels : run.stop // stored.channels]
+    with _opened(stored) as scan:
+        found, tally = reading.taken(scan.histograms_of(steps))
+    return [*found, tally]
+
+
+def add(stored: Stored, lasers: slice, problem: ImagingProblem, memory_bytes: int) -> Added:
+    """Image a run of lasers of an exhaustive capture."""
+    from numba import set_num_threads
+
+    set_num_threads(1)
+    with _opened(stored) as scan:
+        capture = scan.exhaustive()
+        assert capture is not None  # it was, and the file is the same
+        return of_run(capture.block(lasers), problem, memory_bytes)
+
+
+def _opened(stored: Stored) -> ScanFile:
+    """Open a file that the client looked through, unless it is another one now."""
     if fingerprint(stored.path) != stored.seen:
         raise DataFileError(f"{stored.path} was changed while it was imaged; image it once more")
     inspected_elsewhere(stored.path)
-    with ScanFile(stored.path) as scan:
-        found, tally = reading.taken(scan.histograms_of(steps))
-    return [*found, tally]
+    return ScanFile(stored.path)
 
 
 def focus(part: Part, *pieces: Field) -> Field:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from recon import defaults
+from recon.by_lasers import Elsewhere as ByLasers
 from recon.by_lasers import image as by_lasers_image
 from recon.by_lasers import image_and_noise
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
@@ -108,10 +109,14 @@ class Elsewhere(Protocol):
         """Return what computes the planes of a scan; None, where its counts are changed here."""
         ...
 
+    def adding(self, scan: ScanFile) -> ByLasers:
+        """Return what images runs of lasers of an exhaustive capture."""
+        ...
+
 
 @dataclass(frozen=True)
 class Work:
-    """What is imaged, with all choices made; `by` computes planes in place of this process."""
+    """What is imaged, with all choices made; `by` and `by_lasers` compute in place of this process."""
 
     request: Request
     seen: Seen
@@ -123,6 +128,7 @@ class Work:
     estimated: tuple[str, ...] = ()
     origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     by: Planes | None = None
+    by_lasers: ByLasers | None = None
 
     @property
     def capture(self) -> Capture:
@@ -294,6 +300,8 @@ def _sent(work: Work, scan: ScanFile, elsewhere: Elsewhere | None) -> Work:
     if elsewhere is None:
         return work
     check_elsewhere(work.request)
+    if work.seen.exhaustive:
+        return dataclasses.replace(work, by_lasers=elsewhere.adding(scan))
     return dataclasses.replace(work, by=elsewhere.imaging(None if work.request.even_bins else scan))
 
 
@@ -571,6 +579,7 @@ def _focused(work: Work, camera: Camera, progress: Callable[[float], None] | Non
             window=work.window,
             progress=progress,
             memory_bytes=request.memory_bytes,
+            by=work.by_lasers,
         )
     return image(
         work.capture,
@@ -616,6 +625,7 @@ def _imaged(work: Work, progress: Callable[[float], None] | None) -> tuple[Image
             window=work.window,
             progress=progress,
             memory_bytes=work.request.memory_bytes,
+            by=work.by_lasers,
         )
         return found, find(found, counted or quiet_level(found.intensity))
     capture, tally = tallied(work.capture, work.pulse, work.window)

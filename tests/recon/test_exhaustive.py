@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recon.by_lasers import image, image_and_noise, partial, planned, runs
+from recon.by_lasers import image, image_and_noise, of_run, partial, planned, runs
 from recon.camera import ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.errors import GeometryError, MemoryBoundError
@@ -24,6 +24,14 @@ PULSE = VirtualPulse(0.12, 3)
 BIN, BINS = 32e-12, 300
 POINTS = np.array([[0.12, -0.06, 0.6], [-0.2, 0.12, 0.8]])
 GRID = VoxelGrid(-0.27 + 0.06 * np.arange(8), -0.15 + 0.06 * np.arange(6), np.array([0.6, 0.8]))
+
+
+class RunByRun:
+    """Images three lasers at a time, as workers of a cluster do."""
+
+    def added(self, problem, capture):
+        for lasers in runs(capture, problem, 10**9, 3):
+            yield of_run(capture.block(lasers), problem, 10**9)
 
 
 def pairs(laser_m, pixel_m, first_bin_s=0.0):
@@ -113,6 +121,9 @@ def test_noise_of_counted_photons_adds_up_over_runs(both):
     assert (
         image_and_noise(replace(whole, histograms=ArrayLaserHistograms(counts * 0.5)), PULSE, GRID)[1] is None
     )
+    there, noise_there = image_and_noise(counted, PULSE, GRID, by=RunByRun())
+    assert worst(there.field, found.field) < 1e-6
+    np.testing.assert_allclose(noise_there.levels, noise.levels, rtol=0.05)  # tiles of other runs
 
 
 def test_an_outline_plans_as_all_pairs_do(both):
