@@ -76,14 +76,16 @@ LONG = (
     "test_interrupt",
     "test_files",
     "test_scan_file_damage",
-    "test_live",
 )
+#: Files that leave threads of libraries, or of views that hang, come last: beside a thread no copy of a process is
+#: safe, so that each file that is opened later is looked through by a new process, which takes a second.
+LAST = ("test_live", "test_cluster", "test_batch", "test_web_page", "test_web_server")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the long files; the others stay in order."""
-    turns = {name: turn for turn, name in enumerate(LONG)}
-    items.sort(key=lambda item: turns.get(item.path.stem, len(LONG)))
+    turns = {name: turn for turn, name in enumerate((*LONG, "", *LAST))}
+    items.sort(key=lambda item: turns.get(item.path.stem, turns[""]))
 
 
 def pytest_xdist_auto_num_workers() -> int:

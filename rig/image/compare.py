@@ -209,6 +209,8 @@ def compare(
     with TemporaryDirectory() as folder, _opened(file, Path(folder)) as scan:
         truth = truth or known_truth(scan.path if _is_scan(file) else file, scan)
         work, reason = _matched(scan, request)
+        if not any(counts.any() for _, counts in work.capture.histograms.blocks()):
+            raise UsageError(f"{file}: the record is dark throughout; there is nothing to compare")
         grid = work.grid
         truth_m = true_depth(truth, grid.x_m, grid.y_m) if truth else None
         sigma_s = low_pass_sigma_s(work.pulse)
