@@ -121,8 +121,8 @@ def test_every_laser_with_every_pixel_and_a_worker_that_is_killed(client, rig, t
         tmp_path / "all.h5", request, tmp_path / "t.h5", tmp_path / "t.png", kill, elsewhere=Crew(client)
     ).volume
     assert killed
-    # so few lasers are imaged by tables, whose straight lines are right to 1.2e-4 of the amplitude's peak, and
-    # runs of another length have other tables
+    # so few lasers are imaged by tables, whose straight lines are right to 1.2e-4 of the amplitude's peak,
+    # and runs of another length have other tables
     assert np.abs(there.intensity - here.intensity).max() < 2.4e-4 * here.intensity.max()
 
 
