@@ -77,8 +77,8 @@ LONG = (
     "test_files",
     "test_scan_file_damage",
 )
-#: Files that leave threads of libraries, or of views that hang, come last: beside a thread no copy of a process
-#: is safe, so that each file that is opened later is looked through by a new process, which takes a second.
+#: Files that leave threads of libraries, or of views that hang, come last. Beside a thread no copy of a
+#: process is safe, so that each file opened later is looked through by a new process, for a second each.
 LAST = ("test_live", "test_cluster", "test_batch", "test_web_page", "test_web_server")
 
 
