@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
@@ -99,7 +100,7 @@ def _local(number: int, dashboard: bool) -> "Iterator[Client]":
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
     """Start threads and processes that never get Ctrl-C, which a terminal sends to all of them."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     # it lets Ctrl-C through again in the thread in which it starts

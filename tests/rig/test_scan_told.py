@@ -75,7 +75,7 @@ def test_the_log_tells_what_happened_and_when(tmp_path):
         so_far = path.read_text().splitlines()
     assert all(re.match(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00 \S", line) for line in so_far)
     told = [line.split(" ", 1)[1] for line in so_far]
-    assert told[0].startswith("started by: rig")
+    assert told[0] == "started by: a Python program"  # which this test is
     assert told[1].startswith("plan: 30 positions, from 0 on; {")
     assert told[2:] == [
         "lighting",
