@@ -203,7 +203,7 @@ def _reader(kind: str) -> BeforeValidator:
                 return parse(value, kind)
             except UsageError as error:
                 raise ValueError(str(error)) from None
-        if isinstance(value, int | float) and isfinite(value) and not isinstance(value, bool):
+        if isinstance(value, int | float) and not isinstance(value, bool) and -1e15 < value < 1e15:
             raise ValueError(f'a {kind} needs a unit: write it as text, e.g. "{value}{example_unit(kind)}"')
         raise ValueError(f'a {kind} is written as text with a unit, e.g. "{KINDS[kind][1]}"')
 
