@@ -18,7 +18,7 @@ def batch(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="The results. [dim]\\[JOBS, beside the file][/dim]"
+            "--out", "-o", metavar="FOLDER", help="The results. [dim]\\[default: JOBS, beside the file][/dim]"
         ),
     ] = None,
     cluster: Cluster = None,

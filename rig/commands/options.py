@@ -91,7 +91,8 @@ Spacing = Annotated[
 Place = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z", help="Where the middle of a mesh is, e.g. 0cm,0cm,1.2m. [dim]\\[as it stands][/dim]"
+        metavar="X,Y,Z",
+        help="The middle of a mesh, e.g. 0cm,0cm,1.2m. [dim]\\[default: as it stands][/dim]",
     ),
 ]
 Rotate = Annotated[
@@ -100,7 +101,7 @@ Rotate = Annotated[
 ]
 Scale = Annotated[
     float | None,
-    typer.Option(min=0, help="Multiply a mesh's coordinates, e.g. 0.001 of millimetres. [dim]\\[1][/dim]"),
+    typer.Option(min=0, help="Scale a mesh, e.g. by 0.001 from millimetres. [dim]\\[default: 1][/dim]"),
 ]
 #: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
 HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")
@@ -141,7 +142,7 @@ Web = Annotated[
         "--web",
         metavar="[HOST:PORT]",
         help="Show the scan as a page in a browser, on this computer; or, with an address, on others, too, "
-        "which then need the token that is printed. [dim]\\[127.0.0.1:8642][/dim]",
+        "which then need the token that is printed. [dim]\\[default: 127.0.0.1:8642][/dim]",
     ),
 ]
 Ptu = Annotated[

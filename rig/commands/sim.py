@@ -68,7 +68,7 @@ def render(
         str | None,
         typer.Option(
             metavar="COLSxROWS",
-            help="Laser spots of an exhaustive capture: each with each of --pixels. [dim]\\[none][/dim]",
+            help="Laser spots of an exhaustive capture, with all --pixels. [dim]\\[default: none][/dim]",
         ),
     ] = None,
     pixels: Annotated[
@@ -76,7 +76,7 @@ def render(
         typer.Option(
             metavar="COLSxROWS",
             help="Pixels that see the wall, --spacing apart, for each of --lasers, which are spread over "
-            "the same wall. [dim]\\[the rig's][/dim]",
+            "the same wall. [dim]\\[default: the rig's][/dim]",
         ),
     ] = None,
     roughness: Annotated[

@@ -16,7 +16,7 @@ def watch(
             "--web",
             metavar="HOST:PORT",
             help="Where the page is served; on other computers it needs the token that is printed. "
-            f"[dim]\\[{HERE}:8642][/dim]",
+            f"[dim]\\[default: {HERE}:8642][/dim]",
         ),
     ] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in this computer's browser.")] = False,
