@@ -146,7 +146,7 @@ def test_without_libusb_the_extra_is_named(monkeypatch):
     for module in (usb.backend.libusb0, usb.backend.libusb1, usb.backend.openusb):
         monkeypatch.setattr(module, "get_backend", lambda *_, **__: None)
     monkeypatch.setitem(sys.modules, "libusb_package", None)
-    with pytest.raises(DeviceNotFoundError, match="libusb is missing.*pip install libusb-package"):
+    with pytest.raises(DeviceNotFoundError, match=r"libusb is missing.*pip install libusb-package"):
         Id120Spad(clock=BenchClock()).__enter__()
 
 
