@@ -106,7 +106,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     UsageError
         If there is no such folder.
     RefusedError
-        As `check_rig`; or if there is no such folder, or the disk would overflow.
+        As `check_rig`; or if the disk would overflow.
     drivers.errors.LimitError
         As `check_rig`.
     """

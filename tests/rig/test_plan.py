@@ -79,7 +79,7 @@ def test_refuses_what_the_rig_cannot_do(tmp_path, changes, told):
 def test_refuses_a_scan_that_the_disk_cannot_hold(tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=10))
     state = RigState(built_in())
-    with pytest.raises(RefusedError, match="0 MB free"):
+    with pytest.raises(RefusedError, match="has 10 bytes free"):
         check(ScanPlan.grid(state.config), state, tmp_path)
 
 
