@@ -97,7 +97,7 @@ def test_a_scan_that_ended_is_reported_when_its_file_is_closed(rig, tmp_path, ho
 
 def test_a_scan_that_was_stopped_is_reported_and_resumed_without_orders_from_its_file(rig, tmp_path, hook):
     config = configured(tmp_path, hook)
-    long = ("--grid", "12x10", "--spacing", "10cm", "--exposure", "10ms")
+    long = ("--grid", "48x40", "--spacing", "3cm", "--exposure", "10ms")  # more than half a second
     assert rig("scan", "--config", config, *long, "--until", "time 0.5s", "--out", "a.h5").code == 0
     assert told(tmp_path)["words"][1] == "interrupted"
     (tmp_path / "told.json").unlink()

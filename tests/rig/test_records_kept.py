@@ -254,7 +254,7 @@ def test_time_goes_on_between_sweeps(tmp_path, description):
     [
         (SWEEPS, 0, 1e18, "times that no scan has"),
         (SWEEPS, 1, 25.0, "do not follow one another"),
-        (SWEEPS, 1, float("nan"), "holds no numbers"),
+        (SWEEPS, 1, float("nan"), "is no list of numbers"),
         (SWEEPS, 0, -1.0, "no whole point of 24"),
     ],
 )
