@@ -19,7 +19,8 @@ from rig.cluster.imaging import Crew
 from rig.cluster.jobs import read_jobs
 from rig.cluster.joined import joined, local_workers
 from rig.errors import UsageError
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from support.point_scans import write_point_scan
 
 REQUEST = Request(wavelength_m=0.08, depth_m=(0.5, 0.9, 0.02))
