@@ -314,7 +314,9 @@ class HarpLibrary:
         into[0] = UNWRITTEN
         self._call("GetHistogram", index, into, channel, *[0] * self.family.clears_with_histogram)
         if into[0] == UNWRITTEN:
-            raise self._untrue(f"give the histogram of input {channel}", "all is well and wrote no counts")
+            raise self._untrue(
+                f"give the histogram of input {channel}", "there was no error, but wrote no counts"
+            )
 
     def get_resolution(self, index: int) -> float:
         """Return the bin width in force [ps]."""
@@ -365,13 +367,13 @@ class HarpLibrary:
         possible = 0 <= number <= len(into)
         if possible and not (number and into[0] == UNWRITTEN):
             return number
-        said = "and wrote no records" if possible else "which cannot be"
-        raise self._untrue(f"read {len(into)} records at most", f"these are {number}, {said}")
+        said = "but wrote no records" if possible else "which is not possible"
+        raise self._untrue(f"read {len(into)} records at most", f"it read {number}, {said}")
 
     def _untrue(self, asked: str, said: str) -> ProtocolError:
         link = self.family.link
         return ProtocolError(
-            self._device, asked, f"it said that {said}", f"{link.check}, and {link.restart}."
+            self._device, asked, f"it reported that {said}", f"{link.check}, and {link.restart}."
         )
 
 

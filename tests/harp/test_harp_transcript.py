@@ -162,7 +162,7 @@ def test_two_inputs():
 @pytest.mark.parametrize(
     ("call", "answer", "words"),
     [
-        ("HH_GetNumOfInputChannels(1)", (1,), "input channel to 1, but it takes whole numbers from 0 to 0"),
+        ("HH_GetNumOfInputChannels(1)", (1,), "input channel to 1, but it accepts whole numbers from 0 to 0"),
         ("HH_GetBaseResolution(1)", (8.0, 20), "8 ps times a power of two.*nearest are 8 ps and 16 ps"),
     ],
 )
@@ -250,10 +250,13 @@ def test_others_are_closed_again():
 @pytest.mark.parametrize(
     ("second", "words"),
     [
-        ([("HH_OpenDevice(1)", "1000007"), ("HH_CloseDevice(1)",)], "there are 1000001, 1000007. Say which"),
+        (
+            [("HH_OpenDevice(1)", "1000007"), ("HH_CloseDevice(1)",)],
+            "several were found: 1000001, 1000007. Give",
+        ),
         (
             [("HH_OpenDevice(1)", Returns(-2))],
-            "there are 1000001, and one that cannot be opened (DEVICE_BUSY)",
+            "several were found: 1000001, and one that cannot be opened (DEVICE_BUSY)",
         ),
     ],
 )
