@@ -1,13 +1,13 @@
 """From work to an image of one moment, and the surface in it."""
 
-import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
-from recon.by_lasers import image as by_lasers_image
-from recon.by_lasers import image_and_noise
+from recon import by_lasers
 from recon.camera import Camera, ConfocalCamera
+from recon.exhaustive import Exhaustive
 from recon.imaging import image
-from recon.noise import photon_noise, quiet_level, tallied
+from recon.noise import Noise, photon_noise, quiet_level, tallied
 from recon.registry import name_of
 from recon.result import Image
 from recon.solvers.classic.solve import baseline_image
@@ -40,7 +40,7 @@ def still(work: Work, reason: str, progress: Callable[[float], None] | None) -> 
         if surface.contrast_seen() >= WELL:
             break
         pulse = VirtualPulse(work.pulse.wavelength_m * LONGER**attempt, work.pulse.cycles)
-        longer = dataclasses.replace(work, pulse=pulse, grid=voxels(work.request, work.capture, pulse))
+        longer = replace(work, pulse=pulse, grid=voxels(work.request, work.capture, pulse))
         image_longer, surface_longer = with_surface(longer, progress)
         if surface_longer.contrast_seen() > surface.contrast_seen():
             best, found, surface = longer, image_longer, surface_longer
@@ -50,54 +50,91 @@ def still(work: Work, reason: str, progress: Callable[[float], None] | None) -> 
 
 def with_surface(work: Work, progress: Callable[[float], None] | None) -> tuple[Image, Surface]:
     """Image, and find the surface; its noise is that of the photons, where they were counted."""
-    if work.seen.relit or (work.seen.exhaustive and work.seen.rendered):
-        found = focused(work, ConfocalCamera(), progress)
-        return found, find(found, quiet_level(found.intensity))
-    if work.seen.exhaustive:
-        found, counted = image_and_noise(
-            work.seen.exhaustive,
-            work.pulse,
-            work.grid,
-            window=work.window,
-            progress=progress,
-            memory_bytes=work.request.memory_bytes,
-            by=work.by_lasers,
-        )
-        return found, find(found, counted or quiet_level(found.intensity))
-    capture, tally = tallied(work.capture, work.pulse, work.window)
-    reading = dataclasses.replace(work, seen=dataclasses.replace(work.seen, capture=capture))
-    found = focused(reading, ConfocalCamera(), progress)
-    noise = photon_noise(tally, work.pulse, work.grid) if tally.whole else quiet_level(found.intensity)
-    return found, find(found, noise)
+    found, noise = _imager(work).image_and_noise(progress)
+    return found, find(found, noise or quiet_level(found.intensity))
 
 
 def focused(work: Work, camera: Camera, progress: Callable[[float], None] | None) -> Image:
     """Focus a camera that shows one moment."""
-    request = work.request
+    return _imager(work).image(camera, progress)
+
+
+def _imager(work: Work) -> "_ByPlanes | _ByRuns":
+    """Choose what images work, by the form of its capture."""
     if work.seen.exhaustive and not work.seen.relit:
-        return by_lasers_image(
-            work.seen.exhaustive,
+        return _ByRuns(work, work.seen.exhaustive)
+    return _ByPlanes(work)
+
+
+@dataclass(frozen=True)
+class _ByPlanes:
+    """Images a capture plane by plane, from the spectra of all positions."""
+
+    work: Work
+
+    def image(self, camera: Camera, progress: Callable[[float], None] | None) -> Image:
+        """Focus a camera."""
+        work, by = self.work, self.work.by
+        return image(
+            work.capture,
+            work.pulse,
+            work.grid,
+            solver=work.request.solver,
+            camera=camera,
+            window=work.window,
+            progress=progress,
+            memory_bytes=None if by else memory_bytes_of(work),
+            device=work.request.device,
+            taking=spectra_of(work),
+            by=by.planes if by else None,
+        )
+
+    def image_and_noise(self, progress: Callable[[float], None] | None) -> tuple[Image, Noise | None]:
+        """Focus the confocal camera; return the noise of photons, too, if they were counted."""
+        work = self.work
+        if work.seen.relit:
+            return self.image(ConfocalCamera(), progress), None
+        capture, tally = tallied(work.capture, work.pulse, work.window)
+        reading = replace(work, seen=replace(work.seen, capture=capture))
+        found = _ByPlanes(reading).image(ConfocalCamera(), progress)
+        return found, photon_noise(tally, work.pulse, work.grid) if tally.whole else None
+
+
+@dataclass(frozen=True)
+class _ByRuns:
+    """Images an exhaustive capture by runs of lasers."""
+
+    work: Work
+    capture: Exhaustive
+
+    def image(self, camera: Camera, progress: Callable[[float], None] | None) -> Image:
+        """Focus a camera."""
+        work, by = self.work, self.work.by
+        return by_lasers.image(
+            self.capture,
             work.pulse,
             work.grid,
             camera=camera,
             window=work.window,
             progress=progress,
-            memory_bytes=request.memory_bytes,
-            by=work.by_lasers,
+            memory_bytes=work.request.memory_bytes,
+            by=by.runs if by else None,
         )
-    return image(
-        work.capture,
-        work.pulse,
-        work.grid,
-        solver=request.solver,
-        camera=camera,
-        window=work.window,
-        progress=progress,
-        memory_bytes=None if work.by else memory_bytes_of(work),
-        device=request.device,
-        taking=spectra_of(work),
-        by=work.by,
-    )
+
+    def image_and_noise(self, progress: Callable[[float], None] | None) -> tuple[Image, Noise | None]:
+        """Focus the confocal camera; return the noise of photons, too, if they were counted."""
+        work, by = self.work, self.work.by
+        if work.seen.rendered:
+            return self.image(ConfocalCamera(), progress), None
+        return by_lasers.image_and_noise(
+            self.capture,
+            work.pulse,
+            work.grid,
+            window=work.window,
+            progress=progress,
+            memory_bytes=work.request.memory_bytes,
+            by=by.runs if by else None,
+        )
 
 
 def spectra_of(work: Work) -> Spectra:
@@ -106,7 +143,7 @@ def spectra_of(work: Work) -> Spectra:
     if relit_point is None:
         return spectra
     if bound is not None:
-        relit_point = dataclasses.replace(relit_point, run_bytes=min(relit_point.run_bytes, bound // 4))
+        relit_point = replace(relit_point, run_bytes=min(relit_point.run_bytes, bound // 4))
     return relit_point.spectra
 
 

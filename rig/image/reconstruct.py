@@ -6,9 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from recon.by_lasers import Elsewhere as ByLasers
 from recon.camera import PhotoCamera, TransientCamera
-from recon.imaging import Planes
 from recon.registry import entry_of
 from rig.errors import UsageError
 from rig.exporters import page
@@ -21,7 +19,7 @@ from rig.image.frames import check_frames, frame_by_frame
 from rig.image.picture import picture, save_film
 from rig.image.request import Request, check, check_elsewhere, check_page
 from rig.image.result import Result
-from rig.image.work import Work, camera_of, chosen, warnings_of
+from rig.image.work import Fields, Work, camera_of, chosen, warnings_of
 from rig.show.volume import check_picture, save
 
 
@@ -38,12 +36,16 @@ class Elsewhere(Protocol):
         """What a part may take."""
         ...
 
-    def imaging(self, scan: ScanFile | None) -> Planes:
-        """Return what computes the planes of a scan; None, where its counts are changed here."""
-        ...
+    def imaging(self, scan: ScanFile, *, changed: bool) -> Fields:
+        """Return what computes the fields of a scan.
 
-    def adding(self, scan: ScanFile) -> ByLasers:
-        """Return what images runs of lasers of an exhaustive capture."""
+        Parameters
+        ----------
+        scan
+            What is imaged.
+        changed
+            Whether its counts are changed here, so that those of the file will not do.
+        """
         ...
 
 
@@ -156,9 +158,7 @@ def _sent(work: Work, scan: ScanFile, elsewhere: Elsewhere | None) -> Work:
     if elsewhere is None:
         return work
     check_elsewhere(work.request)
-    if work.seen.exhaustive:
-        return dataclasses.replace(work, by_lasers=elsewhere.adding(scan))
-    return dataclasses.replace(work, by=elsewhere.imaging(None if work.request.even_bins else scan))
+    return dataclasses.replace(work, by=elsewhere.imaging(scan, changed=work.request.even_bins))
 
 
 def _signal(volume: Volume) -> tuple[str, ...]:

@@ -1,20 +1,24 @@
 """What is imaged, with all choices made: which light, pulse, voxels, window and camera."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from recon import defaults
-from recon.by_lasers import Elsewhere as ByLasers
+from recon.by_lasers import Added
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import Capture
+from recon.exhaustive import Exhaustive
 from recon.filming import frame_times_s as moments_s
 from recon.grid import VoxelGrid
-from recon.imaging import Planes
 from recon.registry import CAMERAS, entry_of, load
 from recon.result import Image
 from recon.sampling import CONFOCAL
+from recon.solvers.problem import ImagingProblem, Solver
 from recon.surface import Surface
 from recon.virtual_aperture import remapped
 from recon.wave import CYCLES, VirtualPulse
@@ -37,9 +41,21 @@ from rig.model.calibrations.store import CalibrationStore
 from rig.model.quantities import show
 
 
+class Fields(Protocol):
+    """Other processes that compute the fields of a scan, in either form of its capture."""
+
+    def planes(self, problem: ImagingProblem, solver: str | Solver) -> Iterator[NDArray[np.complexfloating]]:
+        """Yield the field of each plane; as `recon.imaging.Planes`."""
+        ...
+
+    def runs(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
+        """Yield what each run of lasers of an exhaustive capture adds; as `recon.by_lasers.Runs`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Work:
-    """What is imaged, with all choices made; `by` and `by_lasers` compute in place of this process."""
+    """What is imaged, with all choices made; `by` computes fields in place of this process."""
 
     request: Request
     seen: Seen
@@ -50,8 +66,7 @@ class Work:
     scan_digest: str
     estimated: tuple[str, ...] = ()
     origin: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    by: Planes | None = None
-    by_lasers: ByLasers | None = None
+    by: Fields | None = None
 
     @property
     def capture(self) -> Capture:
