@@ -68,7 +68,7 @@ def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
 
 
 def folded(pulse: NDArray[np.int64], times_s: NDArray[np.float64], period_s: float) -> Detections:
-    """Count times (n,) beyond a period [s] from a later pulse, negative ones from an earlier one, in place."""
+    """Count times (n,) beyond a period [s] from a later pulse, negative ones from one before, in place."""
     _fold(pulse, times_s, period_s)
     return Detections(pulse, times_s)
 
