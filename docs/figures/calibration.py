@@ -74,8 +74,8 @@ def draw(folder: Path, picture: Path) -> None:
         )
         aside, depth = measured["displacement"], measured["depth"]
         axes[0, column].set_title(
-            f"{title}\noff by {aside['x_m'] * 1e3:.0f} mm in x, {aside['y_m'] * 1e3:.0f} mm in y, "
-            f"{depth['median_m'] * 1e3:.0f} mm in depth".replace(" -0 mm", " 0 mm"),
+            f"{title}\noff by {aside['x_m'] * 1e3:.0f}, {aside['y_m'] * 1e3:.0f}, "
+            f"{depth['median_m'] * 1e3:.0f} mm in x, y, depth".replace(" -0", " 0"),
             fontsize=10,
         )
         axes[0, column].set_facecolor("black")
@@ -88,7 +88,7 @@ def draw(folder: Path, picture: Path) -> None:
     for panel in axes.flat:
         panel.set(xlim=(0.9, -0.9), ylim=(-0.65, 0.65))
         panel.label_outer()
-    figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum, intensity times z⁴")
+    figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum,\nintensity times z⁴")
     figure.colorbar(depths, ax=axes[1], label="depth z (m), blank: none", extend="both")
     save(figure, picture)
     shrink(picture)
