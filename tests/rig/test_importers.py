@@ -111,7 +111,7 @@ def test_points_are_found_along_either_axis(tmp_path):
 @pytest.mark.parametrize("shape", [(300, 2), (900,), (150, 6)])
 def test_points_without_three_coordinates_are_refused(tmp_path, shape):
     neutral(tmp_path / "a.h5", laser_position_m=np.ones(shape))
-    with pytest.raises(DataFileError, match="'laser_position_m' has shape .* three numbers x, y, z"):
+    with pytest.raises(DataFileError, match=r"'laser_position_m' has shape .* three numbers x, y, z"):
         import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
 
 
