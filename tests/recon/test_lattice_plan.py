@@ -77,6 +77,7 @@ def test_nothing_wraps_around(count, pitch_m, voxels, start_m, voxel_m, waveleng
     assert plan.half * plan.step_m >= longest_m - 2e-3 * plan.step_m
     assert plan.read <= plan.folded
     assert plan.folded * plan.fold == plan.length
+    # Of a wave that is not known, no more than three quarters of the critical rate are interpolated from.
     assert plan.step_m * 2 / wavelength_m <= 0.75 + 1e-9 or (
         plan.spread is None and plan.weights.shape[1] == 1
     )
