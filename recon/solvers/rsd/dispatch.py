@@ -180,20 +180,26 @@ def _lattice_ns(
         each_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
     else:
         each_ns = LATTICE_NS * sum(
-            _points(group, laser_m, band, grid) / group.round_trip_factor for group in groups
+            _points(group, laser_m, band, grid, len(groups) > GROUPS) / group.round_trip_factor
+            for group in groups
         )
     return each_ns * len(grid.z_m) * len(band)
 
 
-def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid) -> int:
-    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over."""
+def _points(
+    group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid, roughly: bool = False
+) -> int:
+    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over.
+
+    What is found `roughly`, at once, may be too large.
+    """
     try:
         aperture = recognise(laser_m[group.records] - [0, 0, group.depth_m])
         x, y = aperture.x, aperture.y
     except GeometryError:
         x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
     wavenumber = group.round_trip_factor * band.finest_rad_per_s / C_M_PER_S
-    near_m = float(grid.z_m[0]) - group.depth_m
+    near_m = None if roughly else float(grid.z_m[0]) - group.depth_m
     return (
         plan_axis(y, grid.y_m, wavenumber, near_m).length * plan_axis(x, grid.x_m, wavenumber, near_m).length
     )
