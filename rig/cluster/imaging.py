@@ -67,7 +67,7 @@ class Crew:
         versions = {worker.version for worker in self._workers}
         if versions != {rig.__version__}:
             raise RefusedError(
-                f"workers have rig {', '.join(sorted(versions))}, and this is {rig.__version__}; install the "
+                f"workers have rig {', '.join(sorted(versions))}, but this is {rig.__version__}; install the "
                 "same on all"
             )
 
@@ -113,7 +113,8 @@ class Crew:
         stored = self._stored(scan)
         if stored is None:
             raise RefusedError(
-                f"the workers do not all see {scan.path.resolve()} as it is here: put it where all see it "
+                f"the workers do not all see the same {scan.path.resolve()} as this computer: "
+                "put it where all see it "
                 "under the same path, or leave --cluster out"
             )
         return Adding(self._client, stored, self.threads, self.memory_bytes)

@@ -24,13 +24,13 @@ def _quantity(kind: str) -> Callable[[Any], float]:
 
 def _text(value: Any) -> str:
     if not isinstance(value, str):
-        raise UsageError(f"{value!r} is to be text with a unit, in quotes")
+        raise UsageError(f"{value!r} must be text with a unit, in quotes")
     return value
 
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{value!r} is no number")
+        raise UsageError(f"{value!r} is not a number")
     return float(value)
 
 
@@ -43,7 +43,7 @@ def _switch(value: Any) -> bool:
 def _one_of(*words: str) -> Callable[[Any], str]:
     def read(value: Any) -> str:
         if value not in words:
-            raise UsageError(f"{value!r} is none of {', '.join(words)}")
+            raise UsageError(f"{value!r} is not one of {', '.join(words)}")
         return str(value)
 
     return read
@@ -129,14 +129,15 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
     if document or not listed:
         wrong = f"it has the key {', '.join(document)}" if document else "it has none"
-        raise ConfigError(f"{path} is to hold tables [[job]] alone, and {wrong}; see docs/cluster.md")
+        raise ConfigError(f"{path} must hold only tables [[job]], but {wrong}; see docs/cluster.md")
     jobs: list[Job] = []
     for number, table in enumerate(tables, 1):
         jobs += _of_table(path, f"{path}, job {number}", table, however_long)
     names = [job.name for job in jobs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(
-            f"{path}: {len(twice)} images would have the name of another, the first is {twice[0]}; name the "
+            f"{path}: {len(twice)} images would have the name of another image; the first is {twice[0]}; "
+            "name the "
             "scans differently, or each scan and setting once"
         )
     return jobs
@@ -166,7 +167,7 @@ def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bo
 def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if not isinstance(patterns, list) or not patterns or not all(isinstance(one, str) for one in patterns):
-        raise ConfigError(f'{where}: scans is to be a list of names or patterns, such as ["night/*.h5"]')
+        raise ConfigError(f'{where}: scans must be a list of names or patterns, such as ["night/*.h5"]')
     found: dict[Path, None] = {}
     for pattern in patterns:
         root = Path(Path(pattern).anchor or path.parent)
@@ -174,7 +175,7 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
             rest = pattern.removeprefix(Path(pattern).anchor)
             matches = sorted(one.resolve() for one in root.glob(rest) if one.is_file())
         except (ValueError, NotImplementedError, IndexError, OSError) as error:
-            raise ConfigError(f"{where}: '{pattern}' is no pattern of file names: {error}") from None
+            raise ConfigError(f"{where}: '{pattern}' is not a pattern of file names: {error}") from None
         if not matches:
             raise ConfigError(f"{where}: no file is called '{pattern}', seen from {root.resolve()}")
         found |= dict.fromkeys(matches)

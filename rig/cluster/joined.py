@@ -46,7 +46,7 @@ def local_workers(address: str) -> int | None:
         return number
     if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", address) or address.endswith(".json"):
         return None
-    raise UsageError(f"--cluster '{address}' names no cluster; write {FORMS}")
+    raise UsageError(f"--cluster '{address}' is not a cluster; write {FORMS}")
 
 
 @contextmanager

@@ -60,8 +60,8 @@ def tried(path: Path, function: Callable[..., Any], *arguments: str) -> Any:
     answer = _forked(function, words, size) if _can_fork() else _spawned(function, words, size)
     if isinstance(answer, str):
         raise DataFileError(
-            f"{path} cannot be read: a trial in a process of its own {answer}. The file is damaged, or made "
-            "to do so: copy it again from where it came from"
+            f"{path} cannot be read: a trial in a separate process {answer}. The file is damaged, "
+            "or was made to cause this: copy it again from where it came from"
         )
     if "error" in answer:
         raise DataFileError(answer["error"])
@@ -81,7 +81,7 @@ def _can_fork() -> bool:
 def _forked(function: Callable[..., Any], words: list[str], size: int) -> dict[str, Any] | str:
     """Answer from a copy of this process: it has all modules already, and is there in milliseconds."""
     if sys.platform == "win32":
-        raise OSError("Windows copies no process")
+        raise OSError("Windows cannot copy a process")
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of native threads: the child has none
@@ -140,11 +140,11 @@ def _read_all(pipe: int, deadline_s: float) -> bytes | None:
 def _told(text: bytes | None, code: int | None) -> dict[str, Any] | str:
     """Return a child's answer, or in words why there is none."""
     if text is None or code in _STOPPED:
-        return "did not come to an end"
+        return "did not end"
     with suppress(ValueError, UnicodeDecodeError):
         answer = json.loads(text or b"")
         if isinstance(answer, dict) and code == 0:
-            return "needed more memory than such a file can be worth" if answer.get("memory") else answer
+            return "needed far more memory than such a file can need" if answer.get("memory") else answer
     return f"crashed (exit status {code})"
 
 

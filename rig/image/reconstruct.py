@@ -456,7 +456,7 @@ def _check_relight(request: Request) -> None:
         return
     if request.solver != "rsd" or request.camera == "photo":
         raise UsageError(
-            "--relight goes with the solver rsd and the confocal or the transient camera, not with "
+            "--relight needs the solver rsd and the confocal or the transient camera, not with "
             f"{request.camera} and {request.solver}; leave these out"
         )
     others = {
@@ -479,7 +479,8 @@ def check_elsewhere(request: Request) -> None:
     if entry_of(request.solver).way is None:
         able = " or ".join(name for name, entry in SOLVERS.items() if entry.way)
         raise UsageError(
-            f"solver {name_of(request.solver)} images as a whole, on one computer; use {able}, or leave "
+            f"solver {name_of(request.solver)} computes only whole images, on one computer; use {able}, "
+            "or leave "
             "--cluster out"
         )
     if request.relight_m is not None:
@@ -657,8 +658,8 @@ def _signal(volume: Volume) -> tuple[str, ...]:
     if volume.parameters.get("signal", True):
         return ()
     return (
-        "no signal above noise: what the image shows, photons that know nothing of a hidden object give as "
-        "well; measure longer, or check that the laser reaches the wall and the record holds the scene",
+        "no signal above noise: photons without any hidden object would give an image like this; "
+        "measure longer, or check that the laser reaches the wall and the record holds the scene",
     )
 
 
