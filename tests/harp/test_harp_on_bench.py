@@ -114,7 +114,9 @@ def test_a_divider_loses_no_photon(divider):
 
 def test_of_several_instruments_one_has_to_be_named():
     bench = bench_with([2e-12], 1000)
-    with pytest.raises(DeviceNotFoundError, match=r"there are 1000001, 1000002, 1000003\..*tcspc\.serial"):
+    with pytest.raises(
+        DeviceNotFoundError, match=r"several were found: 1000001, 1000002, 1000003\..*tcspc\.serial"
+    ):
         rig(bench, instrument={"others": ("1000002", "1000003")})[1].__enter__()
     simulator, harp = rig(bench, instrument={"others": ("1000002", "1000003")}, serial="1000002")
     with harp:
@@ -129,7 +131,9 @@ def test_an_instrument_that_goes_in_the_middle_is_said_to_be_gone():
     with harp:
         harp.measure(10e-3)
         simulator.connection.connected = False
-        with pytest.raises(HarpError, match=r"-10 .*The instrument is gone: check the USB cable"):
+        with pytest.raises(
+            HarpError, match=r"-10 .*The instrument is no longer connected: check the USB cable"
+        ):
             harp.measure(10e-3)
 
 
@@ -280,7 +284,7 @@ def test_absent_busy_and_wrong_serial():
     with pytest.raises(HarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
         pass
     simulator.connection.connected = False
-    with pytest.raises(DeviceNotFoundError, match="no HydraHarp is there"), named(simulator, "1000001"):
+    with pytest.raises(DeviceNotFoundError, match="no HydraHarp was found"), named(simulator, "1000001"):
         pass
     simulator.connection.connected, simulator.connection.busy = True, False
     with named(simulator, "1000001"):
