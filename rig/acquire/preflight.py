@@ -118,8 +118,8 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
     if needed > free:
         raise RefusedError(
             f"the scan needs {show_bytes(needed)} free, about {show_bytes(found.bytes_on_disk)} of them for "
-            f"photons and the rest so that its end can be written; {folder} has {show_bytes(free)} free. Free some "
-            "space, or choose another place with --out"
+            f"photons and the rest so that its end can be written; {folder} has {show_bytes(free)} free. "
+            "Free some space, or choose another place with --out"
         )
     return found
 
