@@ -208,6 +208,11 @@ class ScanProgress:
     ----------
     positions
         Number of positions in the plan.
+
+    Attributes
+    ----------
+    began
+        Whether anything happened: a scan file was there then.
     """
 
     def __init__(self, positions: int) -> None:
@@ -215,6 +220,7 @@ class ScanProgress:
         self._photons = 0
         self._live_time_s = 0.0
         self._measured = 0
+        self.began = False
         self._since_s = time.monotonic()
         self._drawn_s = 0.0
         self._tenth = 0
@@ -237,6 +243,7 @@ class ScanProgress:
 
     def __call__(self, event: Event) -> None:
         """Show what happened."""
+        self.began = True
         match event:
             case PhaseChanged(phase=phase):
                 self._show_phase(phase.value)
