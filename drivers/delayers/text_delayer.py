@@ -53,9 +53,8 @@ class DelayRange:
         if end_s <= left_s + 1e-15:  # rounding
             return ""
         return (
-            f"its pulse ends {end_s * 1e9:.4g} ns after the trigger, "
-            "and to be ready for the next one it must "
-            f"end within {max(left_s, 0) * 1e9:.4g} ns at {repetition_hz / 1e6:g} MHz"
+            f"its pulse ends {end_s * 1e9:.4g} ns after the trigger, and to be ready for the next one it "
+            f"must end within {max(left_s, 0) * 1e9:.4g} ns at {repetition_hz / 1e6:g} MHz"
         )
 
 

@@ -14,7 +14,7 @@ import rig
 from recon.registry import CAMERAS, SOLVERS
 from rig.cluster.tasks import fingerprint
 from rig.errors import ConfigError, UsageError, reason
-from rig.image.reconstruct import Request
+from rig.image.request import Request
 from rig.model.quantities import depths, parse, si_range
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
-from rig.image.reconstruct import Request
+from rig.image.request import Request
 from rig.model.quantities import depths, parse, si, si_range
 
 if TYPE_CHECKING:

@@ -25,6 +25,7 @@ from rig.importers.flight import given_flights
 from rig.importers.options import Options
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
+from rig.importers.wall import WallFrame, named
 from rig.model.delays import PathDelays
 
 NAME = "neutral HDF5"
@@ -52,7 +53,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If its time origin is neither, and was not given.
     DataFileError
-        If arrays do not fit together, or its time includes legs of which it does not tell.
+        If arrays are not consistent, or its time includes legs of which it does not tell.
     """
     assert source.hdf5 is not None
     if source.has("counts", "transient"):
@@ -70,28 +71,37 @@ def read(source: Source, options: Options) -> Content:
         (laser_m,), unmeasured = zeros_as_missing(laser_m)
     else:
         (laser_m, detector_m), unmeasured = zeros_as_missing(laser_m, detector_m)
-    bin_width_s = source.attribute("bin_width_s", (time_s[-1] - time_s[0]) / max(1, len(time_s) - 1))
+    bin_width_s = source.attribute_number(
+        "bin_width_s", float(time_s[-1] - time_s[0]) / max(1, len(time_s) - 1)
+    )
     # a thousandth of a bin: far above rounding, far below what an image shows
     even = np.abs(time_s - time_s[0] - np.arange(len(time_s)) * bin_width_s) < 1e-3 * bin_width_s * len(
         time_s
     )
     if not bin_width_s > 0 or not even.all():
         raise DataFileError(f"{source.path}: time_s is not evenly spaced by bin_width_s = {bin_width_s:g} s")
-    gate_start_s = float(source.attribute("gate_start_s", 0.0))
+    gate_start_s = source.attribute_number("gate_start_s", 0.0)
     delays, delay_s, assumed = _legs(source, options, len(laser_m))
+    with named(source.path):
+        frame = WallFrame.amid(laser_m, detector_m, across=False)
+    laser_m, detector_m = frame.bring(laser_m), frame.bring(detector_m)
+    if delays is not None and not frame.still:
+        heads_m = (frame.bring(np.array(head)) for head in (delays.laser_head_m, delays.detector_head_m))
+        delays = PathDelays(*heads_m, delays.electronics_delay_s)
     dataset = source.hdf5[name]
     return Content(
         laser_m=laser_m,
         detector_m=detector_m,
         bins=len(time_s),
-        bin_width_s=float(bin_width_s),
+        bin_width_s=bin_width_s,
         first_bin_s=float(time_s[0] - bin_width_s / 2),
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
         fade_from_s=gate_start_s if gate_start_s > 0 else None,
-        simulated=bool(source.attribute("simulated", False)),
+        simulated=bool(source.attribute_flag("simulated")),
         delays=delays,
         delay_s=delay_s,
+        frame=None if frame.still else frame,
         assumed=(*assumed, *unmeasured, *_contradictions(source, laser_m, detector_m)),
     )
 
@@ -116,19 +126,19 @@ def _legs(
             "or the attributes laser_head_m and "
             "detector_head_m [m], or give --tof, or subtract it from time_s and set time_origin to wall"
         )
-    electronics_s = float(source.attribute("electronics_delay_s", 0.0))
+    electronics_s = source.attribute_number("electronics_delay_s", 0.0)
     return PathDelays(heads_m[0], heads_m[1], electronics_s), None, assumed
 
 
 def _contradictions(source: Source, laser_m: NDArray, detector_m: NDArray) -> list[str]:
     """Return where the attribute confocal is not what the places say, in words."""
-    said = source.attribute("confocal")
+    said = source.attribute_flag("confocal")
     confocal = detector_m.shape == laser_m.shape and np.allclose(
         detector_m, laser_m, atol=1e-4, equal_nan=True
     )
-    if said is None or bool(said) == confocal:
+    if said is None or said == confocal:
         return []
-    return [f"its attribute confocal is {bool(said)}, but its places show the opposite, and those are used"]
+    return [f"its attribute confocal is {said}, but its places show the opposite, and those are used"]
 
 
 def _time_origin(source: Source, options: Options) -> tuple[str, tuple[str, ...]]:

@@ -108,15 +108,17 @@ def passes(
 def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):  # type: ignore[no-untyped-def]
     """Compare a uniform draw with the sensitivity, and work out the ringing only where it decides."""
     passing = np.empty(len(arrival), np.bool_)
-    per_s = 1.0 / period
+    per_s, most = 1.0 / period, 1.0 + overshoot
     for i in range(len(arrival)):
         into = arrival[i] - opening
         into -= np.floor(into * per_s) * period
-        edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
-        edges += 1.0 - min((into + period - width) / full, 1.0)
-        level = rng.random() * (1.0 + overshoot)
+        level = rng.random() * most
+        edges = 1.0
+        if not full <= into <= min(width, period - full):  # else the quotients below all say the same
+            edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
+            edges += 1.0 - min((into + period - width) / full, 1.0)
         since = into - full
-        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * (1.0 + overshoot):
+        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * most:
             passing[i] = level < edges
         else:
             swing = np.sin(turn * since) * np.exp(-since / decay)

@@ -91,9 +91,9 @@ class ThreeBounces:
         if number == 0:
             return np.empty(0)
         spots = np.array([laser_spot_m], dtype=np.float64) if from_m is None else from_m
-        spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
-        cumulative, corners = self.from_spot(laser_spot_m)[0].cumsum(), self.patches.corners_m
-        return _random_paths(cumulative, spacings, inside, corners, spots, self.detector_spot_m)
+        weight, _ = self.from_spot(laser_spot_m)
+        corners_m, last_m = self.patches.corners_m, self.detector_spot_m
+        return np.asarray(_random_paths(number, weight, corners_m, spots, last_m, rng))
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all light per m^2 at the detector spot and its paths [m]: the same, patch by patch."""
@@ -159,20 +159,28 @@ def _path(first, point, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: ignore[no-untyped-def]
+def _random_paths(number, weights, corners, first, last, rng):  # type: ignore[no-untyped-def]
     """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each.
 
-    ``first`` is (1, 3) for all, or (n, 3).
+    ``first`` is (1, 3) for all, or (number, 3).
     """
-    paths, point = np.empty(len(inside)), np.empty(3)
-    total = spacings.sum()  # sums of n + 1 exponentials, divided by the last sum, are n sorted uniforms
-    k, reached = 0, 0.0
-    for i in range(len(inside)):
-        reached += spacings[i]
-        level = reached / total * cumulative[-1]
-        while cumulative[k] < level:
+    paths, point = np.empty(number), np.empty(3)
+    spacing = np.empty(number + 1)  # sums of n + 1 exponentials, divided by the last, are n sorted uniforms
+    total = 0.0
+    for i in range(number + 1):
+        spacing[i] = rng.standard_exponential()
+        total += spacing[i]
+    light = 0.0
+    for k in range(len(weights)):
+        light += weights[k]
+    k, reached, passed = 0, 0.0, weights[0]
+    for i in range(number):
+        reached += spacing[i]
+        level = reached / total * light
+        while passed < level:
             k += 1
-        b, c = inside[i, 0], inside[i, 1]
+            passed += weights[k]
+        b, c = rng.random(), rng.random()
         if b + c > 1.0:  # fold the parallelogram onto the triangle
             b, c = 1.0 - b, 1.0 - c
         a = 1.0 - b - c

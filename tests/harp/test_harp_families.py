@@ -162,8 +162,8 @@ def test_a_histogram(name):
         ("sleep(0.01)",),
         (f"{prefix}_CTCStatus(1)", 1),
         (f"{prefix}_StopMeas(1)",),
-        (f"{prefix}_GetHistogram(1, 0{', 0' if clears else ''})", [5, 0, 7, 9]),
         (f"{prefix}_GetFlags(1)", 0),
+        (f"{prefix}_GetHistogram(1, 0{', 1' if clears else ''})", [5, 0, 7, 9]),
     ]
     exposure, identity = play(
         name,

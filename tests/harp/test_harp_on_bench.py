@@ -51,6 +51,32 @@ def test_photons_land_in_their_bins():
     simulator.raise_pending()
 
 
+def test_a_long_exposure_is_drawn_while_it_lasts():
+    """Of a long exposure hardly anything is left to be drawn at its end, when somebody waits for darkness."""
+    bench = bench_with([4e-9 + 1e-12], 100_000)
+    spans_s, draw = [], bench.detections
+    bench.detections = lambda start_s, stop_s: spans_s.append(stop_s - start_s) or draw(start_s, stop_s)
+    simulator, harp = rig(bench)
+
+    def asked_to_stop():
+        harp.rates()  # as a scan looks at them
+        return bench.clock.now_s() >= stop_s
+
+    with harp:
+        stop_s = bench.clock.now_s() + 7.4
+        cut = harp.measure(100.0, asked_to_stop)
+        drawn_s = sum(spans_s)
+        assert max(spans_s) <= 1.0 + 1e-9
+        assert drawn_s == pytest.approx(cut.live_time_s)
+        assert cut.live_time_s == pytest.approx(7.4, abs=0.06)  # somebody is asked each 50 ms
+        spans_s.clear()
+        whole = harp.measure(3.0)
+        assert spans_s == pytest.approx([1.0, 1.0, 1.0])
+        # steady light: what comes at the seams between pieces is neither lost nor counted twice
+        assert whole.photons == 3 * harp.measure(1.0).photons
+    simulator.raise_pending()
+
+
 @pytest.mark.parametrize(
     ("settings", "time_s", "bin_index"),
     [

@@ -14,7 +14,7 @@ import pytest
 from rig.cluster.batch import RECORD, Record, run
 from rig.cluster.jobs import read_jobs
 from rig.errors import ConfigError, UsageError
-from rig.image.reconstruct import Request
+from rig.image.request import Request
 from support.point_scans import write_point_scan
 
 
