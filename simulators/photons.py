@@ -15,8 +15,8 @@ from simulators.optics.light import Optics
 from simulators.track import Knot, Track, distance_m
 from simulators.transport.light_paths import LightPaths, Renderer
 
-#: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
-PULSE_SPAN = np.linspace(-3, 3, 13)
+#: A pulse's light comes within so many widths of its middle; the gate is asked whether any of it can pass.
+PULSE_SPAN = 3.0
 
 
 class HiddenScenePhotons:
@@ -228,8 +228,9 @@ class HiddenScenePhotons:
 
     def _stray_may_pass(self, arrivals_s: NDArray[np.float64], light: LightState) -> bool:
         """Return whether the gate lets any light of pulses through that arrive at about these times."""
-        span_s = np.add.outer(arrivals_s, PULSE_SPAN * self.optics.pulse_fwhm_s)
-        return bool(self.detector.sensitivity(span_s, light).any())
+        span_s = PULSE_SPAN * self.optics.pulse_fwhm_s
+        first_s, last_s = float(arrivals_s.min()) - span_s, float(arrivals_s.max()) + span_s
+        return self.detector.ever_sensitive(first_s, last_s, light)
 
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
         """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""

@@ -70,8 +70,6 @@ def draw(results: dict[str, tuple[NDArray[np.float32], float]], grid: VoxelGrid,
         axes.label_outer()
         name = "phasor field (rsd)" if solver == "rsd" else solver
         axes.set_title(f"{name}, {took_s:.1f} s of one core")
-    # axes are shared: turned round twice they would be as before
-    panels[0, 0].xaxis.set_inverted(True)
     figure.colorbar(shown, ax=panels, label="amplitude / maximum", shrink=0.6)
     save(figure, path)
     shrink(path)

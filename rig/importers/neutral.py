@@ -11,6 +11,7 @@ The attribute ``time_origin`` says ``wall`` (rectified: t = 0 when the pulse is 
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -86,8 +87,11 @@ def read(source: Source, options: Options) -> Content:
         frame = WallFrame.amid(laser_m, detector_m, across=False)
     laser_m, detector_m = frame.bring(laser_m), frame.bring(detector_m)
     if delays is not None and not frame.still:
-        heads_m = (frame.bring(np.array(head)) for head in (delays.laser_head_m, delays.detector_head_m))
-        delays = PathDelays(*heads_m, delays.electronics_delay_s)
+        delays = replace(
+            delays,
+            laser_head_m=frame.bring(delays.laser_head_m),
+            detector_head_m=frame.bring(delays.detector_head_m),
+        )
     dataset = source.hdf5[name]
     return Content(
         laser_m=laser_m,

@@ -16,6 +16,12 @@ from rig.files.older import is_older, read_older_head
 from rig.files.picoquant import MAGIC_HISTOGRAMS, MAGIC_RECORDS, Head, read_head
 from rig.importers.matlab5 import Variables, open_variables
 
+#: How files begin that people also keep transients in, and what they are.
+_FOREIGN = {
+    b"\x93NUMPY": "an array of NumPy (.npy)",
+    b"PK\x03\x04": "an archive, as NumPy's .npz are",
+    b"\x80": "a pickle of Python's",
+}
 #: Words that a flag may hold, and how numbers are written that mean the same.
 _YES, _NO = {"true", "yes", "1", "1.0"}, {"false", "no", "0", "0.0"}
 
@@ -151,9 +157,8 @@ class Source:
     def _points(self, name: str, value: NDArray) -> NDArray[np.float64]:
         if value.dtype.kind not in "fiu" or not value.size or 3 not in {*value.shape[:1], *value.shape[-1:]}:
             raise DataFileError(
-                f"{self.path}: '{name}' has shape {value.shape} and type {value.dtype}; "
-                "points of three numbers "
-                "x, y, z are needed, on the last axis or the first"
+                f"{self.path}: '{name}' has shape {value.shape} and type {value.dtype}; points of three "
+                "numbers x, y, z are needed, on the last axis or the first"
             )
         return (value if value.shape[-1] == 3 else np.moveaxis(value, 0, -1)).reshape(-1, 3).astype(float)
 
@@ -239,10 +244,22 @@ def open_source(path: Path) -> Iterator[Source]:
         tags = read_older_head(path) if is_older(head) else read_head(path)
         yield Source(path, dict.fromkeys(tags.values), head=tags)
     else:
-        begins = f"it begins with {head[:12]!r}" if head else "it is empty"
         raise DataFileError(
-            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: {begins}; give one of these"
+            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: {_unlike(head)}; give one of "
+            "these, or write its arrays as neutral HDF5, for which docs/importing.md has a program"
         )
+
+
+def _unlike(head: bytes) -> str:
+    """Say what a file is instead, by how it begins."""
+    if not head:
+        return "it is empty"
+    for sign, what in _FOREIGN.items():
+        if head.startswith(sign):
+            return f"it is {what}"
+    if all(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head):
+        return "it is text, " + repr(head[:24].decode("ascii"))
+    return f"it begins with {head[:12]!r}"
 
 
 def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:

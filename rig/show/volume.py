@@ -65,7 +65,7 @@ def draw_front(
         Colour map and its range.
     """
     drawn = _draw(axes, image, x_m, y_m, colours, scale)
-    axes.invert_xaxis()
+    axes.xaxis.set_inverted(True)
     axes.set_xlabel(X_LABEL)
     axes.set_ylabel("y (m)")
     return drawn

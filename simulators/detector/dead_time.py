@@ -46,17 +46,17 @@ def in_order(
 def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
     """Sort by as many buckets as there are times, which are even in pulses, and by insertion within them."""
     count = len(times)
-    drawn, place = np.empty(count, np.int64), np.zeros(count + 2, np.int64)
+    place = np.zeros(count + 2, np.int32)
     per_pulse = count / pulses
     for i in range(count):
-        drawn[i] = int(moments[i] * pulses)
-        place[int(drawn[i] * per_pulse) + 2] += 1
+        place[int(int(moments[i] * pulses) * per_pulse) + 2] += 1
     for bucket in range(1, count + 2):
         place[bucket] += place[bucket - 1]
     pulse, time = np.empty(count, np.int64), np.empty(count)
     for i in range(count):
-        bucket = int(drawn[i] * per_pulse) + 1
-        pulse[place[bucket]], time[place[bucket]] = drawn[i], times[i]
+        drawn = int(moments[i] * pulses)
+        bucket = int(drawn * per_pulse) + 1
+        pulse[place[bucket]], time[place[bucket]] = drawn, times[i]
         place[bucket] += 1
     for i in range(1, count):
         p, t, j = pulse[i], time[i], i

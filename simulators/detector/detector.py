@@ -68,6 +68,10 @@ class Detector:
         """
         return gate.sensitivity(arrival_s, light, self.gate_edge_s, self.ringing)
 
+    def ever_sensitive(self, first_s: float, last_s: float, light: LightState) -> bool:
+        """Return whether any photon may be detected that arrives between two times after sync [s]."""
+        return gate.ever_open(first_s, last_s, light, self.gate_edge_s)
+
     def passes(
         self, arrival_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
     ) -> NDArray[np.bool_]:

@@ -76,6 +76,15 @@ def sensitivity(
     return shape * ringing.factor(into - full_s) if ringing.overshoot else shape
 
 
+def ever_open(first_s: float, last_s: float, light: LightState, edge_s: float) -> bool:
+    """Return whether any light that arrives between two times after sync [s] may be detected."""
+    if not light.sensitive or not gates(light):
+        return light.sensitive
+    into_s = (first_s - opening_s(light, edge_s)) % (1 / light.repetition_hz)
+    open_s = light.gate_width_s + edge_s * FULL_EDGE
+    return into_s < open_s or into_s + last_s - first_s > 1 / light.repetition_hz
+
+
 def passes(
     arrival_s: NDArray[np.float64],
     light: LightState,

@@ -159,33 +159,43 @@ def _path(first, point, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _random_paths(number, weights, corners, first, last, rng):  # type: ignore[no-untyped-def]
-    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each.
+def _random_patches(number, weights, rng):  # type: ignore[no-untyped-def]
+    """Choose patches (number,) in order, by merging sorted uniforms into the cumulative weight.
 
-    ``first`` is (1, 3) for all, or (number, 3).
+    Sums of n + 1 exponentials, divided by the last, are n sorted uniforms.
     """
-    paths, point = np.empty(number), np.empty(3)
-    spacing = np.empty(number + 1)  # sums of n + 1 exponentials, divided by the last, are n sorted uniforms
-    total = 0.0
+    level, cumulative = np.empty(number + 1), np.empty(len(weights))
+    reached, light = 0.0, 0.0
     for i in range(number + 1):
-        spacing[i] = rng.standard_exponential()
-        total += spacing[i]
-    light = 0.0
+        reached += rng.standard_exponential()
+        level[i] = reached
     for k in range(len(weights)):
         light += weights[k]
-    k, reached, passed = 0, 0.0, weights[0]
+        cumulative[k] = light
     for i in range(number):
-        reached += spacing[i]
-        level = reached / total * light
-        while passed < level:
-            k += 1
-            passed += weights[k]
+        level[i] = level[i] / reached * light
+    patch = np.empty(number, np.int64)
+    i, k = 0, 0
+    while i < number:  # one of both goes on at each turn: no branch that could be guessed wrongly
+        patch[i] = k
+        beyond = cumulative[k] < level[i]
+        k += beyond
+        i += not beyond
+    return patch
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _random_paths(number, weights, corners, first, last, rng):  # type: ignore[no-untyped-def]
+    """Choose patches, and a point on each; ``first`` is (1, 3) for all, or (number, 3)."""
+    patch, paths, point = _random_patches(number, weights, rng), np.empty(number), np.empty(3)
+    for i in range(number):
         b, c = rng.random(), rng.random()
-        if b + c > 1.0:  # fold the parallelogram onto the triangle
-            b, c = 1.0 - b, 1.0 - c
+        beside = b + c > 1.0  # fold the parallelogram onto the triangle
+        b, c = 1.0 - b if beside else b, 1.0 - c if beside else c
         a = 1.0 - b - c
+        corner = corners[patch[i]]
         for axis in range(3):
-            point[axis] = a * corners[k, 0, axis] + b * corners[k, 1, axis] + c * corners[k, 2, axis]
+            point[axis] = a * corner[0, axis] + b * corner[1, axis] + c * corner[2, axis]
         paths[i] = _path(first[min(i, len(first) - 1)], point, last)
     return paths
 

@@ -126,6 +126,13 @@ class Instrument:
         self.clear()
         self.restart_rates()
 
+    def warm_up(self) -> None:
+        """Count a few detections for nothing, so that what has to be compiled is before anybody waits."""
+        few = Detections(np.arange(9), np.zeros(9))
+        _, bins = self._timed(0, few, Syncs(0.0, 1.0, 1e6), 0)
+        self.memories[0].add(bins, self.settings.length)
+        self.clear()
+
     def clear(self) -> None:
         """Set the counts of all inputs to zero."""
         for memory in self.memories:
