@@ -50,7 +50,7 @@ class Onlookers:
     web
         Where a page shows it; None for nowhere.
     notify
-        What gets a message at the end; of the configuration that is here, never of a file.
+        Who gets a message at the end; of the configuration that is here, never of a file.
     """
 
     until: "Until | None" = None
