@@ -23,7 +23,7 @@ class LineShutter(ABC):
     opens_high
         Whether it is open at the line's high level.
     moving_time_s
-        Time to open or to close.
+        How long it takes to open or to close.
 
     Attributes
     ----------

@@ -142,7 +142,7 @@ class Shared:
         """
         if self.stored is None:
             raise RefusedError(
-                f"the workers do not all see {self.path} as it is here: put it where all see it "
+                f"the workers do not all see the same {self.path} as this computer: put it where all see it "
                 "under the same path, or leave --cluster out"
             )
         return self._added(problem, capture, self.stored)

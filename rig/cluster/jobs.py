@@ -158,9 +158,9 @@ def _check_form(option: Option, value: Any) -> None:
     }
     said = {
         "text": "must be text with a unit, in quotes",
-        "number": "is no number",
+        "number": "is not a number",
         "switch": "is neither true nor false",
-        "word": f"is none of {', '.join(option.words)}",
+        "word": f"is not one of {', '.join(option.words)}",
     }
     if wrong[option.form]:
         raise UsageError(f"{value!r} {said[option.form]}")

@@ -66,7 +66,7 @@ class Outcome:
     Attributes
     ----------
     text
-        All that the child wrote; None where it did not end in time.
+        All that the child wrote; None where it did not come to an end in time.
     code
         Its exit status, negative for a signal; None where it was ended from here.
     """

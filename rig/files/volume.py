@@ -86,7 +86,7 @@ def write_volume(path: str | Path, volume: Volume) -> None:
     DataFileError
         If the file cannot be written.
     ValueError
-        If the shapes of the volume are not consistent.
+        If the shapes of the volume do not fit together.
     """
     if problem := volume.problem():
         raise ValueError(problem)

@@ -32,7 +32,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the bin width or the wall's size was not given.
     DataFileError
-        If one of the three files is missing, or they are not consistent.
+        If one of the three files is missing, or they do not fit together.
     """
     signal = source.matlab_array("sub_Sig")
     lit, seen = _indices(source, "C_i"), _indices(source, "C_d")

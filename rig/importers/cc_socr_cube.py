@@ -38,7 +38,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the bin width was not given.
     DataFileError
-        If the two files are not consistent.
+        If the two files do not fit together.
     """
     signal = source.matlab_array("data")
     with open_source(_setup(source.path)) as setup:

@@ -36,7 +36,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the bin width is not in the file, and was not given.
     DataFileError
-        If arrays are not consistent.
+        If arrays do not fit together.
     """
     if source.has("transient", "gt_transient"):
         raise DataFileError(f"{source.path} holds both transient and gt_transient; keep only the right one")

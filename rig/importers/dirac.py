@@ -33,7 +33,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the file does not say whether its time includes the legs, and it was not given.
     DataFileError
-        If arrays are not consistent.
+        If arrays do not fit together.
     """
     assert source.hdf5 is not None
     da_m = source.numbers("da", -1)

@@ -39,7 +39,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the bin width was not given.
     DataFileError
-        If the files are not consistent.
+        If the files do not fit together.
     """
     signal = source.matlab_array("counts")
     peaks = [_peaks(source.path, name) for name in ("peak1", "peak2")]

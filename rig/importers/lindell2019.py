@@ -36,7 +36,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the bin width or the wall's size was not given, or there are no times of flight.
     DataFileError
-        If arrays are not consistent, or the wall is not flat and nothing says how deep it is.
+        If arrays do not fit together, or the wall is not flat and nothing says how deep it is.
     """
     nx, ny, bins = cube_shape(source, "meas")
     tof_path = _tof_path(source, options)

@@ -42,7 +42,7 @@ def read(source: Source, options: Options) -> Content:
     Raises
     ------
     DataFileError
-        If there is more than one detector, or arrays are not consistent.
+        If there is more than one detector, or arrays do not fit together.
     """
     assert source.hdf5 is not None
     (laser_m,), unmeasured = zeros_as_missing(_points(source, "laserPos"))

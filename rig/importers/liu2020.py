@@ -31,7 +31,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the file has no ``sampling_spacing``, and the wall's size was not given.
     DataFileError
-        If arrays are not consistent.
+        If arrays do not fit together.
     """
     rows, columns, bins = cube_shape(source, "rect_data")
     row, column = source.numbers("SPAD_index", 2)

@@ -54,7 +54,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If its time origin is neither, and was not given.
     DataFileError
-        If arrays are not consistent, or its time includes legs of which it does not tell.
+        If arrays do not fit together, or its time includes legs of which it does not tell.
     """
     assert source.hdf5 is not None
     if source.has("counts", "transient"):

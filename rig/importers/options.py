@@ -63,7 +63,7 @@ class Given(TypedDict, total=False):
     grid
         Columns and rows of the scan, where the file holds photons and markers alone.
     spacing_m
-        Distance between the spots of that grid.
+        From one spot of that grid to the next.
     order
         Axis along a line, then from line to line, e.g. ``x,-y``.
     snake

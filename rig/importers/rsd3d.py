@@ -28,7 +28,7 @@ def read(source: Source, options: Options) -> Content:
     Raises
     ------
     DataFileError
-        If arrays are not consistent, or there is more than one detector spot.
+        If arrays do not fit together, or there is more than one detector spot.
     """
     signal = source.matlab_array("total_rect_data")
     (lit_m,), unmeasured = zeros_as_missing(source.matlab_places("camera_pos"))

@@ -55,7 +55,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If the file does not say whether its time includes the legs, and it was not given.
     DataFileError
-        If ``H`` is in the frequency domain, or arrays are not consistent.
+        If ``H`` is in the frequency domain, or arrays do not fit together.
     """
     assert source.hdf5 is not None
     code = int(source.numbers("H_format", 1)[0])

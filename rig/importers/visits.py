@@ -100,7 +100,7 @@ def visits(head: Head, options: Options) -> Visits:
     UsageError
         If they are not known, and were not given.
     DataFileError
-        If those of the file, or of the other file, are not consistent.
+        If those of the file, or of the other file, do not fit together.
     """
     if LASER in head.values:
         return _own(head)

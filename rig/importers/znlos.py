@@ -47,7 +47,7 @@ def read(source: Source, options: Options) -> Content:
     UsageError
         If a bounce was asked for that the file does not have.
     DataFileError
-        If arrays are not consistent.
+        If arrays do not fit together.
     """
     assert source.hdf5 is not None
     shape = source.shapes["data"] or ()
@@ -112,7 +112,7 @@ def _is_reversed(source: Source, shape: tuple[int, ...]) -> bool:
     if len(fits) == 1:
         return fits[0]
     found = {name: source.shapes[name] for name in ("data", "cameraGridPositions", "laserGridPositions")}
-    why = "fit together in both orders of axes" if fits else "are not consistent"
+    why = "fit together in both orders of axes" if fits else "do not fit together"
     raise DataFileError(
         f"{source.path}: {', '.join(f'{name} {held}' for name, held in found.items())} {why}; "
         "(colour, t, bounce, sx, sy[, lx, ly]) and (3, x, y) are needed, or both reversed"

@@ -43,7 +43,7 @@ class Subject:
         How many there are.
     frames, frame_s, endless
         How often all positions are visited, how long that takes each time, as the plan has it, and whether
-        more frames are added until a person stops the scan.
+        more frames are added until somebody stops the scan.
     laser_m
         (P, 3) laser spot of each step of a frame.
     capture
@@ -145,7 +145,7 @@ class Seen:
     ended
         How the scan ended; None while it runs.
     lost
-        Whether the scanning program has ended without a word.
+        Whether the program that scans is gone without a word.
     picture, title
         The newest live image, None before the first, and what it is of.
     final
@@ -321,7 +321,7 @@ class LiveState:
             self._picture, self._title, self._final = picture, title, final
 
     def lose(self) -> None:
-        """Take that the scanning program has ended without a word."""
+        """Take that the program that scans is gone without a word."""
         with self._lock:
             self._lost = self._ended is None
 

@@ -27,7 +27,7 @@ Kind = TypeVar("Kind", bound=Calibration)
 
 @dataclass(frozen=True)
 class Calibrations:
-    """At most one calibration of each kind; where there is none, the configuration's values are used.
+    """At most one calibration of each kind; where there is none, the configuration's values hold.
 
     Attributes
     ----------

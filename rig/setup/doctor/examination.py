@@ -65,7 +65,7 @@ def examine(config: RigConfig, folder: Path) -> Examination:
     config
         The rig.
     folder
-        Folder where scans will be written. A small file is written there for a moment.
+        Where scans shall go. A small file is written there for a moment.
     """
     checks: dict[str, Callable[[], Iterable[Finding]]] = {
         "software": software.check,
