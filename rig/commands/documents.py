@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from rig.image.forecast import OnWorkers
 from rig.model.calibrations.kinds import KINDS
 
 #: What ``schema_version`` says.
@@ -148,16 +149,11 @@ class Presets(Document):
     """What each is, by its name."""
 
 
-class Imaged(Document):
-    """`rig recon`; beside these it has the parameters of the image, as the volume file keeps them."""
+class _Image(Document):
+    """An image; beside these keys it has its parameters, as a volume file keeps them."""
 
     model_config = ConfigDict(extra="allow")
 
-    volume: str
-    """The volume file."""
-    picture: str | None = None
-    video: str | None = None
-    page: str | None = None
     scan: str
     """The scan file that was imaged."""
     scan_digest: str
@@ -165,32 +161,30 @@ class Imaged(Document):
     positions: int
     voxels: tuple[int, int, int]
     """Along x, y and z."""
-    frames: int | None = None
-    """Moments of a video."""
     wavelength_reason: str | None = None
     """Why this wavelength."""
     warnings: list[str]
     took_s: float
 
 
-class Previewed(Imaged):
-    """`rig recon --preview`: a picture alone."""
+class Imaged(_Image):
+    """`rig recon`; beside these it has the parameters of the image, as the volume file keeps them."""
 
-    volume: None = None  # type: ignore[assignment]
-    scan_digest: str | None = None  # type: ignore[assignment]
+    volume: str
+    """The volume file."""
+    picture: str | None = None
+    video: str | None = None
+    page: str | None = None
+    frames: int | None = None
+    """Moments of a video."""
 
 
-class OnWorkers(Part):
-    """What an image takes in parts."""
+class Previewed(_Image):
+    """`rig recon --preview`: a picture alone; beside these it has the parameters of the image."""
 
-    workers: int
-    parts: int
-    memory_bytes: int
-    """What the largest part takes."""
-    traffic_bytes: int
-    """Spectra and fields that are sent."""
-    clock_s: float
-    """Estimated, with a core for each worker."""
+    picture: str
+    read_s: float
+    """How long the scan was read; 0 where what was read before was still there."""
 
 
 class Forecast(Document):

@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pydantic import ConfigDict
+
 import rig
 from recon.camera import ConfocalCamera
 from recon.effort import Effort, Speed, effort, speed
@@ -31,27 +33,19 @@ CLUSTER_S, CLUSTER_BYTES_PER_S = 4.0, 2e8
 
 @dataclass(frozen=True)
 class OnWorkers:
-    """An image in parts.
+    """What an image takes in parts; `rig.commands.documents` describes it by these words, too."""
 
-    Attributes
-    ----------
-    workers
-        How many, of one thread each.
-    parts
-        How many parts.
-    memory_bytes
-        What the largest takes.
-    traffic_bytes
-        Spectra and fields that are sent.
-    clock_s
-        Estimated time by the clock, with a core for each worker.
-    """
+    __pydantic_config__ = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     workers: int
+    """How many, of one thread each."""
     parts: int
     memory_bytes: int
+    """What the largest part takes."""
     traffic_bytes: int
+    """Spectra and fields that are sent."""
     clock_s: float
+    """Estimated, with a core for each worker."""
 
 
 @dataclass(frozen=True)
