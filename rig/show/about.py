@@ -352,10 +352,10 @@ def _instrument(head: Head) -> dict[str, str]:
         of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if width_s.size else ""
         return {"holds": f"{int(head.number('HistoResult_NumberOfCurves')):,} histograms (curves){of}"}
     t3 = int(head.number("TTResultFormat_TTTRRecType")) >> 8 & 0xFF == 3  # 0x00010304 is a HydraHarp's T3
-    bins = (
+    kind = (
         f"T3 records, bins of {show(head.number('MeasDesc_Resolution', 0), 's', 4)}" if t3 else "T2 records"
     )
-    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {bins}"}
+    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {kind}"}
 
 
 def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:
