@@ -56,7 +56,7 @@ def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
     room = np.empty(longest, np.int64), np.empty(longest), np.empty(longest + 2, np.int64)
     begin, long = 0, pulses / runs
     for run in range(runs):
-        _sort(pulse[begin : ends[run]], time[begin : ends[run]], run * long, long, period, room)
+        _sort(pulse, time, (begin, ends[run]), (run * long, long), period, room)
         begin = ends[run]
     return pulse, time
 
@@ -85,21 +85,25 @@ def _shared_out(times, moments, pulses, runs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _sort(pulse, time, first, pulses, period, room):  # type: ignore[no-untyped-def]
-    """Sort in place by as many buckets as there are events, and by insertion as they are put back."""
-    count, (in_pulse, in_time, place) = len(pulse), room
+def _sort(pulse, time, span, pulses, period, room):  # type: ignore[no-untyped-def]
+    """Sort a run by as many buckets as it has events, and by insertion as they are put back.
+
+    Late times of the run before, beyond their period, may come after early ones of this: those change places.
+    """
+    (begin, end), (first, long), (in_pulse, in_time, place) = span, pulses, room
+    count = end - begin
     place[: count + 2] = 0
-    scale = count / pulses
-    for i in range(count):
+    scale = count / long
+    for i in range(begin, end):
         place[min(int((pulse[i] - first) * scale), count - 1) + 2] += 1
     for bucket in range(1, count + 2):
         place[bucket] += place[bucket - 1]
-    for i in range(count):
+    for i in range(begin, end):
         bucket = min(int((pulse[i] - first) * scale), count - 1) + 1
         in_pulse[place[bucket]], in_time[place[bucket]] = pulse[i], time[i]
         place[bucket] += 1
     for i in range(count):
-        p, t, j = in_pulse[i], in_time[i], i
+        p, t, j = in_pulse[i], in_time[i], begin + i
         while j > 0 and (pulse[j - 1] - p) * period + time[j - 1] > t:
             pulse[j], time[j] = pulse[j - 1], time[j - 1]
             j -= 1
