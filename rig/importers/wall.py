@@ -78,12 +78,12 @@ class WallFrame:
             return cls(np.zeros(3), np.eye(3))
         up = np.array([0.0, 1.0, 0.0]) - z[1] * z
         if np.linalg.norm(up) < 0.1:
-            raise DataFileError("the relay wall is a floor or a ceiling, so that no direction on it is up")
+            raise DataFileError("the relay wall is a floor or a ceiling, so it has no upward direction")
         y = up / np.linalg.norm(up)
         return cls(middle_m, np.stack([np.cross(y, z), y, z]))
 
     @classmethod
-    def amid(cls, lit_m: NDArray, seen_m: NDArray) -> Self:
+    def amid(cls, lit_m: NDArray, seen_m: NDArray, *, across: bool = True) -> Self:
         """Find the shift that brings the origin amid the spots of a wall that faces z.
 
         It is for layouts whose axes are ours, but whose origin may be anywhere, mostly in a corner. The
@@ -95,13 +95,15 @@ class WallFrame:
         lit_m, seen_m
             (P, 3) spots of the laser, and (P, 3) or (1, 3) of the detector; NaN where there is none. Those of
             the laser count, or of the detector where the laser has one spot alone.
+        across
+            Whether the origin is shifted across the wall, too, and not along z alone.
         """
         spots_m = _there(lit_m)
         if not np.ptp(spots_m[:, :2], axis=0).any():
             spots_m = _there(seen_m)
         low_m, high_m = spots_m.min(axis=0), spots_m.max(axis=0)
         middle_m, near_m = (low_m + high_m) / 2, _AMID * (high_m - low_m)
-        across_in = (low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all()
+        across_in = not across or ((low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all())
         beside_m = _BESIDE * (high_m - low_m)[:2].max()
         z_in = low_m[2] - beside_m <= 0 <= high_m[2] + beside_m
         origin_m = np.array([*(np.zeros(2) if across_in else middle_m[:2]), 0.0 if z_in else middle_m[2]])
@@ -142,7 +144,7 @@ def _there(spots_m: NDArray) -> NDArray:
     there = np.isfinite(spots_m).all(axis=1)
     if not there.any():
         raise DataFileError(
-            f"none of the wall's {len(spots_m)} spots has a place: all are no finite numbers (NaN); the rays "
+            f"none of the wall's {len(spots_m)} spots has a place: none is a finite number (NaN); the rays "
             "missed the wall, or the places were not written"
         )
     return spots_m[there]
