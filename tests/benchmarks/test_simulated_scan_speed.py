@@ -51,7 +51,8 @@ def test_drawing_a_position(benchmark, exposure_s, number):
         floors_s.append(sum(map(floor_s, seen)))
         photons.append(sum(seen))
 
-    run()  # compiled
+    bench.warm_up()
+    run()
     benchmark.pedantic(run, rounds=3)
     best_s, least_s, mean = min(taken_s), min(floors_s), np.mean(photons) / number
     print(
