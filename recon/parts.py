@@ -217,8 +217,8 @@ class _Cutter:
         several, across = problem.frames + problem.slopes, whole.shape[1:]
         if way is None:
             return [Slab((len(whole.z_m), several, *across), ())]
-        path_m = replace(problem, grid=whole).path_m
-        problem = replace(problem, grid=whole, whole_path_m=path_m, fft=way.by_fft)
+        problem = replace(problem, grid=whole, fft=way.by_fft)
+        problem = replace(problem, whole_path_m=problem.path_m, whole_near_m=problem.near_m)
         found: list[Slab] = []
         in_depth, beside = self._least_traffic(problem, number, way)
         for planes_of in _shares(len(whole.z_m), in_depth):

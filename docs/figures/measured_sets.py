@@ -22,7 +22,8 @@ from small import shrink
 
 from recon.depth import compensate_falloff
 from rig.files.volume import Volume
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from rig.importers import import_scan
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.volume import draw_front, save
