@@ -215,7 +215,9 @@ def voxels(
         aperture = recognise(capture.laser_m)
     except GeometryError:
         return grid
-    return VoxelGrid(_snapped(grid.x_m, aperture.x), _snapped(grid.y_m, aperture.y), grid.z_m)
+    return VoxelGrid(
+        _snapped(grid.x_m, voxel_m, aperture.x), _snapped(grid.y_m, voxel_m, aperture.y), grid.z_m
+    )
 
 
 def _check_reach(capture: Capture, near_m: float, far_m: float) -> None:
@@ -240,14 +242,11 @@ def _on_the_lattice_m(capture: Capture, spacing_m: float) -> float:
     return max(1, floor(spacing_m / pitch_m + 1e-6)) * pitch_m
 
 
-def _snapped(voxels_m: NDArray[np.float64], wall: LatticeAxis) -> NDArray[np.float64]:
+def _snapped(voxels_m: NDArray[np.float64], pitch_m: float, wall: LatticeAxis) -> NDArray[np.float64]:
     """Move an axis onto the wall's lattice if its pitch is a whole number of the wall's."""
-    if len(voxels_m) > 1:
-        stride = (voxels_m[1] - voxels_m[0]) / wall.pitch_m
-        if round(stride) < 1 or abs(stride - round(stride)) * len(voxels_m) > 0.1:
-            return voxels_m
-    else:
-        stride = 1.0
+    stride = pitch_m / wall.pitch_m
+    if round(stride) < 1 or abs(stride - round(stride)) * len(voxels_m) > 0.1:
+        return voxels_m
     start = round((voxels_m[0] - wall.start_m) / wall.pitch_m)
     return wall.start_m + wall.pitch_m * (start + round(stride) * np.arange(len(voxels_m), dtype=np.float64))
 
@@ -258,13 +257,32 @@ def extent(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return spots_m.min(axis=0), spots_m.max(axis=0)
 
 
+def _on_one_line(capture: Capture) -> bool:
+    """Return whether the spots of the wall that is lit or seen are within a thousandth of a line."""
+    spots_m = np.vstack([capture.laser_m, capture.detector_m]) if capture.round_trip else capture.laser_m
+    spread = np.linalg.svd(np.unique(spots_m, axis=0) - spots_m.mean(axis=0), compute_uv=False)
+    return bool(spread[1:].max(initial=0.0) < 1e-3 * spread[0])
+
+
 def depths(capture: Capture) -> tuple[float, float]:
     """Choose the nearest and the farthest depth.
 
     Near: half a metre, or half the wall's width where that is less. Far: three metres, or half of the
     record's longest path.
+
+    Raises
+    ------
+    GeometryError
+        If all positions are one spot.
     """
     low, high = extent(capture)
+    if not (high - low).any():
+        raise GeometryError(
+            "capture",
+            "an image",
+            f"all {capture.positions:,} positions are one spot of the wall",
+            "Scan positions across the wall.",
+        )
     end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s
     far_m = min(FAR_M, end_s * C_M_PER_S / 2)
     near_m = min(NEAR_M, float((high - low)[:2].max()) / 2)
@@ -294,6 +312,11 @@ def warnings(
         )
     low, high = extent(capture)
     extent_m = float((high - low).max())
+    if extent_m and _on_one_line(capture):
+        found.append(
+            "all positions are on one line: all that is at the same distance from it looks alike, so that "
+            "depth and the direction across the line cannot be told apart; scan several lines"
+        )
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
     if response_fwhm_s and extent_m < MIN_WAVELENGTHS * passed_m:
         found.append(

@@ -202,11 +202,10 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
 def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.operator import SimulatedOperator
-    from rig.bench.simulated import simulated_instruments, timing_faults
+    from rig.bench.simulated import simulated_instruments
 
     bench, instruments = simulated_instruments(config, begin_s)
     bench.warm_up()
-    timing_faults(config).warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

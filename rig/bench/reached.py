@@ -53,7 +53,6 @@ def timing_at(address: str, harp: HarpConfig) -> Iterator[object]:
             bench = stack.enter_context(ServedBench(address))
         except OSError as problem:
             raise _not_reached(f"served bench at {address}", problem) from problem
-        bench.faults.timing.warm_up()
         faults = bench.faults
         simulator = HarpSimulator(
             bench, simulated_family(harp), timing=faults.timing, count_depth=faults.count_depth

@@ -185,6 +185,10 @@ def _print(found: "dict[str, Any]", levels: "Levels", state: "RigState", once: "
     from rig.commands.align_view import dark_in_words, peak_in_words, spot_in_words
     from rig.model.quantities import show
 
+    if not levels.live_time_s:
+        console.say("Nothing was measured: the light went out before an exposure began.")
+        return
+
     def rate(name: str) -> str:
         return "not known" if found[name] is None else show(found[name], "counts/s")
 

@@ -14,7 +14,8 @@ from rig.commands.results import Force, names, told_if_stopped
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rig.image.reconstruct import Elsewhere, Request
+    from rig.image.reconstruct import Elsewhere
+    from rig.image.request import Request
     from rig.image.result import Result
 
 
@@ -325,8 +326,7 @@ def _preview(
 def _say_what_it_takes(scan: Path, request: "Request", cluster: str | None, as_json: bool) -> None:
     """Print what imaging would take; refuse what would be refused."""
     from rig.commands import console
-    from rig.image.forecast import require_possible
-    from rig.image.reconstruct import forecasted
+    from rig.image.forecast import forecasted, require_possible
 
     found = forecasted(scan, request, _workers(cluster) if cluster else None)
     bounded = request.memory_bytes is not None
@@ -357,7 +357,7 @@ def _elsewhere(scan: Path, cluster: str | None, request: "Request") -> "Iterator
         return
     from rig.cluster.joined import joined, local_workers
     from rig.files.inspection import inspect
-    from rig.image.reconstruct import check_elsewhere
+    from rig.image.request import check_elsewhere
 
     local_workers(cluster)
     check_elsewhere(request)

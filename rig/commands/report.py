@@ -39,7 +39,7 @@ def report(
     from rig.commands import console
     from rig.files.scan import ScanFile
     from rig.files.volume import read_volume
-    from rig.image.reconstruct import picture
+    from rig.image.picture import picture
     from rig.model.quantities import show_bytes
     from rig.show.report import Imaged, save_report
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError
 from rig.files.inspection import CHUNK_BYTES
-from rig.files.trial import most_memory
+from rig.files.trial_child import most_memory
 
 try:
     from isal import isal_zlib as inflating  # unpacks in 0.4 of zlib's time

@@ -40,10 +40,12 @@ from rig.files.check import open_hdf5, plain
 from rig.files.journal import journal_of
 from rig.files.mend import keep_as_it_is
 from rig.files.volume import is_volume
+from rig.image.focus import settled
 from rig.image.low_pass import low_passed
 from rig.image.measures import measure
-from rig.image.reconstruct import Request, Work, chosen, settled
+from rig.image.request import Request
 from rig.image.truth import known_truth, true_depth
+from rig.image.work import Work, chosen
 from rig.importers import import_scan
 from rig.model.quantities import show, show_length
 from rig.show.compare import Column, comparison_figure

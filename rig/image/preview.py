@@ -23,10 +23,13 @@ from rig.files import kept
 from rig.files.journal import journal_of
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
+from rig.image.focus import still
 from rig.image.origin import origin
+from rig.image.picture import picture
 from rig.image.recalibrate import Seen, as_recorded
-from rig.image.reconstruct import Request, picture, planned, still, warnings_of
+from rig.image.request import Request
 from rig.image.result import Result
+from rig.image.work import planned, warnings_of
 from rig.model.quantities import show_length
 from rig.show.volume import save
 

@@ -1,15 +1,21 @@
 """What an importer finds in a file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
+from rig.files.blocks import read, spans
+from rig.files.check import reading
 from rig.importers.wall import WallFrame
 from rig.model.delays import PathDelays
+
+#: Bytes of a dataset read at once.
+_BLOCK_BYTES = 2**24
 
 
 @dataclass(frozen=True)
@@ -68,30 +74,47 @@ class Content:
 def as_counts(array: NDArray) -> NDArray:
     """Return photon numbers as unsigned integers, and everything else as float32.
 
-    MATLAB keeps counts as double: whole numbers that are not negative are taken as counts.
+    Many programs keep counts as signed integers or floating point: whole numbers that are not negative are
+    taken as counts.
     """
     if array.dtype.kind == "u":
         return array
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused when it is written
-        whole = array.dtype.kind in "ib" or bool((np.mod(array, 1) == 0).all())
-        if whole and array.min() >= 0 and array.max() < 2**32:
-            return array.astype(np.uint32)
-        return array.astype(np.float32)
+        return array.astype(np.uint32 if _are_counts(array) else np.float32)
 
 
 def stored_dtype(dataset: h5py.Dataset) -> np.dtype:
-    """Return the type in which a dataset's values go into the scan file.
+    """Return the type in which a dataset's values go into the scan file: `as_counts`, of a dataset.
+
+    What is no unsigned integer is read until a value is none, as that decides it.
 
     Raises
     ------
     DataFileError
-        If it does not hold real numbers.
+        If it does not hold real numbers, or is damaged.
     """
+    path = Path(dataset.file.filename)
     if dataset.dtype.kind not in "uif":
-        raise DataFileError(
-            f"{dataset.file.filename}: {dataset.name} has type {dataset.dtype}, not real numbers"
-        )
-    return dataset.dtype.newbyteorder("<") if dataset.dtype.kind == "u" else np.dtype("<f4")
+        raise DataFileError(f"{path}: {dataset.name} has type {dataset.dtype}, not real numbers")
+    if dataset.dtype.kind == "u":
+        return dataset.dtype.newbyteorder("<")
+    with reading(path):
+        return np.dtype("<u4" if all(map(_are_counts, _parts(dataset))) else "<f4")
+
+
+def _parts(dataset: h5py.Dataset) -> Iterator[NDArray]:
+    """Yield a dataset in parts: of chunks one at a time, as each has to be unpacked whole."""
+    if not dataset.size:
+        return
+    for some in dataset.iter_chunks() if dataset.chunks else spans(dataset, 0, _BLOCK_BYTES):
+        yield read(dataset, *(some if isinstance(some, tuple) else (some,)))
+
+
+def _are_counts(array: NDArray) -> bool:
+    """Return whether all are whole numbers that are not negative and fit 32 bits."""
+    with np.errstate(invalid="ignore"):
+        whole = array.dtype.kind in "ib" or bool((np.trunc(array) == array).all())
+    return whole and bool(array.min() >= 0 and float(array.max()) < 2**32)
 
 
 def square_grid(nx: int, ny: int, size_m: float, y_down: bool) -> NDArray[np.float64]:

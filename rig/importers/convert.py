@@ -42,6 +42,7 @@ from rig.importers.estimated import completed, in_words
 from rig.importers.held import hold_against
 from rig.importers.options import Given, Options
 from rig.importers.places import with_places
+from rig.importers.plausible import plausible
 from rig.importers.recognise import recognise
 from rig.importers.source import open_source
 
@@ -124,7 +125,7 @@ def import_scan(
         found = completed(partial(layout.read, opened), given, estimate, source)
         options = Options(**found.given)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)
-        content = found.applied(with_places(content, source))
+        content = plausible(found.applied(with_places(content, source)), source)
         if content.frame is not None:
             content = replace(content, assumed=(*content.assumed, content.frame.in_words()))
         _write(source, target, layout.NAME, content, found.estimates)
@@ -168,9 +169,12 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
 
 
 def _rows(source: Path, content: Content) -> Iterator[NDArray]:
-    for given in content.blocks:
-        with np.errstate(over="ignore"):
-            block = given.astype(content.dtype, copy=False)
-        if block.dtype.kind == "f" and not np.isfinite(block).all():
-            raise DataFileError(f"{source} holds a value that is not a finite number; it cannot be imaged")
-        yield from block.reshape(-1, content.pixels, content.bins) if content.pixels else block
+    for block in content.blocks:
+        for row in block.reshape(-1, content.pixels, content.bins) if content.pixels else block:
+            with np.errstate(over="ignore"):
+                row = row.astype(content.dtype, copy=False)
+            if row.dtype.kind == "f" and not np.isfinite(row).all():
+                raise DataFileError(
+                    f"{source} holds a value that is not a finite number; it cannot be imaged"
+                )
+            yield row

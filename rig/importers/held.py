@@ -41,7 +41,7 @@ def hold_against(content: Content, options: Options, path: Path, layout: str) ->
 
 
 def _faded(content: Content, given_s: float | None, path: Path) -> Content:
-    last_s = content.first_bin_s + content.bins * content.bin_width_s - _least_delay_s(content)
+    last_s = content.first_bin_s + content.bins * content.bin_width_s - least_delay_s(content)
     if given_s is None:
         if content.fade_from_s is None or content.fade_from_s < last_s:
             return content
@@ -61,7 +61,7 @@ def _faded(content: Content, given_s: float | None, path: Path) -> Content:
     return replace(content, fade_from_s=given_s, assumed=(*content.assumed, told))
 
 
-def _least_delay_s(content: Content) -> float:
+def least_delay_s(content: Content) -> float:
     """Return the least that is subtracted from a position's time; 0 where nothing is."""
     delay_s = np.zeros(1)
     if content.delay_s is not None:

@@ -11,6 +11,7 @@ The attribute ``time_origin`` says ``wall`` (rectified: t = 0 when the pulse is 
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -25,6 +26,7 @@ from rig.importers.flight import given_flights
 from rig.importers.options import Options
 from rig.importers.places import zeros_as_missing
 from rig.importers.source import Source
+from rig.importers.wall import WallFrame, named
 from rig.model.delays import PathDelays
 
 NAME = "neutral HDF5"
@@ -70,28 +72,40 @@ def read(source: Source, options: Options) -> Content:
         (laser_m,), unmeasured = zeros_as_missing(laser_m)
     else:
         (laser_m, detector_m), unmeasured = zeros_as_missing(laser_m, detector_m)
-    bin_width_s = source.attribute("bin_width_s", (time_s[-1] - time_s[0]) / max(1, len(time_s) - 1))
+    bin_width_s = source.attribute_number(
+        "bin_width_s", float(time_s[-1] - time_s[0]) / max(1, len(time_s) - 1)
+    )
     # a thousandth of a bin: far above rounding, far below what an image shows
     even = np.abs(time_s - time_s[0] - np.arange(len(time_s)) * bin_width_s) < 1e-3 * bin_width_s * len(
         time_s
     )
     if not bin_width_s > 0 or not even.all():
         raise DataFileError(f"{source.path}: time_s is not evenly spaced by bin_width_s = {bin_width_s:g} s")
-    gate_start_s = float(source.attribute("gate_start_s", 0.0))
+    gate_start_s = source.attribute_number("gate_start_s", 0.0)
     delays, delay_s, assumed = _legs(source, options, len(laser_m))
+    with named(source.path):
+        frame = WallFrame.amid(laser_m, detector_m, across=False)
+    laser_m, detector_m = frame.bring(laser_m), frame.bring(detector_m)
+    if delays is not None and not frame.still:
+        delays = replace(
+            delays,
+            laser_head_m=frame.bring(delays.laser_head_m),
+            detector_head_m=frame.bring(delays.detector_head_m),
+        )
     dataset = source.hdf5[name]
     return Content(
         laser_m=laser_m,
         detector_m=detector_m,
         bins=len(time_s),
-        bin_width_s=float(bin_width_s),
+        bin_width_s=bin_width_s,
         first_bin_s=float(time_s[0] - bin_width_s / 2),
         dtype=stored_dtype(dataset),
         blocks=_blocks(source, dataset),
         fade_from_s=gate_start_s if gate_start_s > 0 else None,
-        simulated=bool(source.attribute("simulated", False)),
+        simulated=bool(source.attribute_flag("simulated")),
         delays=delays,
         delay_s=delay_s,
+        frame=None if frame.still else frame,
         assumed=(*assumed, *unmeasured, *_contradictions(source, laser_m, detector_m)),
     )
 
@@ -115,19 +129,19 @@ def _legs(
             "but nothing says how long that is: add delay_s (positions,), or the attributes laser_head_m and "
             "detector_head_m [m], or give --tof, or subtract it from time_s and set time_origin to wall"
         )
-    electronics_s = float(source.attribute("electronics_delay_s", 0.0))
+    electronics_s = source.attribute_number("electronics_delay_s", 0.0)
     return PathDelays(heads_m[0], heads_m[1], electronics_s), None, assumed
 
 
 def _contradictions(source: Source, laser_m: NDArray, detector_m: NDArray) -> list[str]:
     """Return where the attribute confocal is not what the places say, in words."""
-    said = source.attribute("confocal")
+    said = source.attribute_flag("confocal")
     confocal = detector_m.shape == laser_m.shape and np.allclose(
         detector_m, laser_m, atol=1e-4, equal_nan=True
     )
-    if said is None or bool(said) == confocal:
+    if said is None or said == confocal:
         return []
-    return [f"its attribute confocal is {bool(said)}, but its places say otherwise, and those count"]
+    return [f"its attribute confocal is {said}, but its places say otherwise, and those count"]
 
 
 def _time_origin(source: Source, options: Options) -> tuple[str, tuple[str, ...]]:

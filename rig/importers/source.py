@@ -16,6 +16,15 @@ from rig.files.older import is_older, read_older_head
 from rig.files.picoquant import MAGIC_HISTOGRAMS, MAGIC_RECORDS, Head, read_head
 from rig.importers.matlab5 import Variables, open_variables
 
+#: How files begin that people also keep transients in, and what they are.
+_FOREIGN = {
+    b"\x93NUMPY": "an array of NumPy (.npy)",
+    b"PK\x03\x04": "an archive, as NumPy's .npz are",
+    b"\x80": "a pickle of Python's",
+}
+#: Words that a flag may hold, and how numbers are written that mean the same.
+_YES, _NO = {"true", "yes", "1", "1.0"}, {"false", "no", "0", "0.0"}
+
 
 class Source:
     """An HDF5 file (MATLAB v7.3 is one), a MATLAB v5 file, or a file of PicoQuant's.
@@ -111,31 +120,6 @@ class Source:
         DataFileError
             If it is missing, not numeric, not finite, or of another shape.
         """
-        return self._float64(name, shape, finite=True)
-
-    def places(self, name: str) -> NDArray[np.float64]:
-        """Return an array (..., 3) of points as (n, 3); NaN where a point has no place.
-
-        Raises
-        ------
-        DataFileError
-            If it is missing, not numeric, or of another shape.
-        """
-        return self._float64(name, (-1, 3), finite=False)
-
-    def matlab_places(self, name: str) -> NDArray[np.float64]:
-        """Return a MATLAB array (..., 3) of points as (n, 3), whichever version the file has.
-
-        Raises as `places`.
-        """
-        if self.matlab5 or self.matlab_shape(name)[-1:] != (3,):
-            return self.places(name)
-        value = self.matlab_array(name)
-        if value.dtype.kind not in "fiu":
-            raise DataFileError(f"{self.path}: '{name}' has type {value.dtype}, not real numbers")
-        return value.reshape(-1, 3).astype(float)
-
-    def _float64(self, name: str, shape: tuple[int, ...], finite: bool) -> NDArray[np.float64]:
         value = np.asarray(self.read(name))
         fits = value.dtype.kind in "fiub" and value.size > 0
         if fits:
@@ -144,12 +128,39 @@ class Source:
                 value = value.reshape(shape)
             except ValueError:
                 fits = False
-        if not fits or (finite and not np.isfinite(value).all()):
+        if not fits or not np.isfinite(value).all():
             raise DataFileError(
                 f"{self.path}: '{name}' has shape {np.shape(value)} and type {value.dtype}; "
-                f"{'finite ' if finite else ''}numbers of shape {shape} are needed"
+                f"finite numbers of shape {shape} are needed"
             )
         return value
+
+    def places(self, name: str) -> NDArray[np.float64]:
+        """Return an array (..., 3) or (3, ...) of points as (n, 3); NaN where a point has no place.
+
+        Where both the first and the last axis have three entries, the last one holds the coordinates.
+
+        Raises
+        ------
+        DataFileError
+            If it is missing, not numeric, or of another shape.
+        """
+        return self._points(name, np.asarray(self.read(name)))
+
+    def matlab_places(self, name: str) -> NDArray[np.float64]:
+        """Return a MATLAB array (..., 3) or (3, ...) of points as (n, 3), whichever version the file has.
+
+        Raises as `places`.
+        """
+        return self._points(name, self.matlab_array(name))
+
+    def _points(self, name: str, value: NDArray) -> NDArray[np.float64]:
+        if value.dtype.kind not in "fiu" or not value.size or 3 not in {*value.shape[:1], *value.shape[-1:]}:
+            raise DataFileError(
+                f"{self.path}: '{name}' has shape {value.shape} and type {value.dtype}; points of three "
+                "numbers x, y, z are needed, on the last axis or the first"
+            )
+        return (value if value.shape[-1] == 3 else np.moveaxis(value, 0, -1)).reshape(-1, 3).astype(float)
 
     def attribute(self, name: str, default: Any = None) -> Any:
         """Return a root attribute of an HDF5 file as a Python value."""
@@ -175,6 +186,31 @@ class Source:
                 f"{self.path}: attribute '{name}' is {value}; {size} finite numbers are needed"
             )
         return value.astype(float).reshape(size)
+
+    def attribute_number(self, name: str, default: float) -> float:
+        """Return a root attribute of an HDF5 file as a number; ``default`` where there is none.
+
+        Raises
+        ------
+        DataFileError
+            If it is not one finite number.
+        """
+        value = self.attribute_numbers(name, 1)
+        return default if value is None else float(value[0])
+
+    def attribute_flag(self, name: str) -> bool | None:
+        """Return a root attribute of an HDF5 file as yes or no; None where there is none.
+
+        Raises
+        ------
+        DataFileError
+            If it is neither a number nor a word that says yes or no.
+        """
+        value = self.attribute(name)
+        word = str(value).strip().lower()
+        if value is None or word in _NO | _YES:
+            return None if value is None else word in _YES
+        raise DataFileError(f"{self.path}: attribute '{name}' is {value!r}; true or false is needed")
 
     def contents(self, named: int = 100) -> str:
         """Return what it holds, in words: as many names, and how many more there are."""
@@ -208,10 +244,22 @@ def open_source(path: Path) -> Iterator[Source]:
         tags = read_older_head(path) if is_older(head) else read_head(path)
         yield Source(path, dict.fromkeys(tags.values), head=tags)
     else:
-        begins = f"it begins with {head[:12]!r}" if head else "it is empty"
         raise DataFileError(
-            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: {begins}; give one of these"
+            f"{path} is neither HDF5, nor MATLAB, nor a file of PicoQuant's: {_unlike(head)}; give one of "
+            "these, or write its arrays as neutral HDF5, for which docs/importing.md has a program"
         )
+
+
+def _unlike(head: bytes) -> str:
+    """Say what a file is instead, by how it begins."""
+    if not head:
+        return "it is empty"
+    for sign, what in _FOREIGN.items():
+        if head.startswith(sign):
+            return f"it is {what}"
+    if all(byte in b"\t\r\n" or 32 <= byte < 127 for byte in head):
+        return "it is text, " + repr(head[:24].decode("ascii"))
+    return f"it begins with {head[:12]!r}"
 
 
 def _members(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, tuple[int, ...] | None]]:

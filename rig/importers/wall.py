@@ -83,7 +83,7 @@ class WallFrame:
         return cls(middle_m, np.stack([np.cross(y, z), y, z]))
 
     @classmethod
-    def amid(cls, lit_m: NDArray, seen_m: NDArray) -> Self:
+    def amid(cls, lit_m: NDArray, seen_m: NDArray, *, across: bool = True) -> Self:
         """Find the shift that brings the origin amid the spots of a wall that faces z.
 
         It is for layouts whose axes are ours, but whose origin may be anywhere, mostly in a corner. The
@@ -95,13 +95,15 @@ class WallFrame:
         lit_m, seen_m
             (P, 3) spots of the laser, and (P, 3) or (1, 3) of the detector; NaN where there is none. Those of
             the laser count, or of the detector where the laser has one spot alone.
+        across
+            Whether the origin is shifted across the wall, too, and not along z alone.
         """
         spots_m = _there(lit_m)
         if not np.ptp(spots_m[:, :2], axis=0).any():
             spots_m = _there(seen_m)
         low_m, high_m = spots_m.min(axis=0), spots_m.max(axis=0)
         middle_m, near_m = (low_m + high_m) / 2, _AMID * (high_m - low_m)
-        across_in = (low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all()
+        across_in = not across or ((low_m + near_m <= 0)[:2].all() and (high_m - near_m >= 0)[:2].all())
         beside_m = _BESIDE * (high_m - low_m)[:2].max()
         z_in = low_m[2] - beside_m <= 0 <= high_m[2] + beside_m
         origin_m = np.array([*(np.zeros(2) if across_in else middle_m[:2]), 0.0 if z_in else middle_m[2]])

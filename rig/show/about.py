@@ -16,7 +16,7 @@ from rig.errors import DataFileError, in_shell, no_file, printable
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.journal import journal_of
 from rig.files.outline import ScanOutline
-from rig.files.picoquant import STEPS, Head
+from rig.files.picoquant import MAGIC_HISTOGRAMS, STEPS, Head
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
 from rig.files.volume import outline_volume
@@ -238,19 +238,23 @@ def with_units(values: Mapping[str, Any]) -> dict[str, str]:
     told = {}
     for name, value in values.items():
         stem, _, symbol = name.rpartition("_")
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if number and stem and symbol in _UNITS:
-            label, text = stem, _UNITS[symbol](value)
-        elif isinstance(value, list):
-            label, text = name, "; ".join(map(str, value))
+        numbers = value if isinstance(value, list) else [value]
+        if stem and symbol in _UNITS and all(map(_is_number, numbers)):
+            label, text = stem, "; ".join(map(_UNITS[symbol], numbers))
         else:
-            label, text = name, _plainly(value)
+            label, text = name, "; ".join(map(_plainly, numbers))
         told[label.replace("_", " ")] = text
     return told
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _plainly(value: Any) -> str:
-    """Write a value: numbers without the digits that floating point adds."""
+    """Write a value: numbers without the digits that floating point adds, tables with the units of names."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{label} {text}" for label, text in with_units(value).items())
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -334,8 +338,24 @@ def _foreign(path: Path) -> About:
         facts, told = _records(path, head)
         document |= {"kind": "records", **told}
     else:
+        facts |= {} if head is None else _instrument(head)
         facts["next"] = "rig import turns it into a scan file; docs/importing.md says what it may lack"
     return About({**facts, "sha256": digest}, document)
+
+
+def _instrument(head: Head) -> dict[str, str]:
+    """Return what a head of PicoQuant's says of its curves or its records, in words."""
+    if head.magic == MAGIC_HISTOGRAMS:
+        width_s, bins = (
+            head.numbers(f"HistResDscr_{name}")[:1] for name in ("MDescResolution", "HistogramBins")
+        )
+        of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if width_s.size else ""
+        return {"holds": f"{int(head.number('HistoResult_NumberOfCurves')):,} histograms (curves){of}"}
+    t3 = int(head.number("TTResultFormat_TTTRRecType")) >> 8 & 0xFF == 3  # 0x00010304 is a HydraHarp's T3
+    bins = (
+        f"T3 records, bins of {show(head.number('MeasDesc_Resolution', 0), 's', 4)}" if t3 else "T2 records"
+    )
+    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {bins}"}
 
 
 def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:

@@ -82,6 +82,8 @@ def test_what_is_wrong_is_said_as_at_the_command_line(letters):
             scan.image(solver="mine")
         with pytest.raises(UsageError, match="nan is not a length"):
             scan.image(wavelength=float("nan"))
+        with pytest.raises(TypeError, match="no option wavelenght"):
+            scan.image(wavelenght=0.3)
         with pytest.raises(IndexError):
             scan.histogram(len(scan))
 

@@ -5,7 +5,7 @@ import pytest
 
 from recon import defaults
 from recon.capture import ArrayHistograms, Capture
-from recon.errors import ParameterError
+from recon.errors import GeometryError, ParameterError
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from support.hidden_points import wall
@@ -41,6 +41,29 @@ def test_a_rendering_is_limited_by_its_positions_alone():
     assert "23,400 positions 1 cm apart" in defaults.wavelength(PAPER, rendered=True).reason
     # a response that is known is there, noise or not
     assert defaults.wavelength(PAPER, 65e-12, rendered=True).value == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("towards", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.8, 0.0)])
+def test_positions_on_one_line_are_warned_about(towards):
+    line = capture(np.linspace(-0.5, 0.5, 30)[:, None] * np.array(towards), True)
+    pulse = VirtualPulse(0.1)
+    grid = VoxelGrid.from_spec(1.0, 1.0, 0.1, (0.5, 1.0, 0.1))
+    assert any("on one line" in one for one in defaults.warnings(line, pulse, grid))
+    assert not any("on one line" in one for one in defaults.warnings(PAPER, pulse, grid))
+
+
+@pytest.mark.parametrize("positions", [1, 3])
+def test_one_spot_makes_no_image(positions):
+    with pytest.raises(GeometryError, match="are one spot of the wall"):
+        defaults.depths(capture(np.zeros((positions, 3))))
+
+
+def test_one_voxel_stays_where_it_was_asked_for():
+    """It is smaller than the wall's spacing: on the lattice it would be half a spacing away."""
+    grid = defaults.voxels(
+        capture(wall(24, 24, 0.04)), VirtualPulse(0.1), width_m=0.01, height_m=0.01, voxel_m=0.01
+    )
+    np.testing.assert_allclose([*grid.x_m, *grid.y_m], 0.0, atol=1e-12)
 
 
 def test_the_finer_aperture_decides():

@@ -15,7 +15,7 @@ from drivers.errors import DeviceError
 from rig.acquire.acquisition import Watch
 from rig.acquire.alignment import align_on, circle, lap, laps
 from rig.acquire.connect import devices_on
-from rig.acquire.events import Ended, LightChanged, Ready, StepDone
+from rig.acquire.events import Ended, LightChanged, Ready, StepCut, StepDone
 from rig.errors import DoubtError, UsageError
 from rig.model.config import load
 from rig.model.plan import Step
@@ -225,3 +225,11 @@ def test_ctrl_c_is_the_usual_end_at_a_real_wire(tmp_path):
             assert lit.wait(PATIENCE_S) == 0
             assert "Ended as asked: stopped by the operator" in lit.stderr.read()
         assert bench.values("detector bias")[-1] == "0"
+
+
+def test_an_exposure_that_was_cut_counts():
+    """Who ends a long exposure, perhaps the only one, sees what it gave."""
+    levels, counts = Levels(1), np.full((1, 8), 25, np.uint32)
+    levels.names = ("one",)
+    levels(StepCut(Step(0, SPOT, 10.0, 0, True), SimpleNamespace(counts=counts, live_time_s=2.0)))
+    assert (levels.photons, levels.live_time_s, levels.now_hz, levels.best_hz) == (200, 2.0, 100.0, 100.0)

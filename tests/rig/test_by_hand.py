@@ -344,7 +344,7 @@ def test_a_delayer_that_cannot_follow_the_laser_is_refused_before_anything_is_op
     Path("rig.toml").write_text('[delayer]\nkind = "dg645"\n' + SIMULATION)
     done = rig("scan", "--config", "rig.toml", "--dry-run")
     assert done.code == 4
-    assert "has to end within 0 ns at 10 MHz" in done.err
+    assert "must end within 0 ns at 10 MHz" in done.err
 
 
 def test_without_anybody_there_a_real_rig_refuses(monkeypatch):

@@ -13,7 +13,9 @@ from recon.sampling import CONFOCAL
 from rig.errors import RefusedError
 from rig.files import ScanFile
 from rig.image import forecast
-from rig.image.reconstruct import Request, chosen, forecasted
+from rig.image.forecast import forecasted
+from rig.image.request import Request
+from rig.image.work import chosen
 from support.point_scans import write_point_scan
 
 REQUEST = Request(wavelength_m=0.08, depth_m=(0.5, 0.9, 0.02))

@@ -79,6 +79,103 @@ def test_a_neutral_file_that_does_not_fit_is_refused(tmp_path, changes, said):
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
+@pytest.mark.parametrize("kind", [">u2", "i8", "f8", "f2", "i1"])
+def test_whole_numbers_are_photons_however_they_are_stored(tmp_path, kind):
+    counts = np.random.default_rng(3).poisson(1.0, (300, 30))
+    neutral(tmp_path / "a.h5", counts=counts.astype(kind))
+    import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+    with ScanFile(tmp_path / "b.h5") as scan:
+        assert not scan.expectation
+    np.testing.assert_array_equal(load(tmp_path / "b.h5")[1], counts)
+
+
+@pytest.mark.parametrize("last", [-1.0, 0.5, 2.0**33])
+def test_one_value_that_is_no_number_of_photons_makes_a_signal(tmp_path, last):
+    counts = np.random.default_rng(3).poisson(1.0, (300, 30)).astype("f8")
+    counts[-1, -1] = last
+    neutral(tmp_path / "a.h5", counts=counts)
+    import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+    with ScanFile(tmp_path / "b.h5") as scan:
+        assert scan.expectation
+    assert load(tmp_path / "b.h5")[1][-1, -1] == last
+
+
+def test_points_are_found_along_either_axis(tmp_path):
+    places_m = np.random.default_rng(2).normal(size=(300, 3))
+    for number, turned in enumerate([places_m, places_m.T, places_m.T.reshape(3, 15, 20)]):
+        neutral(tmp_path / f"{number}.h5", laser_position_m=turned, detector_position_m=np.zeros(3))
+        import_scan(tmp_path / f"{number}.h5", tmp_path / f"{number}-scan.h5")
+        np.testing.assert_array_equal(load(tmp_path / f"{number}-scan.h5")[0].laser_m, places_m)
+
+
+@pytest.mark.parametrize("shape", [(300, 2), (900,), (150, 6)])
+def test_points_without_three_coordinates_are_refused(tmp_path, shape):
+    neutral(tmp_path / "a.h5", laser_position_m=np.ones(shape))
+    with pytest.raises(DataFileError, match=r"'laser_position_m' has shape .* three numbers x, y, z"):
+        import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"time_s": 1e9 * (5e-9 + 16e-12 * np.arange(30))}, "wide, which no photon counter has"),
+        ({"laser_position_m": 1e3 * np.random.default_rng(6).normal(size=(300, 3))}, "its spots span"),
+    ],
+)
+def test_another_unit_than_the_layouts_is_refused(tmp_path, changes, said):
+    neutral(tmp_path / "a.h5", **changes)
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["bin_width_s"] = file["time_s"][1] - file["time_s"][0]
+    with pytest.raises(DataFileError, match=said):
+        import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+
+
+def test_a_wall_that_is_wide_for_its_record_is_told_of(tmp_path):
+    neutral(tmp_path / "a.h5", laser_position_m=5 * np.random.default_rng(6).normal(size=(300, 3)))
+    assert "its spots span" in " ".join(import_scan(tmp_path / "a.h5", tmp_path / "b.h5").assumed)
+
+
+def test_a_neutral_wall_beside_z_0_is_moved_there_with_its_heads(tmp_path):
+    wrote = neutral(tmp_path / "a.h5", detector_position_m=np.array([[0.0, 0.0, 20.0]]))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["laser_position_m"][...] += [0, 0, 20]
+        file.attrs.update(time_origin="laser", laser_head_m=[0, 0, 21.0], detector_head_m=[1, 0, 21.0])
+    report = import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+    assert any("the origin was moved to" in line for line in report.assumed)
+    z_m = wrote["laser_position_m"][:, 2]
+    moved_m = 20 + (z_m.min() + z_m.max()) / 2
+    with ScanFile(tmp_path / "b.h5") as scan:
+        np.testing.assert_allclose(scan.laser_m[:, 2], z_m + 20 - moved_m, atol=1e-12)
+        assert scan.delays.laser_head_m[2] == pytest.approx(21 - moved_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("bin_width_s", "16 ps"),
+        ("gate_start_s", np.nan),
+        ("simulated", "perhaps"),
+        ("bin_width_s", [1.0, 2.0]),
+    ],
+)
+def test_an_attribute_of_another_type_is_named(tmp_path, name, value):
+    neutral(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs[name] = value
+    with pytest.raises(DataFileError, match=f"attribute '{name}' is .* needed"):
+        import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+
+
+@pytest.mark.parametrize(("word", "meant"), [("no", False), ("False", False), ("true", True), (1.0, True)])
+def test_a_flag_may_be_a_word(tmp_path, word, meant):
+    neutral(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["simulated"] = word
+    import_scan(tmp_path / "a.h5", tmp_path / "b.h5")
+    with ScanFile(tmp_path / "b.h5") as scan:
+        assert scan.simulated is meant
+
+
 @pytest.mark.parametrize(
     "name", ["ahn_2019", "phasor_figure4_nonconfocal", "rendered_letters_g32", "xiao18m_L"]
 )

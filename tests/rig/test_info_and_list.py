@@ -16,6 +16,8 @@ from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
+from support.older_picoquant_files import thd
+from support.picoquant_files import ptu, records_of, scan_events
 
 CONFIG = built_in_with(
     {"scan": {"columns": 6, "rows": 4, "spacing": "10cm", "skip": "0cm"}, "notes": {"purpose": "a first try"}}
@@ -99,7 +101,8 @@ def test_an_outline_says_of_a_killed_scan_what_its_file_says_when_read_in_full(t
 
 def a_volume(scan, digest=""):
     axes = np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 4), np.linspace(0.5, 1, 3)
-    more = {"parameters": {"solver": "rsd", "wavelength_m": 0.04}, "scan": scan, "scan_digest": digest}
+    parameters = {"solver": "rsd", "wavelength_m": 0.04, "origin": {"positions": 20, "wall_m": [-0.5, 0.5]}}
+    more = {"parameters": parameters, "scan": scan, "scan_digest": digest}
     return Volume(np.random.default_rng(1).random((3, 4, 5), "f4"), *axes, **more)
 
 
@@ -112,6 +115,7 @@ def test_a_volume_is_told_and_whether_its_scan_is_beside_it(rig):
     assert found["parameters"]["wavelength_m"] == 0.04
     assert "a.h5, beside it" in rig("info", "a-volume.h5").out
     assert "wavelength  4 cm" in rig("info", "a-volume.h5").out
+    assert "positions 20, wall -50 cm; 50 cm" in " ".join(rig("info", "a-volume.h5").out.split())
     with h5py.File("a.h5", "r+") as file:
         file.attrs["software"] = "another"
     assert "is another" in rig("info", "a-volume.h5").out
@@ -146,6 +150,14 @@ def test_a_file_of_others_is_named_for_what_the_importers_recognise(rig):
     Path("c.txt").write_text("hello")
     assert rig("info", "c.txt").code == 5
     assert rig("info", "none.h5").code == 5
+    np.save("d.npy", np.zeros(3))
+    assert "an array of NumPy" in rig("info", "d.npy").err
+    Path("e.thd").write_bytes(thd(np.ones((3, 4096), int)))
+    assert "3 histograms (curves), the first of 4,096 bins of 4 ps" in " ".join(
+        rig("info", "e.thd").out.split()
+    )
+    ptu(Path("f.ptu"), records_of(scan_events(4, 10)))
+    assert "T3 records, bins of 16 ps" in " ".join(rig("info", "f.ptu").out.split())
     done = rig("info", ".")
     assert (done.code, "rig list . lists its scans" in done.err) == (5, True)
 

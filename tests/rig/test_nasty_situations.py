@@ -62,7 +62,7 @@ def test_a_hydraharp_that_goes_is_said_to_be_gone(tmp_path):
         end = scanned(tmp_path, rig, Watcher(pull))
     assert (end.code, end.emitting, end.sensitive) == (3, False, False)
     assert "-10 (DEVICE_NOT_OPEN)" in end.said
-    assert "The instrument is gone: check the USB cable and port" in end.said
+    assert "The instrument is no longer connected: check the USB cable and port" in end.said
     assert "calling program" not in end.said
     assert kept(tmp_path / "a.h5").done.sum() == MIDDLE + 1
 

@@ -38,13 +38,13 @@ MISFITS = {
     ),
     "an offset that is not whole": (
         '[tcspc]\noffset = "28.5ns"\n',
-        r"histogram offset to 28\.5 ns, but it takes whole ns.*nearest possible value is 28 ns",
+        r"histogram offset to 28\.5 ns, but it accepts whole ns.*nearest possible value is 28 ns",
     ),
     "bins of 3 ps": ('[tcspc]\nbin_width = "3ps"\n', r"bin width to 3 ps.*The nearest are 2 ps and 4 ps"),
     "bins of 5 ps": ('[tcspc]\nbin_width = "5ps"\n', r"bin width to 5 ps.*The nearest are 4 ps and 8 ps"),
     "a level that no HydraHarp has": (
         '[tcspc]\nsync_level = "1.2V"\n',
-        r"sync CFD level to 1200 mV, but it takes whole mV from 0 to 1000",
+        r"sync CFD level to 1200 mV, but it accepts whole mV from 0 to 1000",
     ),
     "a laser of 10 mHz": (
         '[laser]\nrepetition = "10mHz"\n',

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from support.scan_files import dense
 from support.tagged_scans import photons_of, write_tagged
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
@@ -261,9 +262,11 @@ def _draw_decay(axes: Axes, below: Axes, records: Sequence[Record], found: DarkR
         usual.append(record.counts[quiet].mean() * size)
     axes.set(yscale="log", ylim=(0.5 * min(usual), 8 * max(usual)), ylabel="counts a bin",
              title="counts after the laser's pulse, with the fit where it is quiet")  # fmt: skip
+    for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        formatted(LogFormatter(minor_thresholds=(2, 0.5)))
     axes.legend(loc="upper right", fontsize="small")
     below.set(xlim=axes.get_xlim(), xlabel="time after the first light (ns)",
-              ylabel="residual (standard errors)", title=f"chi2 a bin {found.chi2_per_bin:.2f}")  # fmt: skip
+              ylabel="residual (standard errors)", title=f"chi² a bin {found.chi2_per_bin:.2f}")  # fmt: skip
 
 
 def _draw_outlasting(axes: Axes, found: DarkRates) -> None:
