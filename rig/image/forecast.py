@@ -225,9 +225,9 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
         return
     room = memory_bytes()
     if found.on_workers is None and not bounded and counted.memory_bytes > room:
-        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in turns, or "
+        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in several steps, or "
         raise RefusedError(
-            f"imaging takes {_size(counted.memory_bytes)} of memory, and this computer has {_size(room)}; "
+            f"imaging takes {_size(counted.memory_bytes)} of memory, but this computer has {_size(room)}; "
             f"{in_turns if counted.least_bytes < 0.8 * room else ''}image fewer voxels: a larger --voxel, or "
             "a larger step of --depth"
         )
@@ -235,8 +235,8 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
     if clock_s > LONGEST_S and not however_long:
         raise RefusedError(
             f"imaging takes about {show_duration(clock_s)}, more than {show_duration(LONGEST_S)}, for "
-            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it all the same, --cluster "
-            "shares it out, and a larger --voxel or step of --depth takes less"
+            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it anyway, "
+            "--cluster divides it among workers, and a larger --voxel or step of --depth needs less"
         )
 
 
