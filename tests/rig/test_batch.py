@@ -76,7 +76,7 @@ def test_each_option_of_imaging_is_a_setting(tmp_path):
         ("[[job]]\nscans = ['jobs.toml']\nwavelenght = '4cm'", "unknown key wavelenght"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = 4", "text with a unit"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = '4'", "no unit"),
-        ("[[job]]\nscans = ['jobs.toml']\nsolver = 'best'", "none of rsd"),
+        ("[[job]]\nscans = ['jobs.toml']\nsolver = 'best'", "not one of rsd"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = ''", "wavelength: '' must be text with a unit"),
         ("[[job]]\nscans = ['jobs.toml']\ncycles = '3'", "cycles: '3' is not a number"),
         ("[[job]]\nscans = ['jobs.toml']\ncycles = true", "cycles: True is not a number"),
