@@ -30,7 +30,6 @@ MOVEMENT_S = 10e-3
 #: will do; this one has been used from the beginning, and another one would draw other photons.
 SEED_TANGENT = tan(radians(50.0))
 
-
 #: Some C libraries keep as much freed memory as twice the largest block freed so far, up to a limit; so much
 #: is kept for the next exposure then, whose pages need not be asked for again [bytes].
 KEPT_BYTES = 31 << 20
