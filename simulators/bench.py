@@ -31,7 +31,7 @@ MOVEMENT_S = 10e-3
 SEED_TANGENT = tan(radians(50.0))
 
 
-#: Some C libraries keep as much freed memory as twice the largest block freed so far, up to a limit; this much
+#: Some C libraries keep as much freed memory as twice the largest block freed so far, up to a limit; so much
 #: is kept for the next exposure then, whose pages need not be asked for again [bytes].
 KEPT_BYTES = 31 << 20
 
