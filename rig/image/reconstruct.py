@@ -552,7 +552,8 @@ def _classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volu
         progress=progress,
     )
     snr = {} if found.snr is None else {"snr": found.snr}
-    return work.volume(found, find(found, quiet_level(found.intensity)), **snr), found.notes
+    doubts = (*defaults.on_one_line(work.capture), *defaults.dark_parts(work.capture, work.grid))
+    return work.volume(found, find(found, quiet_level(found.intensity)), **snr), (*found.notes, *doubts)
 
 
 def _wavelength(request: Request, seen: Seen) -> defaults.Choice:

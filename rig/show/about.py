@@ -346,16 +346,13 @@ def _foreign(path: Path) -> About:
 def _instrument(head: Head) -> dict[str, str]:
     """Return what a head of PicoQuant's says of its curves or its records, in words."""
     if head.magic == MAGIC_HISTOGRAMS:
-        width_s, bins = (
-            head.numbers(f"HistResDscr_{name}")[:1] for name in ("MDescResolution", "HistogramBins")
-        )
-        of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if width_s.size else ""
+        width_s, bins = (head.numbers(f"HistResDscr_{name}") for name in ("MDescResolution", "HistogramBins"))
+        of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if len(bins) else ""
         return {"holds": f"{int(head.number('HistoResult_NumberOfCurves')):,} histograms (curves){of}"}
     t3 = int(head.number("TTResultFormat_TTTRRecType")) >> 8 & 0xFF == 3  # 0x00010304 is a HydraHarp's T3
-    bins = (
-        f"T3 records, bins of {show(head.number('MeasDesc_Resolution', 0), 's', 4)}" if t3 else "T2 records"
-    )
-    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {bins}"}
+    bin_width_s = head.number("MeasDesc_Resolution", 0)
+    told = f"T3 records, bins of {show(bin_width_s, 's', 4)}" if t3 else "T2 records"
+    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {told}"}
 
 
 def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:
