@@ -157,13 +157,13 @@ class Id120Spad:
         Raises
         ------
         RefusedError
-            The detector says that it still runs.
+            The detector reports that it still runs.
         LinkError, ProtocolError
             It was told to go off, and whether it did cannot be known.
         """
         if self._link is None:
             return
-        insist(self._take_bias, name=self.name, asked="be without bias", beware=BEWARE)
+        insist(self._take_bias, name=self.name, asked="switch its bias off", beware=BEWARE)
 
     def set_gate(self, delay_s: float, width_s: float) -> None:
         """Refuse: it has no gate.
@@ -174,7 +174,7 @@ class Id120Spad:
             Always; nothing was sent.
         """
         raise LimitError(
-            self.name, "open a gate", "it runs freely", "Nothing was sent. Use a detector that gates."
+            self.name, "open a gate", "it is free-running", "Nothing was sent. Use a gated detector."
         )
 
     def set_hold_off(self, hold_off_s: float) -> None:
@@ -236,7 +236,7 @@ class Id120Spad:
             raise DeviceNotFoundError(
                 self.name,
                 f"be {self._expected_identity!r}",
-                f"it says {identity!r}",
+                f"its identity is {identity!r}",
                 "Another instrument was found: name the detector's serial number in the configuration.",
             )
         self.identity = identity
@@ -245,7 +245,7 @@ class Id120Spad:
         """Tell it to run no more, and raise unless it does not."""
         self._tell("REG:RUN FALSE")
         if self._flag("REG:RUN?"):
-            raise RefusedError(self.name, "be without bias", "it says that it still runs", BEWARE)
+            raise RefusedError(self.name, "switch its bias off", "it reports that it still runs", BEWARE)
 
     def _tell(self, command: str) -> None:
         self._connected().write(command.encode("ascii") + b"\n")
@@ -286,12 +286,12 @@ class Id120Spad:
             link.close()
 
     def _refused(self, asked: str, answered: str) -> RefusedError:
-        return RefusedError(self.name, asked, answered, "Check its temperature and supply; connect anew.")
+        return RefusedError(self.name, asked, answered, "Check its temperature and supply; connect again.")
 
     def _nonsense(self, question: str, answer: str) -> ProtocolError:
         return ProtocolError(
             self.name,
             f"answer {question!r}",
             f"{answer[:200]!r} came",
-            "Check its firmware version; connect anew.",
+            "Check its firmware version; connect again.",
         )

@@ -159,7 +159,7 @@ class TwoStepLaser(ABC):
         Raises
         ------
         RefusedError
-            The laser says that it still emits; its power was set to the lowest.
+            The laser reports that it still emits; its power was set to the lowest.
         LinkError, ProtocolError
             It was told to stop, and whether it did cannot be known; its power was set to the lowest.
         """
@@ -195,7 +195,7 @@ class TwoStepLaser(ABC):
         """Tell it to be dark, and raise unless it says that it is."""
         self._switch(False)
         if self._says_emitting():
-            raise RefusedError(self.name, "be dark", "it says that it still emits", BEWARE)
+            raise RefusedError(self.name, "be dark", "it reports that it still emits", BEWARE)
 
     def _emits_when_found(self) -> bool:
         try:

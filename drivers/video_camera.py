@@ -68,7 +68,7 @@ class VideoCamera:
         came, picture = self._capture.read()
         if not came or picture is None:
             raise LinkError(
-                self.name, "take a picture", "none came", "Check its cable, and close other programs."
+                self.name, "take a picture", "no picture came", "Check its cable, and close other programs."
             )
         if picture.dtype == np.uint16:
             self.full = 65_535
@@ -85,7 +85,7 @@ class VideoCamera:
                 self.name,
                 "be opened",
                 "nothing answers there",
-                "Check its cable, its address, and your rights.",
+                "Check its cable, its address, and your permissions.",
             )
         return capture
 

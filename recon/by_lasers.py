@@ -15,7 +15,6 @@ pixels, or the lasers where these are more.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,12 +57,8 @@ class Added:
     whole: bool
 
 
-class Elsewhere(Protocol):
-    """Other processes that image runs of lasers."""
-
-    def added(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
-        """Yield what each run of lasers adds; all of them together are the image."""
-        ...
+#: Gives what each run of lasers of an exhaustive capture adds; all of them together are the image.
+Runs = Callable[[ImagingProblem, Exhaustive], Iterator[Added]]
 
 
 def image(
@@ -75,7 +70,7 @@ def image(
     window: Window | None = None,
     progress: Callable[[float], None] | None = None,
     memory_bytes: int | None = None,
-    by: Elsewhere | None = None,
+    by: Runs | None = None,
 ) -> Image:
     """Focus both sides on every voxel; as `recon.imaging.image` of all pairs, by the solver rsd.
 
@@ -107,7 +102,7 @@ def image_and_noise(
     window: Window | None = None,
     progress: Callable[[float], None] | None = None,
     memory_bytes: int | None = None,
-    by: Elsewhere | None = None,
+    by: Runs | None = None,
 ) -> tuple[Image, Noise | None]:
     """Return the confocal camera's image of counted photons, and what noise they alone give.
 
@@ -151,13 +146,13 @@ def of_run(block: Capture, problem: ImagingProblem, memory_bytes: int) -> Added:
 
 
 def _gathered(
-    capture: Exhaustive, problem: ImagingProblem, pulse: VirtualPulse, by: Elsewhere
+    capture: Exhaustive, problem: ImagingProblem, pulse: VirtualPulse, by: Runs
 ) -> tuple[Image, Noise | None]:
     """Add up what others make of runs of lasers."""
     grid = problem.grid
     total = np.zeros((len(grid.z_m), 1 + problem.slopes, *grid.shape[1:]), np.complex64)
     levels, whole = np.zeros(()), True
-    for run in by.added(problem, capture):
+    for run in by(problem, capture):
         total += run.field
         levels, whole = levels + run.levels, whole and run.whole
     return pictured(problem, total, "rsd", pulse), Noise(levels, photons=True) if whole else None

@@ -188,7 +188,7 @@ def cut(problem: ImagingProblem, solver: str, *, workers: int, memory_bytes: int
     if entry.way is None or entry.needs is None:
         able = " or ".join(name for name, one in SOLVERS.items() if one.way)
         raise ParameterError(
-            f"solver {solver}", "an image in parts", "it computes images as a whole alone", f"Use {able}."
+            f"solver {solver}", "an image in parts", "it can only compute whole images", f"Use {able}."
         )
     way_of, needs_of = load(entry.way), load(entry.needs)
     alone = replace(problem, progress=ignore, passes=(), threads=1)
@@ -217,8 +217,8 @@ class _Cutter:
         several, across = problem.frames + problem.slopes, whole.shape[1:]
         if way is None:
             return [Slab((len(whole.z_m), several, *across), ())]
-        path_m = replace(problem, grid=whole).path_m
-        problem = replace(problem, grid=whole, whole_path_m=path_m, fft=way.by_fft)
+        problem = replace(problem, grid=whole, fft=way.by_fft)
+        problem = replace(problem, whole_path_m=problem.path_m, whole_near_m=problem.near_m)
         found: list[Slab] = []
         in_depth, beside = self._least_traffic(problem, number, way)
         for planes_of in _shares(len(whole.z_m), in_depth):

@@ -635,8 +635,10 @@ class Bench:
         for since_s, until_s in pairwise([start_s, *switches, stop_s]):
             light = self._light_at(since_s)
             for begin_s, end_s, moving in self.mirror.moving_between(since_s, until_s):
-                pieces = _parts(end_s - begin_s, MOVEMENT_S) if moving else 1
-                for piece_s, next_s in pairwise(np.linspace(begin_s, end_s, pieces + 1).tolist()):
+                pieces_s = [begin_s, end_s]
+                if moving:
+                    pieces_s = np.linspace(begin_s, end_s, _parts(end_s - begin_s, MOVEMENT_S) + 1).tolist()
+                for piece_s, next_s in pairwise(pieces_s):
                     spot = self._track(piece_s, next_s) if moving else self._spot_m(piece_s)
                     first = round((piece_s - start_s) * light.repetition_hz)
                     stretches.append(_Stretch(spot, light, piece_s, next_s - piece_s, first))

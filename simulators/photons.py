@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from simulators.bench import BenchGeometry, Detections, LightState, Spot
 from simulators.constants import C_M_PER_S
-from simulators.detector import FWHM_PER_SIGMA, Detector
+from simulators.detector import Detector
 from simulators.detector.first_bounce import FirstBounce, direct_along_s, direct_s
+from simulators.detector.response import spread
 from simulators.optics.light import Optics
 from simulators.track import Knot, Track, distance_m
 from simulators.transport.light_paths import LightPaths, Renderer
 
-#: Times, in pulse widths, at which the gate is asked whether any light of a pulse can pass.
-PULSE_SPAN = np.linspace(-3, 3, 13)
+#: A pulse's light comes within so many widths of its middle; the gate is asked whether any of it can pass.
+PULSE_SPAN = 3.0
 
 
 class HiddenScenePhotons:
@@ -133,7 +134,7 @@ class HiddenScenePhotons:
         if light.gated:
             pulses = duration_s * light.repetition_hz * light.received
             late_s = self.first_bounce.arrivals(spot_m, self.geometry, pulses, rng)
-            arrivals_s.append(late_s + self._pulse_s(len(late_s), rng))
+            arrivals_s.append(self._of_pulses(late_s, rng))
         return np.concatenate(arrivals_s)
 
     def _past_the_gate_s(
@@ -142,7 +143,7 @@ class HiddenScenePhotons:
         """Draw the first bounce where the gate fails."""
         pulses = duration_s * light.repetition_hz * light.received
         early_s = self.first_bounce.passing_the_gate(spot_m, self.detector_spot_m, self.geometry, pulses, rng)
-        return early_s + self._pulse_s(len(early_s), rng)
+        return self._of_pulses(early_s, rng)
 
     def _hidden_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -153,8 +154,10 @@ class HiddenScenePhotons:
             for paths in light_paths:
                 expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
                 drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
-        path_m = np.concatenate(drawn_m)
-        return self._outside_s(spot_m) + path_m / C_M_PER_S + self._pulse_s(len(path_m), rng)
+        arrivals_s = np.concatenate(drawn_m)
+        arrivals_s /= C_M_PER_S
+        arrivals_s += self._outside_s(spot_m)
+        return self._of_pulses(arrivals_s, rng)
 
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -165,10 +168,12 @@ class HiddenScenePhotons:
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
-        return arrival_s + self._pulse_s(number, rng)
+        return self._of_pulses(np.full(number, arrival_s), rng)
 
-    def _pulse_s(self, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        return self.optics.pulse_fwhm_s / FWHM_PER_SIGMA * rng.standard_normal(number)
+    def _of_pulses(self, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+        """Spread times over the pulse's width, in place."""
+        spread(times_s, self.optics.pulse_fwhm_s, rng)
+        return times_s
 
     def _outside_s(self, spot_m: Spot) -> float:
         """Time from sync to laser spot, and from detector spot to timing input [s]."""
@@ -198,7 +203,7 @@ class HiddenScenePhotons:
         if light.gated:
             drawn.append(self.first_bounce.arrivals_along(track, self.geometry, pulses, rng))
         arrivals_s, moments = _together(drawn)
-        return arrivals_s + self._pulse_s(len(arrivals_s), rng), moments
+        return self._of_pulses(arrivals_s, rng), moments
 
     def _near(
         self, knot: Knot, paths: LightPaths, track: Track, lit_s: float, rng: np.random.Generator
@@ -219,12 +224,13 @@ class HiddenScenePhotons:
         early_s, moments = self.first_bounce.passing_the_gate_along(
             track, self.detector_spot_m, self.geometry, pulses, rng
         )
-        return early_s + self._pulse_s(len(early_s), rng), moments
+        return self._of_pulses(early_s, rng), moments
 
     def _stray_may_pass(self, arrivals_s: NDArray[np.float64], light: LightState) -> bool:
         """Return whether the gate lets any light of pulses through that arrive at about these times."""
-        span_s = np.add.outer(arrivals_s, PULSE_SPAN * self.optics.pulse_fwhm_s)
-        return bool(self.detector.sensitivity(span_s, light).any())
+        span_s = PULSE_SPAN * self.optics.pulse_fwhm_s
+        first_s, last_s = float(arrivals_s.min()) - span_s, float(arrivals_s.max()) + span_s
+        return self.detector.ever_sensitive(first_s, last_s, light)
 
     def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
         """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
+from small import shrink
 
 from recon.capture import Capture
 from recon.defaults import voxels
@@ -24,6 +25,7 @@ from recon.solvers.classic.solve import baseline_image
 from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.files.scan import ScanFile
+from rig.model.colours import AMPLITUDE_COLOURS
 from rig.show.volume import draw_front, save
 
 IMAGES = Path(__file__).parents[1] / "images"
@@ -59,14 +61,18 @@ def compare(
 
 def draw(results: dict[str, tuple[NDArray[np.float32], float]], grid: VoxelGrid, path: Path) -> None:
     """Draw the front views side by side."""
-    figure = Figure(figsize=(12, 8.2), layout=ConstrainedLayoutEngine(w_pad=0.12))
+    figure = Figure(figsize=(11, 7), layout=ConstrainedLayoutEngine(w_pad=0.08))
     FigureCanvasAgg(figure)
-    for axes, (solver, (amplitude, took_s)) in zip(figure.subplots(2, 3).flat, results.items(), strict=True):
+    panels = figure.subplots(2, 3, sharex=True, sharey=True)
+    for axes, (solver, (amplitude, took_s)) in zip(panels.flat, results.items(), strict=True):
         front = amplitude.max(axis=0)
-        draw_front(axes, front / front.max(), grid.x_m, grid.y_m, "inferno", Normalize(0, 1))
+        shown = draw_front(axes, front / front.max(), grid.x_m, grid.y_m, AMPLITUDE_COLOURS, Normalize(0, 1))
+        axes.label_outer()
         name = "phasor field (rsd)" if solver == "rsd" else solver
         axes.set_title(f"{name}, {took_s:.1f} s of one core")
+    figure.colorbar(shown, ax=panels, label="amplitude / maximum", shrink=0.6)
     save(figure, path)
+    shrink(path)
 
 
 def main(su: str, four: str) -> None:

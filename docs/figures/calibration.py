@@ -6,6 +6,7 @@ It takes some minutes. Make it with
 """
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,14 +14,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from small import shrink
 
 from recon.depth import compensate_falloff
 from rig.files import Volume, read_volume
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.volume import draw_front, save
 
-CONFIG = Path(__file__).parents[2] / "configs" / "misaligned.toml"
+CONFIGS = Path(__file__).parents[2] / "configs"
 DEPTHS = "0.5m:2m:1cm"
-DEPTH_COLOURS = Normalize(0.9, 1.6)
+DEPTHS_SHOWN = Normalize(0.9, 1.6)
 
 
 def rig(folder: Path, *arguments: str) -> str:
@@ -38,7 +41,8 @@ def imaged(folder: Path, scan: str, name: str, *options: str) -> None:
 def experiment(folder: Path) -> None:
     """Scan, calibrate, and scan again."""
     folder.mkdir(parents=True, exist_ok=True)
-    config = ("--config", str(CONFIG))
+    # calibrations go beside their configuration
+    config = ("--config", shutil.copy(CONFIGS / "misaligned.toml", folder))
     rig(folder, "scan", *config, "--out", "before.h5")
     imaged(folder, "before.h5", "before-volume")
     rig(folder, "calibrate", "all", *config)
@@ -54,28 +58,40 @@ def draw(folder: Path, picture: Path) -> None:
         "a new scan after it": "after-volume.h5",
         "the first scan, seen with it": "again-volume.h5",
     }
-    figure = Figure(figsize=(13, 7), layout="constrained")
+    figure = Figure(figsize=(12, 6), layout="constrained")
     axes = figure.subplots(2, len(panels), sharex=True, sharey=True)
     for column, (title, name) in enumerate(panels.items()):
         volume: Volume = read_volume(folder / name)
         measured = json.loads(rig(folder, "measure", name, "--truth", "scene:letters", "--json"))
         front = np.sqrt(compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0))
-        drawn = draw_front(axes[0, column], front / front.max(), volume.x_m, volume.y_m, "inferno")
+        drawn = draw_front(
+            axes[0, column],
+            front / front.max(),
+            volume.x_m,
+            volume.y_m,
+            AMPLITUDE_COLOURS,
+            Normalize(0, 1),
+        )
         aside, depth = measured["displacement"], measured["depth"]
         axes[0, column].set_title(
-            f"{title}\noff by {aside['x_m'] * 1e3:.0f} mm in x, {aside['y_m'] * 1e3:.0f} mm in y, "
-            f"{depth['median_m'] * 1e3:.0f} mm in depth".replace(" -0 mm", " 0 mm"),
+            f"{title}\noff by {aside['x_m'] * 1e3:.0f}, {aside['y_m'] * 1e3:.0f}, "
+            f"{depth['median_m'] * 1e3:.0f} mm in x, y, depth".replace(" -0", " 0"),
             fontsize=10,
         )
         axes[0, column].set_facecolor("black")
-        axes[1, column].set_facecolor("0.82")
-        depths = draw_front(axes[1, column], volume.depth_m, volume.x_m, volume.y_m, "viridis", DEPTH_COLOURS)
+        axes[1, column].set_facecolor(NO_SURFACE)
+        assert volume.depth_m is not None
+        depths = draw_front(
+            axes[1, column], volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, DEPTHS_SHOWN
+        )
         print(title, json.dumps({"displacement": aside, "depth": depth, "overlap": measured["overlap"]}))
     for panel in axes.flat:
         panel.set(xlim=(0.9, -0.9), ylim=(-0.65, 0.65))
-    figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum, intensity times z⁴")
-    figure.colorbar(depths, ax=axes[1], label="depth z (m)", extend="both")
+        panel.label_outer()
+    figure.colorbar(drawn, ax=axes[0], label="amplitude / maximum,\nintensity times z⁴")
+    figure.colorbar(depths, ax=axes[1], label="depth z (m), blank: none", extend="both")
     save(figure, picture)
+    shrink(picture)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from measured_sets import SETS
-from PIL import Image
+from small import shrink
 
 PICTURE = Path(__file__).parents[1] / "images" / "compare.png"
-WIDTH, COLOURS = 1200, 256
+WIDTH = 1200
 SIMULATED = {
     "letters, 60 x 44": ("letters", "60x44", "3cm", "0.8m:1.8m:5mm"),
     "letters, 90 x 65": ("letters", "90x65", "2cm", "0.8m:1.8m:5mm"),
@@ -122,11 +122,7 @@ def main(data: Path, folder: Path) -> None:
     """Compare all, print the tables, and store the picture."""
     folder.mkdir(exist_ok=True)
     found = simulated(folder)
-    sheet = Image.open(found[SHOWN]["sheet"]).convert("RGB")
-    small = sheet.resize((WIDTH, round(sheet.height * WIDTH / sheet.width)), Image.Resampling.LANCZOS)
-    # coverage, not frequency: else the colours of the bars go to the grey and black that fill the picture
-    few = small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
-    few.save(PICTURE, optimize=True)
+    shrink(Path(found[SHOWN]["sheet"]), PICTURE, WIDTH)
     found |= published(data, folder)
     with_truth({name: one for name, one in found.items() if one["truth"]})
     print()

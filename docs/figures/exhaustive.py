@@ -23,6 +23,7 @@ from recon.relight import Relit, SeparatingCamera
 from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.bench.render import even_grid
+from rig.model.colours import AMPLITUDE_COLOURS
 from rig.show.volume import save
 from simulators.scenes import Mesh, Scene
 from simulators.transport.each_with_each import EachWithEach
@@ -76,7 +77,12 @@ def top(axes: Axes, amplitude: NDArray[np.floating], title: str, most: float) ->
     step = 0.025
     extent = (x_m[-1] + step, x_m[0] - step, z_m[0] - step / 2, z_m[-1] + step / 2)
     axes.imshow(
-        amplitude.max(axis=1)[:, ::-1], origin="lower", extent=extent, cmap="inferno", vmin=0, vmax=most
+        amplitude.max(axis=1)[:, ::-1],
+        origin="lower",
+        extent=extent,
+        cmap=AMPLITUDE_COLOURS,
+        vmin=0,
+        vmax=most,
     )
     for name, ((x, _, z), front) in SQUARES.items():
         along = np.array([-front[1], front[0]]) / np.hypot(*front) * SIDE_M / 2

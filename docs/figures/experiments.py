@@ -11,11 +11,9 @@ import sys
 from pathlib import Path
 
 import experiments_sheets as sheets
-from PIL import Image
+from small import shrink
 
 IMAGES = Path(__file__).parents[1] / "images"
-#: Colours of the stored pictures, to keep them small.
-COLOURS = 240
 
 FINE = ("--grid", "72x52", "--spacing", "2.5cm")
 COARSE = ("--grid", "18x13", "--spacing", "10cm")
@@ -104,7 +102,7 @@ def counted(folder: Path) -> None:
         rows.append({"noise-free": reference})
         for time in ("1000ms", "200ms", "50ms"):
             rows[-1][f"{time}, {told}"] = imaged(scans[f"shelf-{time}{light}"], *SHELF)
-    sheets.exposures(rows, IMAGES / "shelf_exposures.png")
+    sheets.exposures(rows, IMAGES / "shelf_exposures.png", names="shelf")
 
 
 def rendered(folder: Path) -> None:
@@ -129,8 +127,7 @@ def main(folder: Path) -> None:
     counted(folder)
     rendered(folder)
     for name in ("raw_office_1s", "raw_office_short", "office_exposures", "shelf_exposures", "depth_errors"):
-        picture = IMAGES / f"{name}.png"
-        Image.open(picture).convert("RGB").quantize(COLOURS).save(picture, optimize=True)
+        shrink(IMAGES / f"{name}.png")
 
 
 if __name__ == "__main__":

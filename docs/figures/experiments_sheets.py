@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -31,8 +32,8 @@ CLOSE_M = 0.05
 INSIDE_M = 0.03
 #: Size of a panel [inches].
 PANEL = 3.9
-#: A thing is named where it is the nearest in so many pixels; a background is what all others stand before.
-NAMED, BACKGROUND = 200, ("back_wall", "floor", "shelf")
+#: A thing is named where so much of it is seen [m²]; a background is what all others stand before.
+NAMED_M2, BACKGROUND = 0.01, ("back_wall", "floor", "shelf")
 
 
 def exposures(
@@ -40,16 +41,22 @@ def exposures(
 ) -> None:
     """Draw front views of named volumes, and if asked a row of their depth maps below.
 
-    `names` is the scene whose things are named in the first depth map. Each title tells how like a volume is
-    to the first one of its wavelength: the cosine between amplitudes.
+    `names` is the scene that is drawn beside them, as it is, with the names of its things. Each title says
+    how like a volume is to the first one of its wavelength: the cosine between amplitudes.
     """
     like: dict[float, NDArray[np.float32]] = {}
-    lines, columns = len(rows) * (2 if depths else 1), max(map(len, rows))
+    lines, columns = len(rows) * (2 if depths else 1), max(map(len, rows)) + bool(names)
     first = read_volume(next(iter(rows[0].values())))
     tall = PANEL * 0.92 * float(np.ptp(first.y_m) / np.ptp(first.x_m)) + 0.35
-    figure = Figure(figsize=(PANEL * columns, tall * lines), layout="constrained")
+    figure = Figure(figsize=(PANEL * (columns + 0.35 * bool(names)), tall * lines), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(lines, columns, squeeze=False)
+    parts = figure.add_gridspec(lines, columns, width_ratios=[1.0] * (columns - 1) + [1.35 if names else 1.0])
+    panels = np.array(
+        [
+            [figure.add_subplot(parts[line, column]) for column in range(columns - bool(names))]
+            for line in range(lines)
+        ]
+    )
     for line, row in enumerate(rows):
         for column, (name, path) in enumerate(row.items()):
             volume, axes = read_volume(path), panels[line, column]
@@ -64,29 +71,38 @@ def exposures(
                 axes.set_facecolor(NO_SURFACE)
                 scale = Normalize(volume.z_m[0], volume.z_m[-1])
                 mapped = draw_front(axes, volume.depth_m, volume.x_m, volume.y_m, DEPTH_COLOURS, scale)
-                if names and column == 0:
-                    name_things(axes, scene(names), volume)
     label = f"amplitude z² / its {BRIGHTEST:.0%} quantile"
     figure.colorbar(lit, ax=panels[: len(rows)], label=label, shrink=0.9)
     if depths:
         figure.colorbar(mapped, ax=panels[len(rows) :], label="depth z (m), blank: none", shrink=0.9)
     for axes in panels.flat:
         axes.label_outer()
+    if names:
+        mapped = draw_things(figure.add_subplot(parts[:, -1]), scene(names), first)
+        if not depths:
+            figure.colorbar(mapped, ax=figure.axes[-1], label="depth z (m)", shrink=0.5)
     save(figure, picture)
 
 
-def name_things(axes: Axes, shown: Scene, volume: Volume) -> None:
-    """Write the names of a scene's things where they stand before all others."""
+def draw_things(axes: Axes, shown: Scene, volume: Volume) -> ScalarMappable:
+    """Draw the true depths of a scene, and the names of its things where they stand before all others."""
+    axes.set_facecolor(NO_SURFACE)
+    axes.set_title("what is there", size=10)
+    true_m = np.asarray(shown.depth_map(volume.x_m, volume.y_m))
+    scale = Normalize(volume.z_m[0], volume.z_m[-1])
+    drawn = draw_front(axes, true_m, volume.x_m, volume.y_m, DEPTH_COLOURS, scale)
     seen = shown.truth(volume.x_m, volume.y_m).mesh
+    pixel_m2 = (volume.x_m[1] - volume.x_m[0]) * (volume.y_m[1] - volume.y_m[0])
     for number, mesh in enumerate(shown.meshes):
         rows, columns = np.nonzero(seen == number)
-        if len(rows) < NAMED or mesh.name in BACKGROUND:
+        if len(rows) * pixel_m2 < NAMED_M2 or mesh.name in BACKGROUND:
             continue
         # the pixel of the thing nearest to its middle: the middle of a ladder or chair may lie outside of it
         middle = np.hypot(rows - rows.mean(), columns - columns.mean()).argmin()
         place = volume.x_m[columns[middle]], volume.y_m[rows[middle]]
-        told = axes.text(*place, mesh.name, size=8, color="black", ha="center", va="center")
-        told.set_path_effects([withStroke(linewidth=2, foreground="white")])
+        words = axes.text(*place, mesh.name, size=8, color="black", ha="center", va="center")
+        words.set_path_effects([withStroke(linewidth=2, foreground="white")])
+    return drawn
 
 
 def errors(volumes: Mapping[str, tuple[Path, str]], picture: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from small import shrink
 
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.grid import VoxelGrid
@@ -22,7 +22,7 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.files import ScanFile
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import save
+from rig.show.volume import X_LABEL, save
 
 WAVELENGTH_M = 0.04
 #: Bins are put together for the pictures of the record, so that single photons do not hide its shape.
@@ -31,8 +31,6 @@ TOGETHER = 8
 ON_F_M, ON_R_M = np.array([0.42, 0.14, 1.0]), np.array([-0.36, 0.14, 1.5])
 LETTERS = (("F", ON_F_M, "C1"), ("R", ON_R_M, "C0"))
 NANO = 1e9
-#: Colours of the stored pictures, to keep them small.
-COLOURS = 96
 
 
 def loaded(scan: ScanFile) -> tuple[Capture, Window]:
@@ -93,7 +91,7 @@ def draw_record(capture: Capture, picture: Path) -> None:
         one.axvline(at_s * NANO, color=colour, ls="--")
         one.text(at_s * NANO + 0.1, counts[times_s > 3.4e-9].max() * 0.93, name, color=colour, weight="bold")
     one.set(xlim=(3, 15), ylim=(0, counts[times_s > 3.4e-9].max() * 1.05))
-    one.set(xlabel="time since the pulse was on the wall [ns]", ylabel="photons in 32 ps")
+    one.set(xlabel="time since the pulse was on the wall (ns)", ylabel="photons in 32 ps")
     one.set_title(f"one position, x = {capture.laser_m[position, 0]:.2f} m", fontsize=10)
     x_m = capture.laser_m[row, 0]
     counted = np.array([rebinned(capture, int(position))[1] for position in row])
@@ -104,7 +102,7 @@ def draw_record(capture: Capture, picture: Path) -> None:
     for name, point_m, colour in LETTERS:
         at_s = path_s(capture, capture.laser_m[row], point_m)
         many.plot(x_m, at_s * NANO, color=colour, ls="--", lw=1.5, label=f"path by way of a point of {name}")
-    many.set(xlabel="x of the laser spot [m]", ylabel="time [ns]", xlim=(x_m[-1], x_m[0]))
+    many.set(xlabel="← x of the laser spot (m)", ylabel="time (ns)", xlim=(x_m[-1], x_m[0]))
     many.legend(fontsize=8, loc="upper center")
     many.set_title("all positions of a row", fontsize=10)
     finish(figure, picture)
@@ -133,7 +131,7 @@ def draw_wave(capture: Capture, picture: Path) -> None:
     between.text(5.6, 0.5, f"{WAVELENGTH_M * 100:.0f} cm, {pulse.cycles:g} cycles", color="C2")
     below.plot(times_s * NANO, wave.real, color="C2", lw=0.8)
     below.plot(times_s * NANO, np.abs(wave), color="0.2", lw=0.8, label="amplitude")
-    below.set(ylabel="phasor field", xlabel="time since the pulse was on the wall [ns]")
+    below.set(ylabel="phasor field", xlabel="time since the pulse was on the wall (ns)")
     below.legend(fontsize=8)
     for axes in (above, between, below):
         axes.set_xlim(3, 12)
@@ -161,9 +159,9 @@ def draw_focus(capture: Capture, window: Window, picture: Path) -> None:
             vmin=0,
             vmax=1,
         )
-        axes.set(xlim=(x_m[-1], x_m[0]), xlabel="x [m]")
+        axes.set(xlim=(x_m[-1], x_m[0]), xlabel=X_LABEL)
         axes.set_title(f"{number:,} position{'s' if number > 1 else ''}", fontsize=10)
-    panels[0].set_ylabel("depth z [m]")
+    panels[0].set_ylabel("depth z (m)")
     finish(figure, picture)
 
 
@@ -179,7 +177,7 @@ def draw_depth(capture: Capture, window: Window, picture: Path) -> None:
             axes.plot(z_m, amplitude / amplitude.max(), color=colour, label=f"through {name}")
             axes.axvline(point_m[2], color=colour, ls=":", lw=1)
         axes.set_title(f"pulse of {cycles:g} cycles", fontsize=10)
-        axes.set_xlabel("depth z [m]")
+        axes.set_xlabel("depth z (m)")
     panels[0].set_ylabel("amplitude times z², of the greatest")
     panels[0].legend(fontsize=8)
     finish(figure, picture)
@@ -193,9 +191,9 @@ def canvas(rows: int, columns: int, size_inch: tuple[float, float]) -> tuple[Fig
 
 
 def finish(figure: Figure, picture: Path) -> None:
-    """Write a figure, in few colours."""
+    """Write a figure, small."""
     save(figure, picture)
-    Image.open(picture).convert("RGB").quantize(COLOURS).save(picture, optimize=True)
+    shrink(picture)
 
 
 def main(scan_path: str, folder: str) -> None:

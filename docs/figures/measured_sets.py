@@ -18,15 +18,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from PIL import Image
+from small import shrink
 
 from recon.depth import compensate_falloff
 from rig.files.volume import Volume
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from rig.importers import import_scan
+from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.volume import draw_front, save
 
-PAIRS, COLOURS = 4, 128
+PAIRS = 4
 PS, CM = 1e-12, 0.01
 #: Part of an object's greatest intensity that its pixels have: fainter ones are side lobes as often.
 BRIGHT = 0.3
@@ -183,17 +185,19 @@ def main(data: str, path: str) -> None:
             print(f"{one.path}: {warning}", file=sys.stderr)
         front, depth = part.subplots(1, 2)
         amplitude = np.sqrt(compensate_falloff(volume.intensity, volume.z_m, 4.0).max(axis=0))
-        draw_front(front, amplitude / amplitude.max(), volume.x_m, volume.y_m, "inferno", Normalize(0, 1))
+        lit = amplitude / amplitude.max()
+        draw_front(front, lit, volume.x_m, volume.y_m, AMPLITUDE_COLOURS, Normalize(0, 1))
         shown = np.asarray(volume.depth_m)
-        drawn = draw_front(depth, shown, volume.x_m, volume.y_m, "viridis", Normalize(*_range(shown)))
-        depth.set_facecolor("0.82")
+        drawn = draw_front(depth, shown, volume.x_m, volume.y_m, DEPTH_COLOURS, Normalize(*_range(shown)))
+        depth.set_facecolor(NO_SURFACE)
         part.colorbar(drawn, ax=depth, shrink=0.7).ax.tick_params(labelsize=7)
         for axes in (front, depth):
             axes.set(xlabel="", ylabel="")
             axes.tick_params(labelsize=7)
         part.suptitle(f"{one.name}\nfound {depths}\npublished {published}", size=9)
+    figure.supxlabel("left: amplitude, right: depth z (m), blank: none; x (m) grows to the left, y (m) up")
     save(figure, Path(path))
-    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    shrink(Path(path))
 
 
 def _range(depth_m: np.ndarray) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from recon.accumulate import likeness
 from recon.depth import compensate_falloff, front_view
 from rig.files import read_volume
+from rig.model.colours import AMPLITUDE_COLOURS
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
@@ -82,7 +83,7 @@ def draw(folder: Path, picture: Path) -> None:
     for axes, name in zip(
         figure.subplots(1, 3, sharey=True), ("uncorrected", "corrected", "step"), strict=True
     ):
-        drawn = draw_front(axes, fronts[name] / fronts[name].max(), volume.x_m, volume.y_m, "inferno")
+        drawn = draw_front(axes, fronts[name] / fronts[name].max(), volume.x_m, volume.y_m, AMPLITUDE_COLOURS)
         title, overlap, _ = titles[name]
         alike = likeness(fronts[name], fronts["step"])
         axes.set(title=f"{title}\noverlap {overlap:.2f}, likeness {alike:.3f}", xlim=(0.9, -0.9))

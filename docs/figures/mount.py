@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from small import shrink
 
 from rig.model.pointing import Pointing
-from rig.show.volume import save
+from rig.show.volume import X_LABEL, save
 
 DISTANCE_M = 2.5
 INCIDENCE_DEG, COMMAND_DEG = 22.5, 18.0
@@ -26,11 +27,14 @@ def draw_mount(axes: Axes) -> None:
     pointing = Pointing((0.0, 0.0, DISTANCE_M), incidence_rad=(incidence, 0.0))
     pivot = np.array([0.0, DISTANCE_M])
     axes.axhline(0, color=DARK, linewidth=3)
-    axes.text(-1.3, 0.06, "wall, z = 0", color=DARK)
+    axes.text(2.2, -0.2, "wall, z = 0", color=DARK)
     source = np.array([np.sin(2 * incidence), -np.cos(2 * incidence)])
     axes.annotate("", pivot, pivot + 1.6 * source, arrowprops={"arrowstyle": "-|>", "color": GREEN})
     axes.text(
-        *(pivot + 1.62 * source), "the beam comes\nfrom here:\nincidence_direction\n= 0deg (x)", va="top"
+        *(pivot + 1.62 * source),
+        "the beam comes\nfrom here:\nincidence_direction\n= 0deg (x)",
+        va="top",
+        ha="right",
     )
     for angle, color, style, name in (
         (0.0, DARK, "-", "at rest"),
@@ -40,7 +44,14 @@ def draw_mount(axes: Axes) -> None:
         axes.annotate(
             "", (x_m, 0.0), pivot, arrowprops={"arrowstyle": "-|>", "color": color, "linestyle": style}
         )
-        axes.text(x_m + 0.05, 0.06, name, color=color, fontsize=9)
+        axes.text(
+            x_m + (0.05 if angle else -0.05),
+            0.06,
+            name,
+            color=color,
+            fontsize=9,
+            ha="right" if angle else "left",
+        )
         lean = incidence + angle / 2
         normal, face = np.array([np.sin(lean), -np.cos(lean)]), np.array([np.cos(lean), np.sin(lean)])
         axes.plot(*np.transpose([pivot - 0.4 * face, pivot + 0.4 * face]), color=color, linewidth=3)
@@ -50,7 +61,7 @@ def draw_mount(axes: Axes) -> None:
         axes.plot(0.62 * np.sin(turned), DISTANCE_M - 0.62 * np.cos(turned), color=BLUE, linewidth=1)
         place = (0.72 * np.sin(turned[10]), DISTANCE_M - 0.72 * np.cos(turned[10]))
         axes.text(*place, "i", color=BLUE, ha="center", va="center")
-    axes.set(xlim=(-1.4, 2.3), ylim=(-0.35, 3.1), aspect="equal", xlabel="x (m)", ylabel="z (m)")
+    axes.set(xlim=(2.3, -1.4), ylim=(-0.35, 3.1), aspect="equal", xlabel=X_LABEL, ylabel="z (m)")
     axes.set_title(f"plane of incidence, i = incidence = {INCIDENCE_DEG:g} deg; dotted: normals")
 
 
@@ -65,8 +76,8 @@ def draw_wall(axes: Axes) -> None:
             for line in lines:
                 axes.plot(line[:, 0], line[:, 1], color=color, linewidth=1)
         axes.plot([], color=color, label=f"incidence {degrees:g} deg")
-    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="the same commands, on the wall")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncol=3, frameon=False)
+    axes.set(aspect="equal", xlabel=X_LABEL, ylabel="y (m)", title="the same commands, on the wall")
+    axes.xaxis.set_inverted(True)
 
 
 if __name__ == "__main__":
@@ -74,4 +85,7 @@ if __name__ == "__main__":
     mount, wall = figure.subplots(1, 2, width_ratios=(1, 1.1))
     draw_mount(mount)
     draw_wall(wall)
-    save(figure, Path(sys.argv[1]) / "mount.png")
+    figure.legend(*wall.get_legend_handles_labels(), loc="outside lower right", ncols=3, frameon=False)
+    picture = Path(sys.argv[1]) / "mount.png"
+    save(figure, picture)
+    shrink(picture)

@@ -1,11 +1,11 @@
-"""Draw docs/images/moving.gif and moving.png: a hidden 4 that moves at 0.3 m/s, 5 frames a second.
+"""Draw docs/images/moving.gif: a hidden 4 that moves at 0.3 m/s, 5 frames a second.
 
 The rig is that of configs/video.toml, but for the time of turns between lines: 190 x 22 laser spots, 50 us
 each, 28 pixels at 205,000 counts a second on average. Its photons are drawn point by point at their bench
 times, which takes one to two minutes of computer time a frame, and kept in a folder; then frames are imaged
 one after the other.
 
-    python docs/figures/moving.py FOLDER docs/images/moving.gif docs/images/moving.png
+    python docs/figures/moving.py FOLDER docs/images/moving.gif
 """
 
 import sys
@@ -27,9 +27,7 @@ from rig.files.volume import Volume
 from rig.model.config import RigConfig, load
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
-from rig.show.sheet import frames_figure
 from rig.show.video import save_video
-from rig.show.volume import save
 from simulators.bench import LightState
 from simulators.scenes import scene
 
@@ -94,8 +92,8 @@ def place(amplitude: np.ndarray) -> tuple[float, float]:
     return best[1], best[0]
 
 
-def main(folder: Path, gif: Path, picture: Path) -> None:
-    """Draw photons, image them, say where the 4 is, and write film and picture."""
+def main(folder: Path, gif: Path) -> None:
+    """Draw photons, image them, say where the 4 is, and write the film."""
     config = load(CONFIG)
     plan = ScanPlan.grid(config)
     frame_s = len(plan) * POINT_S
@@ -130,7 +128,6 @@ def main(folder: Path, gif: Path, picture: Path) -> None:
         scan="a 4 at 1 m, 0.3 m/s",
     )
     save_video(volume, gif, compensation="z⁴")
-    save(frames_figure(volume, compensation="z⁴"), picture)
 
 
 if __name__ == "__main__":

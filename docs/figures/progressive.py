@@ -12,11 +12,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from small import shrink
 
 from recon.accumulate import Coming, GrowingPicture, likeness, subset
 from recon.window import Window
 from rig.files import ScanFile
 from rig.image.recalibrate import as_recorded
+from rig.show.volume import X_LABEL
 
 PARTS = (1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4, 1)
 ORDERS = {"raster": "snake", "progressive": "progressive"}
@@ -67,9 +69,10 @@ def main():
         for view, (part, one) in zip(views, _drawn(found["progressive"]), strict=True):
             x_m, y_m = one.grid.x_m, one.grid.y_m
             view.imshow(one.front, origin="lower", cmap="gray", extent=(x_m[0], x_m[-1], y_m[0], y_m[-1]))
-            view.invert_xaxis()  # as the virtual camera sees it
-            view.set(title=f"{part:.3f} of the time, λ {100 * one.pulse.wavelength_m:.3g} cm", xlabel="x [m]")
+            view.xaxis.set_inverted(True)  # as the virtual camera sees it
+            view.set(title=f"{part:.3f} of the time, λ {100 * one.pulse.wavelength_m:.3g} cm", xlabel=X_LABEL)
     figure.savefig(target, dpi=110)
+    shrink(target)
 
 
 def _drawn(found):

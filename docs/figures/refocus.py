@@ -7,9 +7,10 @@ The two letters stand at different depths. Each panel has its own scale. Make it
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from small import shrink
 
 from recon import defaults
 from recon.camera import PhotoCamera
@@ -28,8 +29,6 @@ FOCUS_M = np.array([0.7, 1.0, 1.25, 1.5, 2.0])
 
 #: Part of each panel's pixels below full scale: the far letter is dim beside the near one, even out of focus.
 BRIGHTEST = 0.98
-#: Colours of the stored picture, to keep it small.
-COLOURS = 128
 
 
 def main(scan_path: str, picture_path: str) -> None:
@@ -58,7 +57,7 @@ def main(scan_path: str, picture_path: str) -> None:
     )
     label = f"amplitude /\nits {BRIGHTEST:.0%} quantile"
     save(sheet(np.array(panels), titles, volume, label, len(FOCUS_M)), picture_path)
-    Image.open(picture_path).convert("RGB").quantize(COLOURS).save(picture_path, optimize=True)
+    shrink(Path(picture_path))
 
 
 if __name__ == "__main__":

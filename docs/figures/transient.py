@@ -8,6 +8,7 @@ come together.
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,14 +16,15 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
-from PIL import Image
+from small import shrink
 
 from recon.camera import TransientCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.filming import video
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
-from rig.show.volume import draw_front, save
+from rig.model.colours import AMPLITUDE_COLOURS
+from rig.show.volume import X_LABEL, draw_front, save
 from simulators.scenes.mesh import Scene
 from simulators.scenes.solids import quads_mesh
 from simulators.transport.light_paths import transients
@@ -43,7 +45,6 @@ SHOWN_S = np.array([2.6e-9, 3.2e-9, 4.4e-9, 5.8e-9, 6.2e-9])
 TIMES_S = np.arange(2e-9, 8.1e-9, 0.2e-9)
 #: The boards' depth and a little beside it: a camera with one aperture tells depth by focus alone.
 GRID = VoxelGrid.from_spec(1.0, 0.7, 0.02, (0.84, 0.97, 0.03))
-COLOURS = 128
 
 
 def boards() -> Scene:
@@ -101,23 +102,23 @@ def draw(frames: list[NDArray[np.float32]], weighed: NDArray[np.float64], path: 
     axes = above.subplots(2, len(SHOWN_S), sharex=True, sharey=True)
     for row, part, name in zip(axes, seen, ("3 bounces", "4 and 5 bounces"), strict=True):
         for panel, frame, top in zip(row, part, greatest, strict=True):
-            draw_front(panel, frame / top, GRID.x_m, GRID.y_m, "inferno", Normalize(0, 1))
+            draw_front(panel, frame / top, GRID.x_m, GRID.y_m, AMPLITUDE_COLOURS, Normalize(0, 1))
             panel.label_outer()
             panel.set_xlabel("")
         row[0].set_ylabel(f"{name}\ny (m)")
     for panel, time_s, top in zip(axes[0], SHOWN_S, greatest, strict=True):
         panel.set_title(f"{time_s * 1e9:.1f} ns, full scale {top / greatest.max():.2g}")
-    above.supxlabel("x (m), as seen from the wall", size=10)
+    above.supxlabel(X_LABEL, size=10)
     line = below.subplots()
     line.semilogy(TIMES_S * 1e9, weighed[:, 0] / weighed.max(), color="black", label="3 bounces")
     line.semilogy(TIMES_S * 1e9, weighed[:, 1] / weighed.max(), color="darkorange", label="4 and 5 bounces")
     for time_s in SHOWN_S:
         line.axvline(time_s * 1e9, color="0.7", linestyle=":", zorder=0)
-    line.set(xlabel="time after the flash [ns]", ylabel="intensity, of the greatest", ylim=(1e-8, 2))
+    line.set(xlabel="time after the flash (ns)", ylabel="intensity, of the greatest", ylim=(1e-8, 2))
     line.set_xlim(TIMES_S[0] * 1e9, TIMES_S[-1] * 1e9)
     line.legend(loc="upper right")
     save(figure, path)
-    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    shrink(Path(path))
 
 
 if __name__ == "__main__":

@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from PIL import Image
+from small import shrink
 
 from rig.files.volume import read_volume
+from rig.model.colours import AMPLITUDE_COLOURS
 from rig.show.volume import draw_front, save
 
 VOLUMES = {
@@ -22,31 +24,28 @@ VOLUMES = {
     "letters-3-volume.h5": "3 cm",
     "arrow-volume.h5": "the arrow",
 }
-#: Width in pixels and number of colours of the stored pictures, to keep them small.
-WIDTH, COLOURS = 1000, 128
-
-
-def shrink(source: Path, target: Path) -> None:
-    """Write a picture with fewer pixels and colours."""
-    with Image.open(source) as full:
-        height = round(full.height * WIDTH / full.width)
-        small = full.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
-    small.quantize(COLOURS).save(target, optimize=True)
+#: Width of the stored pictures [pixels].
+WIDTH = 1000
 
 
 def main(folder: Path, images: Path) -> None:
     """Make all three."""
-    shrink(folder / "letters.png", images / "tutorial_letters.png")
-    shrink(folder / "letters-plot.png", images / "tutorial_plot.png")
-    figure = Figure(figsize=(13, 2.9), layout="constrained")
-    for axes, (name, title) in zip(figure.subplots(1, len(VOLUMES)), VOLUMES.items(), strict=True):
+    shrink(folder / "letters.png", images / "tutorial_letters.png", WIDTH)
+    shrink(folder / "letters-plot.png", images / "tutorial_plot.png", WIDTH)
+    figure = Figure(figsize=(12, 2.6), layout="constrained")
+    panels = figure.subplots(1, len(VOLUMES), sharey=True)
+    for axes, (name, title) in zip(panels, VOLUMES.items(), strict=True):
         volume = read_volume(folder / name)
         # the amplitude that rig recon shows
         amplitude = np.sqrt(volume.intensity * volume.z_m[:, None, None] ** 4).max(axis=0)
-        draw_front(axes, amplitude, volume.x_m, volume.y_m, "inferno")
+        shown = draw_front(
+            axes, amplitude / amplitude.max(), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, Normalize(0, 1)
+        )
         axes.set_title(title)
+        axes.label_outer()
+    figure.colorbar(shown, ax=panels, label="amplitude / maximum")
     save(figure, images / "tutorial_wavelengths.png")
-    shrink(images / "tutorial_wavelengths.png", images / "tutorial_wavelengths.png")
+    shrink(images / "tutorial_wavelengths.png", width=WIDTH)
 
 
 if __name__ == "__main__":

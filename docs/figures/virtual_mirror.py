@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from small import shrink
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
@@ -25,6 +25,7 @@ from recon.secondary_aperture import image_from
 from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.bench.simulated import true_geometry
+from rig.model.colours import AMPLITUDE_COLOURS
 from rig.model.config import SimulationConfig, built_in
 from rig.show.volume import save
 from simulators.detector import Detector
@@ -421,15 +422,16 @@ def picture(render: Renderings) -> None:
     for axes, (title, (seen, grid)), line in zip(figure.subplots(1, 5), panels.items(), true_m, strict=True):
         edges = grid.x_m[0], grid.x_m[-1], grid.z_m[0], grid.z_m[-1]
         level_db = 10 * np.log10(seen / seen.max() + 1e-9)
-        shown = axes.imshow(level_db, origin="lower", extent=edges, vmin=-30, vmax=0, cmap="inferno")
+        shown = axes.imshow(level_db, origin="lower", extent=edges, vmin=-30, vmax=0, cmap=AMPLITUDE_COLOURS)
         axes.plot(*line, "c--", linewidth=1)
-        axes.set_title(title, fontsize=7)
-        axes.set_xlabel("x [m]", fontsize=7)
-        axes.set_ylabel("z [m]", fontsize=7)
-        axes.tick_params(labelsize=6)
+        axes.set_title(title, fontsize=9)
+        axes.set_xlabel("← x (m)", fontsize=8)
+        axes.xaxis.set_inverted(True)  # seen from above, as in all pictures
+        axes.set_ylabel("z (m)", fontsize=8)
+        axes.tick_params(labelsize=8)
     figure.colorbar(shown, ax=figure.axes, shrink=0.7, label="dB of the panel's peak")
     save(figure, PICTURE)
-    Image.open(PICTURE).convert("RGB").quantize(128).save(PICTURE, optimize=True)
+    shrink(PICTURE)
 
 
 PARTS = {part.__name__: part for part in (wavelengths, reference, refinement, limits, photons, picture)}

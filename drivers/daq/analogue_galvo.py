@@ -67,7 +67,7 @@ class AnalogueLimits:
             raise LimitError(
                 self.device,
                 f"point by {np.abs(volts).max():.2f} V",
-                f"its input takes {LARGEST_V:g} V to either side",
+                f"its input accepts {LARGEST_V:g} V to either side",
                 "Nothing was sent. Choose a smaller grid, or another scale at the galvo's servo boards.",
             )
         return np.clip(volts, -LARGEST_V, LARGEST_V)  # what rounding put beyond
@@ -236,7 +236,7 @@ class AnalogueGalvo:
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return scale, limits, and where it was sent: there is no read-back."""
-        self._require_open("tell its settings")
+        self._require_open("report its settings")
         return {
             "identity": self.identity,
             "angle_x_rad": self._target_rad[0],
@@ -245,7 +245,7 @@ class AnalogueGalvo:
             "max_angle_y_rad": self.limits.max_angle_rad[1],
             "volts_per_degree_x": self.limits.volts_per_degree[0],
             "volts_per_degree_y": self.limits.volts_per_degree[1],
-            "settling": "waited for by time, not read back",
+            "settling": "a fixed waiting time, not read back",
             "settling_small_s": self._settling.small_s,
             "settling_full_s": self._settling.full_s,
         }
@@ -269,9 +269,12 @@ class AnalogueGalvo:
             or not 0 < len(angles_rad) <= self.longest_trajectory
         ):
             asked = f"follow positions of shape {angles_rad.shape}"
-            limit = f"it takes (n, 2), n from one to {self.longest_trajectory}"
+            limit = f"the shape must be (n, 2), with n from 1 to {self.longest_trajectory}"
         elif not isfinite(tick_s) or tick_s < shortest_s:
-            asked, limit = f"move every {tick_s:g} s", f"the board can every {shortest_s:.3g} s"
+            asked, limit = (
+                f"move every {tick_s:g} s",
+                f"the board needs at least {shortest_s:.3g} s for each move",
+            )
         else:
             return
         raise LimitError(self.limits.device, asked, limit, "Nothing was sent. Change exposure or grid.")

@@ -131,12 +131,12 @@ class SharedBoard:
 
     def identity(self) -> str:
         """Ask who it is; this and all others raise `drivers.errors.DeviceError` if the board refuses."""
-        with self._asked("say who it is"):
+        with self._asked("report its identity"):
             return self._board.identity()
 
     def fastest_hz(self, *, analogue: bool) -> float:
         """Ask how many samples a second it plays at most."""
-        with self._asked("say how fast it is"):
+        with self._asked("report its highest sample rate"):
             return self._board.fastest_hz(analogue=analogue)
 
     def set_lines(self, lines: Sequence[str], level: bool) -> None:
@@ -198,7 +198,7 @@ class SharedBoard:
 
     def playing(self) -> bool:
         """Return whether samples are still to come."""
-        with self._asked("play on"):
+        with self._asked("keep playing"):
             return self._board.playing()
 
     def stop(self) -> None:
@@ -209,7 +209,7 @@ class SharedBoard:
 
     def let_go_of_volts(self) -> None:
         """Let other programs have the analogue channels."""
-        with self._asked("let go of its channels"):
+        with self._asked("release its channels"):
             self._board.let_go_of_volts()
 
     @contextmanager

@@ -125,7 +125,7 @@ class DaqPointClock:
 
     def running(self) -> bool:
         """Return whether ticks are still to come; raise `DeviceError` if the board failed meanwhile."""
-        self._require_open("say whether it ticks")
+        self._require_open("report whether it ticks")
         return self._board.playing()
 
     def stop(self) -> None:
@@ -135,7 +135,7 @@ class DaqPointClock:
 
     def settings(self) -> dict[str, str | int | float | bool]:
         """Return where the pulses go, and what the board says of itself."""
-        self._require_open("tell its settings")
+        self._require_open("report its settings")
         return {
             "identity": self._board.identity(),
             "marker_lines": ", ".join(self._lines.markers),
@@ -156,10 +156,10 @@ class DaqPointClock:
         shortest_s = SAMPLES_PER_TICK / self._fastest_hz
         marked = int(np.bitwise_or.reduce(marks, axis=None))
         if marks.ndim != 1 or not 0 < len(marks) <= most:
-            asked, limit = f"give {marks.size} ticks", f"it takes one to {most}, in one row"
+            asked, limit = f"give {marks.size} ticks", f"it accepts 1 to {most}, in a one-dimensional array"
         elif not isfinite(tick_s) or not shortest_s <= tick_s <= LONGEST_TICK_S:
             asked = f"tick every {tick_s:g} s"
-            limit = f"it can every {shortest_s:.3g} s to {LONGEST_TICK_S:g} s"
+            limit = f"its interval can be {shortest_s:.3g} s to {LONGEST_TICK_S:g} s"
         elif marked >> len(self._lines.markers):
             asked = f"mark inputs {marked:04b} (M1 is the last digit)"
             limit = f"only {len(self._lines.markers)} have a line"

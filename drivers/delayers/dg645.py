@@ -179,16 +179,18 @@ class Dg645(TextDelayer):
                 asked,
                 problem.answered,
                 f"{problem.remedy} Over the network it listens at port 5025; a serial port runs at {BAUD} "
-                "baud. Perhaps another device is there.",
+                "baud. Perhaps another device is at this address.",
             ) from None
         if "DG645" not in identity.split(","):
             raise DeviceNotFoundError(
-                self.name, asked, f"it says {identity[:200]!r}", "Another device is at this address."
+                self.name, asked, f"its identity is {identity[:200]!r}", "Another device is at this address."
             )
         for _ in range(MOST_ERRORS):  # what others did wrong before
             if not self._ask_whole("LERR?"):
                 return " ".join(identity.split(","))
-        raise RefusedError(self.name, "forget old errors", "it goes on telling some", "Switch it off and on.")
+        raise RefusedError(
+            self.name, "clear its old errors", "it still reports some", "Switch it off and on."
+        )
 
     def _send_delay(self, delay_s: float) -> float:
         """Delay the leading edge from T0; raise if it kept another reference."""
@@ -227,7 +229,7 @@ class Dg645(TextDelayer):
                 return total_s
             number, delay_s = told[number]
             total_s += delay_s
-        raise self._nonsense(f"DLAY?{number}", "channels that are delayed from each other in a circle")
+        raise self._nonsense(f"DLAY?{number}", "channels that are delayed from each other in a loop")
 
     def _switch(self, on: bool) -> None:
         self._set("TSRC", str(EDGES[self._settings.trigger_edge] if on else SINGLE_SHOT))
@@ -247,8 +249,8 @@ class Dg645(TextDelayer):
             raise RefusedError(
                 self.name,
                 f"obey {command!r}",
-                f"it tells error {error}: {ERRORS.get(error, 'see its manual')}",
-                "Check its front panel, and that nobody else sets it.",
+                f"it reports error {error}: {ERRORS.get(error, 'see its manual')}",
+                "Check its front panel, and that nothing else changes it.",
             )
 
     def _ask(self, question: str) -> str:

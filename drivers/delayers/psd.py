@@ -99,14 +99,14 @@ class PsdSettings:
             raise LimitError(
                 "PSD delayer",
                 f"set a trigger level of {level:g} V",
-                f"it takes {TRIGGER_V[0]:g} to {TRIGGER_V[1]:g} V",
+                f"the range is {TRIGGER_V[0]:g} to {TRIGGER_V[1]:g} V",
                 "Nothing was sent. Correct the configuration.",
             )
         if not DIVIDERS[0] <= self.divider <= DIVIDERS[1]:
             raise LimitError(
                 "PSD delayer",
-                f"send a pulse for the first of {self.divider}",
-                f"it takes {DIVIDERS[0]} to {DIVIDERS[1]}",
+                f"send one pulse for {self.divider} triggers",
+                f"the range is {DIVIDERS[0]} to {DIVIDERS[1]}",
                 "Nothing was sent. Correct the configuration.",
             )
 
@@ -184,7 +184,7 @@ class PsdDelayer:
         fine_ps = total_ps - 1000 * width_ns
         if not FINE_PS[0] <= fine_ps <= FINE_PS[1]:
             raise self._refused(
-                f"delay by {total_ps / 1000:g} ns", f"with a pulse of {width_ns} ns it cannot"
+                f"delay by {total_ps / 1000:g} ns", f"with a pulse of {width_ns} ns this is not possible"
             )
         self._set("SD", fine_ps, within=FINE_STEP_PS)
         kept_ps = self._delay_ps()
@@ -272,7 +272,8 @@ class PsdDelayer:
                 self.name,
                 "answer like a PSD delayer",
                 problem.answered,
-                f"{problem.remedy} Perhaps another device is there, or MPD's own program has the port.",
+                f"{problem.remedy} Perhaps another device is at this address, "
+                "or MPD's own program has the port.",
             ) from None
         self.identity = f"MPD Picosecond Delayer, fine delay up to {longest_ps / 1000:g} ns"
 
@@ -312,7 +313,7 @@ class PsdDelayer:
                 self.name,
                 f"answer {sent!r}",
                 f"{answer[:80]!r} came",
-                f"Check that the line runs at {BAUD} baud, and that a PSD delayer is there.",
+                f"Check that the line runs at {BAUD} baud, and that a PSD delayer is connected.",
             )
         return int(answer)
 
@@ -322,11 +323,13 @@ class PsdDelayer:
         told = ERRORS.get(error, f"it answers error {error}")
         remedy = "Correct the configuration."
         if error == LOCAL:
-            remedy = "Set it to remote at its front panel."
+            remedy = "Set it to remote mode at its front panel."
         raise RefusedError(self.name, f"do {sent!r}", told, remedy)
 
     def _refused(self, asked: str, answered: str) -> RefusedError:
-        return RefusedError(self.name, asked, answered, "Check what is set at its front panel; connect anew.")
+        return RefusedError(
+            self.name, asked, answered, "Check what is set at its front panel; connect again."
+        )
 
     def _require_connection(self) -> None:
         if not self._connected:

@@ -154,7 +154,8 @@ class T560(TextDelayer):
                 self.name,
                 asked,
                 problem.answered,
-                f"{problem.remedy} Its serial port runs at {BAUD} baud. Perhaps another device is there.",
+                f"{problem.remedy} Its serial port runs at {BAUD} baud. "
+                "Perhaps another device is at this address.",
             ) from None
         return "Highland T560" if said == NO else said
 
@@ -199,7 +200,7 @@ class T560(TextDelayer):
     def _switch(self, on: bool) -> None:
         self._tell(f"{self._output}SET {'ON' if on else 'OFF'}")
         if self._ask_channel(self._output).on != on:
-            raise self._kept(f"switch output {self._output} {'on' if on else 'off'}", "it as it was")
+            raise self._kept(f"switch output {self._output} {'on' if on else 'off'}", "the old state")
 
     def _tell(self, command: str) -> None:
         answer = self._ask(command)

@@ -44,7 +44,7 @@ class DelayRange:
         if not (isfinite(width_s) and self.step_s <= width_s <= self.longest_s):
             return f"its pulses last {self.step_s:g} to {self.longest_s:g} s"
         if not 0 < repetition_hz <= self.fastest_hz:
-            return f"it takes triggers of up to {self.fastest_hz / 1e6:g} MHz"
+            return f"it accepts triggers of up to {self.fastest_hz / 1e6:g} MHz"
         return self.late(delay_s + width_s, repetition_hz)
 
     def late(self, end_s: float, repetition_hz: float) -> str:
@@ -53,8 +53,8 @@ class DelayRange:
         if end_s <= left_s + 1e-15:  # rounding
             return ""
         return (
-            f"its pulse ends {end_s * 1e9:.4g} ns after the trigger, and to be ready for the next one it has "
-            f"to end within {max(left_s, 0) * 1e9:.4g} ns at {repetition_hz / 1e6:g} MHz"
+            f"its pulse ends {end_s * 1e9:.4g} ns after the trigger, and to be ready for the next one it "
+            f"must end within {max(left_s, 0) * 1e9:.4g} ns at {repetition_hz / 1e6:g} MHz"
         )
 
 
@@ -199,12 +199,13 @@ class TextDelayer(ABC):
             self.name,
             asked,
             objection,
-            "Nothing was sent. Correct gate delay and pulse width, take a slower laser, or one period less.",
+            "Nothing was sent. Correct gate delay and pulse width, use a slower laser rate, "
+            "or a delay that is one laser period shorter.",
         )
 
     def _kept(self, asked: str, kept: str) -> RefusedError:
         return RefusedError(
-            self.name, asked, f"it kept {kept}", "Check its front panel, and that nobody else sets it."
+            self.name, asked, f"it kept {kept}", "Check its front panel, and that nothing else changes it."
         )
 
     def _nonsense(self, question: str, answer: str) -> ProtocolError:
@@ -213,7 +214,7 @@ class TextDelayer(ABC):
             self.name,
             f"answer {question!r}",
             f"{answer[:200]!r} came",
-            "Check line speed and firmware; connect anew.",
+            "Check line speed and firmware; connect again.",
         )
 
     def _hang_up(self) -> None:

@@ -90,6 +90,9 @@ class Harp(Instrument):
     def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> Exposure:
         """Clear, expose for ``exposure_s``, and return the histogram of each input.
 
+        Where the family can, histograms are cleared when they are read, too: then one call that does nothing
+        and reports no error leaves no counts of this exposure in the next one.
+
         A lost sync is a warning and not an error: the counts then cover an unknown part of the exposure, and
         a dark measurement has no sync by intention, so the caller decides. After a system error the counts
         are worthless, and it is raised.
@@ -125,9 +128,12 @@ class Harp(Instrument):
             raise
         live_s = duration_ms / 1000 if whole else library.get_elapsed_meas_time(index) / 1000
         library.stop_meas(index)
-        for row, channel in enumerate(self._settings.inputs):
-            library.get_histogram(index, channel, self._rows[row])
-        return Exposure(self._counts, live_s, self._sentences(library.get_flags(index)), whole)
+        # before histograms are cleared, and perhaps flags with them
+        warnings = self._sentences(library.get_flags(index))
+        inputs = self._settings.inputs
+        for row, channel in enumerate(inputs):
+            library.get_histogram(index, channel, self._rows[row], clearing=channel == inputs[-1])
+        return Exposure(self._counts, live_s, warnings, whole)
 
     def _expose(self, duration_ms: int, meanwhile: Callable[[], bool]) -> bool:
         """Wait for the end of an exposure; return False if ``meanwhile`` ended it before."""

@@ -14,11 +14,11 @@ _REMEDIES = {
         "Close the other program that uses it; after a crash, end the process that is left over, "
         "or {restart}."
     ),
-    "DEVICE_LOCKED": "Another program holds the {name}: close it, or {restart}.",
+    "DEVICE_LOCKED": "Another program uses the {name}: close it, or {restart}.",
     "DEVICE_VERSION_MISMATCH": "Install the firmware and library release that belong together.",
     "DEVICE_DRIVERVER_MISMATCH": "Install the driver and library release that belong together.",
     # the driver calls no index that it has not opened: an instrument that was open is gone
-    "DEVICE_NOT_OPEN": "The instrument is gone: {again}",
+    "DEVICE_NOT_OPEN": "The instrument is no longer connected: {again}",
     "INSTANCE_RUNNING": "Stop the running measurement first.",
     "INVALID_ARGUMENT": _DEFECT,
     "INVALID_MODE": _DEFECT,

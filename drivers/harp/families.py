@@ -234,7 +234,7 @@ PICOHARP_330 = Family(
     bin_width_s=4e-12,
     errors=_LATEST,
     warnings=_newer_warnings("trigger")
-    | {0x4000: "It is connected through USB 2.0, which passes a tenth of what USB 3 does."},
+    | {0x4000: "It is connected by USB 2.0, which has a tenth of the data rate of USB 3."},
     flags=Flags(counts_dropped=0x40, software_error=0x80),
     hardware="PicoHarp 330",
     record_type=0x00010307,
@@ -253,7 +253,7 @@ TIMEHARP_260_P = Family(
     ),
     link=Link(
         check="Check that the board sits firmly in its slot",
-        restart="restart the computer, which begins the board anew",
+        restart="restart the computer, which resets the board",
         absent="Check that the board sits firmly in its slot and that its driver is installed "
         "(on Linux the kernel module th260pcie).",
     ),

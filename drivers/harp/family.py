@@ -65,7 +65,8 @@ class Flags:
     def told(self, raised: int) -> list[tuple[int, str]]:
         """Return raised flags with what each says about a measurement; those nobody knows come as one."""
         sentences = {
-            self.overflow: "A bin of the histogram is full: expose shorter, attenuate, or move the gate.",
+            self.overflow: "A bin of the histogram is full: use a shorter exposure, attenuate, "
+            "or move the gate.",
             self.fifo_full: "The instrument's buffer was full, so photons are missing: attenuate.",
             self.sync_lost: "The sync was lost, so photons are missing: check laser and sync cable.",
             self.reference_lost: (
@@ -77,7 +78,7 @@ class Flags:
         if unknown := raised & ~(sum(sentences) | self.errors | self.active):
             text = (
                 f"The instrument raised flags 0x{unknown:X}, which its library's documents do not explain: "
-                "ask PicoQuant what they mean before the counts are used."
+                "ask PicoQuant what they mean before you use the counts."
             )
             told.append((unknown, text))
         return told

@@ -181,8 +181,9 @@ class Instrument(ABC):
         if min(sync_hz, *inputs_hz) < 0:
             raise ProtocolError(
                 self._name,
-                "tell its count rates",
-                f"it says {sync_hz:g} Hz of sync pulses and {', '.join(f'{one:g}' for one in inputs_hz)} Hz",
+                "report its count rates",
+                f"it reports {sync_hz:g} Hz of sync pulses and "
+                f"{', '.join(f'{one:g}' for one in inputs_hz)} Hz",
                 self._restart,
             )
         return Rates(sync_hz, inputs_hz)
@@ -274,7 +275,10 @@ class Instrument(ABC):
         asked = self._family.model
         if asked and model != asked:
             raise DeviceNotFoundError(
-                self._name, f"measure as a {asked}", f"it is a {model}", "Configure the board that is there."
+                self._name,
+                f"measure as a {asked}",
+                f"it is a {model}",
+                "Configure the board that is installed.",
             )
 
     @property
@@ -288,8 +292,8 @@ class Instrument(ABC):
             return
         raise ProtocolError(
             self._name,
-            "tell its inputs, its finest bin width and its number of bin widths",
-            f"it says {inputs}, {base_ps:g} ps and {binnings}",
+            "report its inputs, its finest bin width and its number of bin widths",
+            f"it reports {inputs}, {base_ps:g} ps and {binnings}",
             self._restart,
         )
 
@@ -377,7 +381,7 @@ def _none(library: HarpLibrary, serial: str | None, others: list[str]) -> Device
     return DeviceNotFoundError(
         f"{name} {serial}" if serial else name,
         f"open it through {library.name}",
-        f"only {', '.join(others)} can be opened" if others else f"no {name} is there",
+        f"only {', '.join(others)} can be opened" if others else f"no {name} was found",
         f"Check its serial number. {library.family.link.absent}",
     )
 
@@ -388,6 +392,6 @@ def _several(serials: list[str], library: HarpLibrary, unopened: HarpError | Non
     return DeviceNotFoundError(
         library.family.name,
         f"open the only one through {library.name}",
-        f"there are {', '.join(serials)}{one_more}",
-        "Say which one is meant by its serial number (tcspc.serial).",
+        f"several were found: {', '.join(serials)}{one_more}",
+        "Give the serial number of the one to use (tcspc.serial).",
     )

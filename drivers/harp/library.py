@@ -303,8 +303,13 @@ class HarpLibrary:
         """Return whether the acquisition time has run out (CTCStatus)."""
         return self._int("CTCStatus", index) != 0
 
-    def get_histogram(self, index: int, channel: int, into: "Array[c_uint]") -> None:
+    def get_histogram(
+        self, index: int, channel: int, into: "Array[c_uint]", *, clearing: bool = False
+    ) -> None:
         """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set.
+
+        With ``clearing`` the histograms are set to zero afterwards, by families whose function can do so. The
+        manuals do not state whether those of all inputs are, so read the last input with it.
 
         Raises
         ------
@@ -312,9 +317,11 @@ class HarpLibrary:
             If the library says that all is well and wrote nothing, so that the row holds older counts.
         """
         into[0] = UNWRITTEN
-        self._call("GetHistogram", index, into, channel, *[0] * self.family.clears_with_histogram)
+        self._call("GetHistogram", index, into, channel, *[int(clearing)] * self.family.clears_with_histogram)
         if into[0] == UNWRITTEN:
-            raise self._untrue(f"give the histogram of input {channel}", "all is well and wrote no counts")
+            raise self._untrue(
+                f"give the histogram of input {channel}", "there was no error, but wrote no counts"
+            )
 
     def get_resolution(self, index: int) -> float:
         """Return the bin width in force [ps]."""
@@ -365,13 +372,13 @@ class HarpLibrary:
         possible = 0 <= number <= len(into)
         if possible and not (number and into[0] == UNWRITTEN):
             return number
-        said = "and wrote no records" if possible else "which cannot be"
-        raise self._untrue(f"read {len(into)} records at most", f"these are {number}, {said}")
+        said = "but wrote no records" if possible else "which is not possible"
+        raise self._untrue(f"read {len(into)} records at most", f"it read {number}, {said}")
 
     def _untrue(self, asked: str, said: str) -> ProtocolError:
         link = self.family.link
         return ProtocolError(
-            self._device, asked, f"it said that {said}", f"{link.check}, and {link.restart}."
+            self._device, asked, f"it reported that {said}", f"{link.check}, and {link.restart}."
         )
 
 

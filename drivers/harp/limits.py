@@ -57,7 +57,7 @@ class Steps:
             raise LimitError(
                 device,
                 f"set the {what} to {exact:.10g} {self.unit}",
-                f"it takes whole {self.unit} from {self.low} to {self.high}",
+                f"it accepts whole {self.unit} from {self.low} to {self.high}",
                 f"The nearest possible value is {nearest} {self.unit}.",
             )
         return nearest
@@ -136,7 +136,7 @@ class HarpLimits:
             raise LimitError(
                 self.device,
                 f"record photons of {bins} bins at inputs up to {max(inputs)}",
-                f"records tell {TAGGED_BINS} bins at most, and inputs up to {TAGGED_INPUTS - 1}",
+                f"records can number {TAGGED_BINS} bins at most, and inputs up to {TAGGED_INPUTS - 1}",
                 "Use wider bins, or fewer inputs.",
             )
 
@@ -230,7 +230,10 @@ class HarpLimits:
 
     def _no_trigger(self, what: str, asked: str, has: str) -> LimitError:
         return LimitError(
-            self.device, f"give the {what} {asked}", f"its inputs have {has}", "Set what these have."
+            self.device,
+            f"give the {what} {asked}",
+            f"its inputs have {has}",
+            "Give only the settings that its inputs have.",
         )
 
     def check_inputs(self, inputs: Sequence[int]) -> None:
@@ -242,7 +245,7 @@ class HarpLimits:
             raise LimitError(
                 self.device,
                 f"measure with the inputs {', '.join(map(str, inputs)) or 'none'}",
-                "it takes one input or more, each once",
+                "it needs one input or more, each given once",
                 "Name different inputs.",
             )
 
@@ -266,7 +269,7 @@ class HarpLimits:
         raise LimitError(
             self.device,
             f"time against {sync_hz / 1e6:g} MHz of sync pulses with a sync divider of {divider}",
-            f"it takes {self.most_divided_hz / 1e6:g} MHz after the divider, and "
+            f"it accepts {self.most_divided_hz / 1e6:g} MHz after the divider, and "
             f"{self.most_sync_hz / 1e6:g} MHz before it",
             f"Set the sync divider to {enough[0]}." if possible else "Choose a slower laser rate.",
         )
@@ -277,6 +280,6 @@ class HarpLimits:
             raise LimitError(
                 self.device,
                 f"set the {what} to {value}",
-                f"it takes whole numbers from {low} to {high}",
+                f"it accepts whole numbers from {low} to {high}",
                 "Choose a value inside these limits.",
             )

@@ -210,7 +210,7 @@ class Reader:
         return LinkError(
             self._name,
             "read its records",
-            f"a call of {self._library.name} does not return",
+            f"a call of {self._library.name} did not return",
             f"End this program. {self._restart}",
         )
 
@@ -292,9 +292,10 @@ class Reader:
             if self._clock.now_s() > until_s:
                 raise DeviceError(
                     self._name,
-                    "hand its records over",
-                    f"{self._pieces.qsize()} pieces were not taken, and then none for {PATIENCE_S:g} s",
-                    "Attenuate, or give the program less to do with each photon.",
+                    "pass on its records",
+                    f"{self._pieces.qsize()} pieces of records wait to be processed, "
+                    f"and none was processed for {PATIENCE_S:g} s",
+                    "Attenuate, or let the program do less with each photon.",
                 )
 
     def _is_full(self) -> bool:
@@ -309,13 +310,13 @@ class Reader:
             self._name,
             "record each photon",
             f"its memory was full after {self._read} records, so that later ones are lost",
-            "Attenuate, or give the computer less to do beside.",
+            "Attenuate, or run less on this computer at the same time.",
         )
 
     def _late(self) -> LinkError:
         return LinkError(
             self._name,
             f"measure for {self._duration_s:g} s",
-            f"it is not over {LATE_S:g} s after its end, and not after {LAST_READS} reads more",
+            f"it still runs {LATE_S:g} s after its planned end, and after {LAST_READS} more reads",
             self._restart,
         )

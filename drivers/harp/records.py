@@ -253,7 +253,7 @@ class Encoder:
         nothing = np.empty(0, np.uint32)
         records, _ = _encode(photons, markers, self.last, fmt.tag_bits, fmt.most_wraps, nothing)
         if records < 0:
-            raise ValueError("tags fall: photons and markers are to come in the order of time")
+            raise ValueError("times decrease: photons and markers must be in order of time")
         encoded = np.empty(records, np.uint32)
         _, self.last = _encode(photons, markers, self.last, fmt.tag_bits, fmt.most_wraps, encoded)
         return encoded

@@ -78,8 +78,8 @@ class HarpSettings:
         if self.external_reference and not self.family.takes_reference:
             raise LimitError(
                 self.family.name,
-                "take an external reference clock",
-                "its library has no way to ask for it",
+                "use an external reference clock",
+                "its library has no function for this",
                 "Use the internal one.",
             )
 

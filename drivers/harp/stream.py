@@ -141,7 +141,7 @@ class HarpStream(Instrument):
         duration_ms = exposure.high if duration_s is None else self.limits.exposure_ms(duration_s)
         if self._reader is not None and self._reader.runs:
             raise DeviceError(
-                self._name, "start a measurement", "one still runs", "Stop it, or wait for its end."
+                self._name, "start a measurement", "another one still runs", "Stop it, or wait for its end."
             )
         index = self._index
         self._library.start_meas(index, duration_ms)
@@ -236,6 +236,6 @@ class HarpStream(Instrument):
             raise LimitError(
                 self._name,
                 "record photons one by one",
-                f"it was bought without {missing.name}",
+                f"it does not have the option {missing.name}",
                 "Measure histograms.",
             )

@@ -118,15 +118,16 @@ class KatanaLaser(TwoStepLaser):
                 raise RefusedError(
                     self.name,
                     f"be a {wanted.model}",
-                    f"a {other.model} is there, whose power is counted otherwise",
-                    "It was told to be dark, nothing else. Write its power in the configuration, and "
+                    f"a {other.model} is connected, whose power has another scale",
+                    "Its emission was switched off; nothing else was sent. "
+                    "Write its power in the configuration, and "
                     f'kind = "{other.kind}".',
                 )
         raise DeviceNotFoundError(
             self.name,
             f"answer like a {wanted.model}",
             f"{wanted.recognised_by}?: {heard[0]}",
-            f"{heard[1]} Perhaps another device is there.",
+            f"{heard[1]} Perhaps another device is at this address.",
         )
 
     def _deaf_to(self, dialect: Dialect) -> tuple[str, str] | None:
@@ -155,9 +156,9 @@ class KatanaLaser(TwoStepLaser):
         self._line.write(f"{names.emission}=0")
         raise ProtocolError(
             self.name,
-            "say whether it emits",
+            "report whether it emits",
             "; ".join(heard),
-            f"It was told to be dark, which it does not confirm. {BEWARE}",
+            f"Its emission was switched off, which it does not confirm. {BEWARE}",
         )
 
     def _prepare(self) -> None:
@@ -167,7 +168,8 @@ class KatanaLaser(TwoStepLaser):
             raise RefusedError(
                 self.name,
                 f"be armed for {wanted.power:g} W",
-                "its light is known by what it measures, and so little is no sign of it",
+                "its emission is known only by the power that it measures, "
+                "and this power is too low for that",
                 f"Nothing was set. Configure a power above {MEASURED_DARK_W:g} W.",
             )
         if names.measured:  # emission without power is not seen; with the power it would be light

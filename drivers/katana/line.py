@@ -126,7 +126,7 @@ class KatanaLine:
             self._line.lost_step()
             raise ProtocolError(
                 self.name,
-                f"answer '{name}?' twice alike",
+                f"give the same answer to '{name}?' twice",
                 f"{', then '.join(f'{value:g}' for value in said)} came",
                 "Check the cable; ask again.",
             )
@@ -165,9 +165,9 @@ class KatanaLine:
 def remedy(heard: str) -> str:
     """Return what to do about something that came in place of an answer."""
     if any(word.endswith("?") and word[:-1].isidentifier() for word in heard.split()):
-        return "It sends back what it is sent: switch the echo of laser or adapter off."
+        return "It returns what is sent to it: switch the echo of laser or adapter off."
     if "\\x" in heard or not all(one.isprintable() or one.isspace() for one in heard):
-        return f"This is no text: the line speed is another one; the laser needs {BAUD} baud, 8N1."
+        return f"This is not text: the line speed is wrong; the laser needs {BAUD} baud, 8N1."
     return f"Check power and cable, and that the line runs at {BAUD} baud, 8N1; ask again."
 
 

@@ -52,5 +52,5 @@ class KatanaSettings:
         if not slowest <= rate <= fastest or rate == float("inf"):
             return f"the repetition rate {rate:g} Hz is not within {slowest:g} to {fastest:g} Hz"
         if self.trigger not in model.triggers:
-            return f"the trigger {self.trigger!r} is none of {', '.join(model.triggers)}"
+            return f"the trigger {self.trigger!r} is not one of {', '.join(model.triggers)}"
         return ""

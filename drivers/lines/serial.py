@@ -54,7 +54,7 @@ class SerialLine:
         DeviceNotFoundError
             Nothing is at the address.
         LinkError
-            The port exists but cannot be used: permissions, or another program has it.
+            The port exists but cannot be used: permissions, or another program uses it.
         """
         try:
             port = serial.serial_for_url(
@@ -123,7 +123,7 @@ class SerialLine:
             self._unread = rest
             return bytes(line)
         self.lost_step()
-        came = f"only {bytes(line)!r} came" if line else "nothing came"
+        came = f"only {bytes(line)!r} came" if line else "no answer came"
         raise LinkError(
             self.name,
             asked,
@@ -166,8 +166,8 @@ class SerialLine:
                 return
         raise LinkError(
             self.name,
-            "fall silent",
-            "it keeps sending without being asked",
+            "stop sending",
+            "it sends without being asked",
             "Check the line speed, and that this is the right device; switch it off and on.",
         )
 
@@ -182,7 +182,10 @@ class SerialLine:
         self.lost_step()
         if isinstance(problem, serial.SerialTimeoutException):
             raise LinkError(
-                self.name, asked, "it did not take the bytes in time", "Check cable, flow control and power."
+                self.name,
+                asked,
+                "it did not accept the bytes in time",
+                "Check cable, flow control and power.",
             ) from problem
         raise LinkError(
             self.name, asked, f"the connection broke: {problem}", "Check the cable and plug it in again."
@@ -196,7 +199,7 @@ class SerialLine:
                 self.name, asked, "permission was denied", "On Linux, join the group of the port (dialout)."
             )
         if code in (errno.EBUSY, errno.EAGAIN):
-            return LinkError(self.name, asked, "another program has it", "Close the other program.")
+            return LinkError(self.name, asked, "another program uses it", "Close the other program.")
         return DeviceNotFoundError(
             self.name, asked, f"there is no such port ({problem})", "Check power, cable and the address."
         )

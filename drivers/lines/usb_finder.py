@@ -62,8 +62,9 @@ def find_instrument(
     raise DeviceNotFoundError(
         name,
         asked,
-        (f"{len(found)} fit among" if found else "none fits among") + f" {', '.join(seen) or 'no devices'}",
-        "Say which by its serial number." if found else "Check its power, cable and serial number.",
+        (f"{len(found)} match among" if found else "none matches among")
+        + f" {', '.join(seen) or 'no devices'}",
+        "Give the serial number of the one to use." if found else "Check its power, cable and serial number.",
     )
 
 
@@ -102,7 +103,7 @@ def _serial_number(device: usb.core.Device, name: str) -> str | None:
         if problem.errno == errno.EACCES:
             raise LinkError(
                 f"{name} {_describe(device, None)}",
-                "tell its serial number",
+                "report its serial number",
                 "permission was denied",
                 "On Linux, add a udev rule for its USB identifiers.",
             ) from problem

@@ -120,7 +120,7 @@ def parse_answer(frame: bytes, tag: int) -> Answer:
     if kind != DEV_DEP_MSG_IN:
         raise FrameError(f"message type {kind} came instead of {DEV_DEP_MSG_IN}")
     if inverted != ~came & 0xFF:
-        raise FrameError(f"tag {came} came with {inverted} for its inverse")
+        raise FrameError(f"tag {came} came with the inverse {inverted}")
     if came != tag:
         raise FrameError(f"it answers request {came} instead of {tag}")
     if len(frame) < HEADER_SIZE + size:
@@ -366,7 +366,7 @@ class UsbTmc:
             late = LinkError(
                 self.name,
                 asked,
-                f"nothing came in {self._timeout_ms / 1e3:g} s",
+                f"no answer came in {self._timeout_ms / 1e3:g} s",
                 "Check that it is powered; the command may be unknown to it.",
             )
             if abort is not None:
@@ -381,14 +381,14 @@ class UsbTmc:
 
     def _broken(self, asked: str, problem: usb.core.USBError) -> LinkError:
         what, remedy = {
-            errno.ENODEV: ("it was unplugged", "Plug it in again and connect anew."),
+            errno.ENODEV: ("it was unplugged", "Plug it in again and connect again."),
             errno.EACCES: ("permission was denied", "On Linux, add a udev rule for its USB identifiers."),
-            errno.EBUSY: ("another program has it", "Close the other program."),
-            errno.EPIPE: ("it stalled", "The command may be unknown to it; connect anew."),
-        }.get(problem.errno, (f"the connection broke: {problem}", "Check the cable and connect anew."))
+            errno.EBUSY: ("another program uses it", "Close the other program."),
+            errno.EPIPE: ("it stalled", "The command may be unknown to it; connect again."),
+        }.get(problem.errno, (f"the connection broke: {problem}", "Check the cable and connect again."))
         return LinkError(self.name, asked, what, remedy)
 
     def _nonsense(self, asked: str, answered: str) -> ProtocolError:
         return ProtocolError(
-            self.name, asked, answered, "Connect anew; check that it is a USBTMC instrument."
+            self.name, asked, answered, "Connect again; check that it is a USBTMC instrument."
         )

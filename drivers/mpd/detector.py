@@ -234,7 +234,7 @@ class MpdSpad:
                 self.name,
                 "answer like a Fast-Gated SPAD",
                 problem.answered,
-                f"{problem.remedy} Perhaps another device is there.",
+                f"{problem.remedy} Perhaps another device is at this address.",
             ) from None
         self.identity = "MPD Fast-Gated SPAD"
 
@@ -244,10 +244,10 @@ class MpdSpad:
 
     def _require_ready(self, status: Status) -> None:
         if not status.biased:
-            raise self._not_ready("have its bias", "the bias is off", "switch the bias on")
+            raise self._not_ready("have its bias on", "the bias is off", "switch the bias on")
         if status.error:
             raise self._not_ready(
-                "be in order", f"it reports error {status.error}", "look up and clear its error"
+                "report no error", f"it reports error {status.error}", "look up and clear its error"
             )
         self._require_hold_off(status)
 
@@ -287,14 +287,14 @@ class MpdSpad:
                 self.name,
                 "be gated by its trigger" if gated else "run freely",
                 "it is free running" if gated else "it is gated",
-                f"Look at it in {PROGRAM}; connect anew.",
+                f"Check it in {PROGRAM}; connect again.",
             )
         if gated and abs(status.gate_width_s - width_s) > WIDTH_WITHIN_S:
             raise RefusedError(
                 self.name,
                 f"open its gate for {width_s * 1e9:g} ns",
                 f"it keeps {status.gate_width_s * 1e9:g} ns",
-                "Choose another detector.gate_width; connect anew.",
+                "Choose another detector.gate_width; connect again.",
             )
         return status
 
@@ -326,13 +326,13 @@ class MpdSpad:
                 self.name,
                 "answer 'AQ;DC'",
                 f"{', '.join(missing)} did not come, but {'#'.join(came)[:80]!r}",
-                f"Check that the line runs at {BAUD} baud, and that a Fast-Gated SPAD is there.",
+                f"Check that the line runs at {BAUD} baud, and that a Fast-Gated SPAD is connected.",
             )
         return Status(codes)
 
     def _not_ready(self, asked: str, answered: str, by_hand: str) -> RefusedError:
         return RefusedError(
-            self.name, asked, answered, f"In {PROGRAM}, {by_hand}; close it, and begin again."
+            self.name, asked, answered, f"In {PROGRAM}, {by_hand}; close it, and start again."
         )
 
     def _require_connection(self) -> None:

@@ -51,7 +51,7 @@ def checked_width_ps(name: str, width_s: float) -> int:
         raise LimitError(
             name,
             f"open its gate for {width_s * 1e9:g} ns",
-            f"it takes {low_s * 1e9:g} to {high_s * 1e9:g} ns",
+            f"its range is {low_s * 1e9:g} to {high_s * 1e9:g} ns",
             "Nothing was sent. Correct detector.gate_width.",
         )
     return round(width_s * 1e12)

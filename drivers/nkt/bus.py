@@ -54,7 +54,9 @@ class NktBus:
         """
         data = self.read_bytes(register)
         if not data:
-            raise ProtocolError(self.name, f"read register {register:02X}", "it holds nothing", "Ask again.")
+            raise ProtocolError(
+                self.name, f"read register {register:02X}", "the register is empty", "Ask again."
+            )
         return int.from_bytes(data, "little")
 
     def read_bytes(self, register: int) -> bytes:
@@ -98,7 +100,10 @@ class NktBus:
                 return reply
             if reply.kind == Kind.NACK:
                 raise RefusedError(
-                    self.name, asked, "it is not possible, or not allowed now", "Look it up in the manual."
+                    self.name,
+                    asked,
+                    "it is not possible, or not allowed now",
+                    "Look this register up in the manual.",
                 )
             self._clock.sleep(BUSY_S)
         raise ProtocolError(
@@ -120,14 +125,14 @@ class NktBus:
                     self.name,
                     asked,
                     f"{line!r} came: {problem}",
-                    f"Check that the line runs at {BAUD} baud, 8N1, and that a SuperK laser is there.",
+                    f"Check that the line runs at {BAUD} baud, 8N1, and that a SuperK laser is connected.",
                 ) from None
             if (reply.destination, reply.source) == (MAINBOARD, host):
                 self._line.lost_step()
                 raise ProtocolError(
-                    self.name, asked, "the question itself came back", "Switch the echo of the adapter off."
+                    self.name, asked, "the request itself came back", "Switch the echo of the adapter off."
                 )
             if (reply.destination, reply.source, reply.register) == (host, MAINBOARD, register):
                 return reply
         self._line.lost_step()
-        raise ProtocolError(self.name, asked, "only answers to other questions came", "Ask again.")
+        raise ProtocolError(self.name, asked, "only answers to other requests came", "Ask again.")

@@ -102,12 +102,18 @@ class NktLaser(TwoStepLaser):
             kind = self._bus.read(registers.TYPE)
         except DeviceError as problem:
             raise DeviceNotFoundError(
-                self.name, asked, problem.answered, f"{problem.remedy} Perhaps another device is there."
+                self.name,
+                asked,
+                problem.answered,
+                f"{problem.remedy} Perhaps another device is at this address.",
             ) from None
         if kind not in MAINBOARDS:
             known = " or ".join(f"{one:02X}" for one in MAINBOARDS)
             raise DeviceNotFoundError(
-                self.name, asked, f"a module of type {kind:02X} is there, not {known}", "Check the address."
+                self.name,
+                asked,
+                f"the module at this address has the type {kind:02X}, not {known}",
+                "Check the address.",
             )
         return MAINBOARDS[kind]
 
@@ -118,7 +124,8 @@ class NktLaser(TwoStepLaser):
                 self.name,
                 "be ready to emit",
                 f"its interlock {interlock}",
-                "See that nobody is in the beam's way, then close the interlock and reset it at the laser.",
+                "Make sure that nobody is in the path of the beam, then close the interlock and reset it "
+                "at the laser.",
             )
         _, level = self._mode()
         if self._watchdog_found_s is None:
@@ -146,7 +153,7 @@ class NktLaser(TwoStepLaser):
             known = " or ".join(name for name, _ in self._board.modes.values())
             raise RefusedError(
                 self.name,
-                "take its level from the computer",
+                "let the computer set its level",
                 f"it is in mode {mode}, where something else sets it",
                 f"Set it to {known} with the vendor's program.",
             )

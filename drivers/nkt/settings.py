@@ -55,8 +55,9 @@ class NktSettings:
         oscillator, rate = self.oscillator_hz, self.repetition_hz
         if not 0 < rate <= oscillator * (1 + RATE_WITHIN) < float("inf"):
             return (
-                f"the repetition rate {rate:g} Hz is not above 0 and up to the oscillator's {oscillator:g} Hz"
+                f"the repetition rate {rate:g} Hz is not above 0 and at most the oscillator's "
+                f"{oscillator:g} Hz"
             )
         if self.picked > MOST_SKIPPED or abs(oscillator / self.picked - rate) > RATE_WITHIN * rate:
-            return f"{oscillator:g} Hz are not a whole multiple of {rate:g} Hz"
+            return f"{oscillator:g} Hz is not a whole multiple of {rate:g} Hz"
         return ""

@@ -74,7 +74,7 @@ def decoded(line: bytes) -> Telegram:
     """
     _, start, escaped = line.rpartition(bytes([START]))
     if not start:
-        raise TelegramError("no telegram begins")
+        raise TelegramError("the start of a telegram is missing")
     body = _plain(escaped)
     if len(body) < _SHORTEST:
         raise TelegramError(f"a telegram of {len(body)} bytes is too short")
@@ -89,6 +89,6 @@ def _plain(escaped: bytes) -> bytes:
         if one == ESCAPE:
             one = next(rest, 0) - SHIFT
             if one not in _SPECIAL:
-                raise TelegramError("an escape is followed by what it is not for")
+                raise TelegramError("an escape is followed by a byte that needs no escape")
         plain.append(one)
     return bytes(plain)

@@ -81,7 +81,7 @@ class OptotuneLimits:
             raise LimitError(
                 self.device,
                 f"point to ({angle_x_rad:.4f}, {angle_y_rad:.4f}) rad",
-                f"that is {hypot(x, y):.3f} of the mirror's range",
+                f"that is {hypot(x, y):.3f} times the mirror's range",
                 "Nothing was sent. Choose a smaller grid.",
             )
         return x, y
@@ -94,7 +94,7 @@ class OptotuneLimits:
         LimitError
             If any is outside, there is none, there are more than the memory holds, or ticks come too fast.
         """
-        asked = f"follow {len(angles_rad)} positions, one each {tick_s:g} s"
+        asked = f"follow {len(angles_rad)} positions, one every {tick_s:g} s"
         if not 0 < len(angles_rad) <= self.longest_trajectory:
             raise LimitError(
                 self.device,
@@ -106,7 +106,7 @@ class OptotuneLimits:
             raise LimitError(
                 self.device,
                 asked,
-                f"it looks at its trigger each {1 / SAMPLING_HZ:g} s, and needs two looks for a tick",
-                "Nothing was sent. Choose a longer dwell time.",
+                f"it reads its trigger input every {1 / SAMPLING_HZ:g} s, and needs two readings for a tick",
+                "Nothing was sent. Choose a longer exposure.",
             )
         return np.array([self.units(x_rad, y_rad) for x_rad, y_rad in angles_rad.tolist()])

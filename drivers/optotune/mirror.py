@@ -301,7 +301,7 @@ class OptotuneMirror:
         if answer == "OK":  # which one public driver expects where the manual has a number without a bit
             return 0
         if not _STATUS.fullmatch(answer):
-            self._not_ok("tell its STATUS", answer)
+            self._not_ok("report its STATUS", answer)
         return int(answer, 16)
 
     def _shake_hands(self) -> None:
@@ -383,19 +383,20 @@ class OptotuneMirror:
                 "Choose a smaller grid: the beam is not where it was asked to be.",
             )
         if answer == "ERROR":
-            raise RefusedError(self._line.name, asked, "ERROR came", "Look at its status; reconnect it.")
+            raise RefusedError(self._line.name, asked, "ERROR came", "Check its status; connect it again.")
         self._line.lost_step()
         raise ProtocolError(
             self._line.name, asked, f"{answer!r} came", "Check the cable; the command may be repeated."
         )
 
     def _not_a_mirror(self, asked: str, answered: str) -> DeviceNotFoundError:
-        remedy = "Check the address: another device, or none, is there."
+        remedy = "Check the address: another device is there, or none."
         if f"{asked!r} came" in answered:
-            remedy = "It sends back what it is sent: switch the echo of this line or adapter off."
+            remedy = "It returns what is sent to it: switch the echo of this line or adapter off."
         elif "\\x" in answered:
             remedy = (
-                f"What came is no text: the line's speed is not {registers.BAUD} baud, or another device is "
+                f"The answer is not text: the line's speed is not {registers.BAUD} baud, "
+                "or another device is "
                 "there. Check both."
             )
         return DeviceNotFoundError(

@@ -40,7 +40,7 @@ class ProMode:
 
     def value(self, register: int) -> int:
         """Return a register that holds a whole number."""
-        asked = f"tell register {register:04X}"
+        asked = f"report register {register:04X}"
         answer = self._ask(Command.GET_VALUE, register.to_bytes(2, "big"), asked)
         if len(answer) != 4:
             raise self._nonsense(asked, f"{answer!r} came")
@@ -50,11 +50,11 @@ class ProMode:
         """Set numbers of a vector, from its number ``first`` on."""
         data = struct.pack(f">{len(samples)}f", *samples)
         place = struct.pack(">HHB", register, 4 * first, len(data))
-        self._ask(Command.SET_VECTOR, place + data, f"take {len(samples)} samples from {first} on")
+        self._ask(Command.SET_VECTOR, place + data, f"store {len(samples)} samples from number {first} on")
 
     def vector(self, register: int, first: int, number: int) -> tuple[float, ...]:
         """Return numbers of a vector."""
-        asked = f"tell {number} samples from {first} on"
+        asked = f"report {number} samples from number {first} on"
         answer = self._ask(Command.GET_VECTOR, struct.pack(">HHB", register, 4 * first, 4 * number), asked)
         if len(answer) != 4 * number:
             raise self._nonsense(asked, f"{len(answer)} bytes came")
@@ -69,8 +69,8 @@ class ProMode:
         raise RefusedError(
             self._line.name,
             asked,
-            f"it says: {ERRORS.get(number, 'an unknown error')} (0x{number:04X})",
-            "Look at its status; reconnect it.",
+            f"it reports: {ERRORS.get(number, 'an unknown error')} (0x{number:04X})",
+            "Check its status; connect it again.",
         )
 
     def _answer(self, command: Command, asked: str) -> Frame:

@@ -119,7 +119,7 @@ class LineShutter(ABC):
         """Tell it to close, and raise unless it is."""
         self._move(False)
         if self.is_open():
-            raise RefusedError(self.name, "close", "it says that it is open", BEWARE)
+            raise RefusedError(self.name, "close", "it reports that it is open", BEWARE)
 
     def _move(self, to_open: bool) -> None:
         self._told_open = True  # until the line was set

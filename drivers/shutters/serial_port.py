@@ -98,7 +98,7 @@ class SerialShutter(LineShutter):
                 self.name, asked, "permission was denied", "On Linux, join the group of the port (dialout)."
             )
         if code in (errno.EBUSY, errno.EAGAIN):
-            return LinkError(self.name, asked, "another program has it", "Close the other program.")
+            return LinkError(self.name, asked, "another program uses it", "Close the other program.")
         return DeviceNotFoundError(
             self.name, asked, f"there is no such port ({problem})", "Check power, cable and the address."
         )

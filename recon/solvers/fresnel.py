@@ -17,6 +17,7 @@ import numpy as np
 from ducc0.fft import dct
 from numpy.typing import NDArray
 
+from recon.aperture import LatticeAxis
 from recon.capture import C_M_PER_S, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
@@ -49,7 +50,7 @@ def warnings(capture: Capture, wavelength_m: float, grid: VoxelGrid) -> list[str
     good_m = near_m * (found / MAX_FIGURE) ** (1 / 3)
     return [
         f"the Fresnel approximation needs d^4/(4 L^3 lambda) << 1, and it is {found:.2g} at a depth of "
-        f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is good from "
+        f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is valid from "
         f"{good_m:.1f} m on, or use --solver rsd, which is exact"
     ]
 
@@ -57,12 +58,11 @@ def warnings(capture: Capture, wavelength_m: float, grid: VoxelGrid) -> list[str
 class FresnelPropagator(LatticePropagator):
     """Convolves with the paraxial wave on a lattice."""
 
-    def _wavenumber(
-        self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
-    ) -> float:
-        """Return the chirp's highest spatial frequency, k dx/z, as far as 45 degrees: it fails beyond."""
-        farthest_m = max(abs(voxels_m[-1] - wall_m[0]), abs(wall_m[-1] - voxels_m[0]))
-        return super()._wavenumber(wall_m, voxels_m, grid) * min(1.0, farthest_m / float(grid.z_m[0]))
+    def _planned(self, wall: LatticeAxis, voxels_m: NDArray[np.float64], near_m: float) -> AxisPlan:
+        """Plan an axis for the chirp's highest frequency, k dx/z, as far as 45 degrees: it fails beyond."""
+        ends_m = wall.coordinates_m[[0, -1]]
+        farthest_m = max(abs(voxels_m[-1] - ends_m[0]), abs(ends_m[1] - voxels_m[0]))
+        return plan_axis(wall, voxels_m, self._wavenumber * min(1.0, farthest_m / near_m))
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""

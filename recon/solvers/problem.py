@@ -106,6 +106,8 @@ class ImagingProblem:
     whole_path_m
         `path_limits_m` of the depth block that this is a part of; None where it is a part of none. Tables
         of parts then have the same nodes, so that their fields add up to the same numbers.
+    whole_near_m
+        Depth of the nearest plane of the depth block that this is a part of: their lattices are the same.
     """
 
     capture: Capture
@@ -125,6 +127,7 @@ class ImagingProblem:
     spectra: Spectra = spectra
     threads: int = field(default_factory=usual_threads)
     whole_path_m: tuple[float, float] | None = None
+    whole_near_m: float | None = None
 
     def times_s(self, plane: int) -> NDArray[np.float64]:
         """(T, y or 1, x or 1) moments at which the plane is read."""
@@ -149,6 +152,11 @@ class ImagingProblem:
     def path_m(self) -> tuple[float, float]:
         """Shortest and longest path at which the record is read."""
         return self.whole_path_m or path_limits_m(self.capture, self.grid, self.camera)
+
+    @property
+    def near_m(self) -> float:
+        """Depth of the nearest plane, which lattices are planned for."""
+        return float(self.grid.z_m[0]) if self.whole_near_m is None else self.whole_near_m
 
     @property
     def weights(self) -> NDArray[np.float64]:

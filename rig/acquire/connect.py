@@ -154,8 +154,9 @@ def _check_own(own: Mapping[str, object]) -> None:
     for role in own:
         if role not in OWN:
             raise UsageError(
-                f"the {role} cannot be given as an object, but {', '.join(OWN)} can. A laser is opened by "
-                "its guard, in a process of its own: bring it as a package, see docs/plug-ins.md"
+                f"the {role} cannot be given as an object, but {', '.join(OWN)} can. "
+                "A laser is opened by its guard, in a separate process: provide its driver as a package, "
+                "see docs/plug-ins.md"
             )
 
 
@@ -202,11 +203,10 @@ def open_station(config: RigConfig, operator: Operator, *, tagged: bool = False)
 def _simulated(config: RigConfig, begin_s: float = 0.0) -> "Iterator[tuple[Wires, Bench]]":
     """Build the simulated bench and put its devices at the ends of the wires."""
     from rig.bench.operator import SimulatedOperator
-    from rig.bench.simulated import simulated_instruments, timing_faults
+    from rig.bench.simulated import simulated_instruments
 
     bench, instruments = simulated_instruments(config, begin_s)
     bench.warm_up()
-    timing_faults(config).warm_up()
     board = SharedBoard(instruments.daq)
     with instruments:
         yield (

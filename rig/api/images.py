@@ -17,7 +17,7 @@ from rig.files.taken import is_scan
 from rig.files.volume import Volume, read_volume, write_volume
 from rig.files.words import parameters_line
 from rig.image.measures import measure
-from rig.image.reconstruct import picture
+from rig.image.picture import picture
 from rig.image.result import Result
 from rig.image.truth import true_depth
 from rig.show.volume import check_picture, save

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,13 +16,9 @@ from rig.api.images import Image, open_volume
 from rig.errors import UsageError, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import is_volume
-from rig.image.asked import Quantity, Range, asked
+from rig.image.asked import ImageOptions, asked
 from rig.image.reconstruct import imaged
 from rig.show.about import scan_document
-
-if TYPE_CHECKING:
-    from recon.filming import Over
-    from recon.solvers.problem import Solver
 
 
 class Scan:
@@ -141,23 +137,8 @@ class Scan:
     def image(
         self,
         *,
-        wavelength: Quantity | None = None,
-        depth: Range | None = None,
-        camera: str = "confocal",
-        solver: "str | Solver" = "rsd",
-        cycles: float | None = None,
-        width: Quantity | None = None,
-        height: Quantity | None = None,
-        voxel: Quantity | None = None,
-        fade_from: Quantity | None = None,
-        frames: Range | None = None,
-        over: "Over | None" = None,
-        snr: float | None = None,
-        memory: Quantity | None = None,
-        device: str = "cpu",
-        calibrations: str | os.PathLike[str] | None = None,
-        even_bins: bool = False,
         progress: Callable[[float], None] | None = None,
+        **options: Unpack[ImageOptions],
     ) -> Image:
         """Image what is hidden. Names and defaults are those of the options of `rig recon`.
 
@@ -166,6 +147,8 @@ class Scan:
 
         Parameters
         ----------
+        progress
+            Called with the fraction that is done.
         wavelength, cycles
             Of the virtual pulse: its carrier, and its length in wavelengths.
         depth
@@ -188,8 +171,10 @@ class Scan:
             ``cpu``, or ``cuda``.
         calibrations, even_bins
             A folder whose newest calibrations are used, and whether counts are divided by bins' widths.
-        progress
-            Called with the fraction that is done.
+        relight
+            A hidden point that alone is lit, of an exhaustive capture: ``"10cm,0cm,1m"`` or metres.
+        however_long
+            Whether what takes more than ten minutes is computed, too.
 
         Raises
         ------
@@ -199,6 +184,8 @@ class Scan:
             If the scan holds nothing that can be imaged.
         recon.errors.ReconError
             If it cannot be imaged as asked.
+        TypeError
+            If there is no such option.
 
         Examples
         --------
@@ -208,25 +195,7 @@ class Scan:
         >>> img.save("letters-volume.h5")
         <rig.Image of letters.h5: 19 x 18 x 24, confocal, rsd, wavelength 30 cm, 2 cycles>
         """
-        request = asked(
-            camera=camera,
-            solver=solver,
-            wavelength=wavelength,
-            cycles=cycles,
-            depth=depth,
-            width=width,
-            height=height,
-            voxel=voxel,
-            fade_from=fade_from,
-            frames=frames,
-            over=over,
-            snr=snr,
-            memory=memory,
-            device=device,
-            calibrations=None if calibrations is None else os.fspath(calibrations),
-            even_bins=even_bins,
-        )
-        result = imaged(self.file, request, progress)
+        result = imaged(self.file, asked(**options), progress)
         return Image(result.volume, result)
 
     def plot(self) -> Figure:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from rig.show.volume import X_LABEL
@@ -58,6 +59,7 @@ def face_the_wall(axes: Axes) -> None:
     """Name the axes of the wall, give both the same scale, and let x grow to the left, as in all pictures."""
     axes.set(xlabel=X_LABEL, ylabel="y (m)", aspect="equal")
     axes.xaxis.set_inverted(True)
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))  # more would touch in a narrow panel
     axes.margins(0.12)  # arrows reach beyond the spots
 
 

@@ -7,7 +7,7 @@ workers do not see the file, spectra are taken here and sent once to each part.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from math import ceil
@@ -20,7 +20,6 @@ import numpy as np
 import rig
 from recon.by_lasers import RUN, Added, runs
 from recon.exhaustive import Exhaustive
-from recon.imaging import Planes
 from recon.noise import Tally
 from recon.parts import Cut, Field, Part, Slab, Spectra, cut, readings
 from recon.solvers.problem import ImagingProblem, Solver, ignore
@@ -67,7 +66,7 @@ class Crew:
         versions = {worker.version for worker in self._workers}
         if versions != {rig.__version__}:
             raise RefusedError(
-                f"workers have rig {', '.join(sorted(versions))}, and this is {rig.__version__}; install the "
+                f"workers have rig {', '.join(sorted(versions))}, but this is {rig.__version__}; install the "
                 "same on all"
             )
 
@@ -91,32 +90,10 @@ class Crew:
                 f"the cluster's workers do not have rig ({error}); install nlos-rig {rig.__version__} there"
             ) from error
 
-    def imaging(self, scan: ScanFile | None) -> Planes:
-        """Return what computes planes of images of a scan; None, where its counts are changed meanwhile."""
-        stored = self._stored(scan) if scan and self._files else None
-
-        def planes(problem: ImagingProblem, solver: str | Solver) -> Iterator[Field]:
-            assert isinstance(solver, str)  # all others were refused (`check_elsewhere`)
-            found = cut(problem, solver, workers=self.threads, memory_bytes=self.memory_bytes)
-            return self._planes(problem, found, stored)
-
-        return planes
-
-    def adding(self, scan: ScanFile) -> "Adding":
-        """Return what images runs of lasers of an exhaustive capture.
-
-        Raises
-        ------
-        RefusedError
-            If workers do not see the file, which is too large to be sent.
-        """
-        stored = self._stored(scan)
-        if stored is None:
-            raise RefusedError(
-                f"the workers do not all see {scan.path.resolve()} as it is here: put it where all see it "
-                "under the same path, or leave --cluster out"
-            )
-        return Adding(self._client, stored, self.threads, self.memory_bytes)
+    def imaging(self, scan: ScanFile, *, changed: bool = False) -> "Shared":
+        """Return what computes the fields of a scan; workers read the file if its counts are not changed."""
+        stored = self._stored(scan) if self._files and not changed else None
+        return Shared(self._client, scan.path.resolve(), stored, self.threads, self.memory_bytes)
 
     def _stored(self, scan: ScanFile) -> Stored | None:
         """Return the file as workers read it; None where they do not see it, or it is not as it seems."""
@@ -125,6 +102,50 @@ class Crew:
         if scan.growing or scan.mended or {one.sees for one in self._introduced(path)} != {here}:
             return None
         return Stored(path, scan.imaged[0], len(scan.channels), here)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A scan whose fields the workers compute.
+
+    Attributes
+    ----------
+    client
+        The cluster.
+    path
+        Of the scan file.
+    stored
+        The file as workers read it; None where they are sent what they need.
+    threads, memory_bytes
+        How many parts are computed at the same time, and what each may take.
+    """
+
+    client: "Client"
+    path: Path
+    stored: Stored | None
+    threads: int
+    memory_bytes: int
+
+    def planes(self, problem: ImagingProblem, solver: str | Solver) -> Iterator[Field]:
+        """Yield the field of each plane of a capture, in order of depth."""
+        assert isinstance(solver, str)  # all others were refused (`check_elsewhere`)
+        found = cut(problem, solver, workers=self.threads, memory_bytes=self.memory_bytes)
+        return self._planes(problem, found, self.stored)
+
+    def runs(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
+        """Yield what each run of lasers of an exhaustive capture adds, in their order.
+
+        Raises
+        ------
+        RefusedError
+            If workers do not see the file, which is too large to be sent.
+        """
+        if self.stored is None:
+            raise RefusedError(
+                f"the workers do not all see the same {self.path} as this computer: put it where all see it "
+                "under the same path, or leave --cluster out"
+            )
+        return self._added(problem, capture, self.stored)
 
     def _planes(self, problem: ImagingProblem, found: Cut, stored: Stored | None) -> Iterator[Field]:
         total, so_far = sum(slab.work_s for slab in found.slabs), 0.0
@@ -141,10 +162,10 @@ class Crew:
 
     def _read_there(self, problem: ImagingProblem, slabs: list[Slab], stored: Stored) -> Iterator[Layer]:
         """Let the workers take the spectra; what they summed up meanwhile is added here."""
-        client, wanted = self._client, _wanted(slabs)
+        client, wanted = self.client, _wanted(slabs)
         histograms = problem.capture.histograms
         tally = histograms if isinstance(histograms, Tally) else None
-        read = readings(problem, wanted, self._runs(problem, wanted, stored), tally)
+        read = readings(problem, wanted, self._readers(problem, wanted, stored), tally)
         taken = [client.submit(take, stored, one, pure=False) for one in read]
         pieces = {
             one.name: [client.submit(getitem, some, number, pure=False) for some in taken]
@@ -171,14 +192,14 @@ class Crew:
 
         def task(part: Part) -> "Callable[[], Future]":
             def submit() -> "Future":
-                sent = self._client.scatter(at[part.takes.name], hash=False)
-                return self._client.submit(focus, part, sent, pure=False)
+                sent = self.client.scatter(at[part.takes.name], hash=False)
+                return self.client.submit(focus, part, sent, pure=False)
 
             return submit
 
         yield from _layers(slabs, task)
 
-    def _runs(self, problem: ImagingProblem, wanted: list[Spectra], stored: Stored) -> list[slice]:
+    def _readers(self, problem: ImagingProblem, wanted: list[Spectra], stored: Stored) -> list[slice]:
         """Divide positions among readers: whole chunks of the file, and no more than their memory holds."""
         positions = problem.capture.positions
         size = sum(_spectra_bytes(problem, one) for one in wanted)
@@ -188,45 +209,30 @@ class Crew:
         cuts = np.minimum(edges.round().astype(int) * chunk, positions).tolist()
         return [slice(first, stop) for first, stop in pairwise(cuts)]
 
-
-class Adding:
-    """Images an exhaustive capture on the workers, run of lasers by run of lasers.
-
-    Parameters
-    ----------
-    client, stored
-        The cluster, and the file that its workers see.
-    threads, memory_bytes
-        How many runs are imaged at the same time, and what each may take.
-    """
-
-    def __init__(self, client: "Client", stored: Stored, threads: int, memory_bytes: int) -> None:
-        self._client, self._stored = client, stored
-        self._threads, self._memory_bytes = threads, memory_bytes
-
-    def added(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
-        """Yield what each run adds, in their order; few are computed ahead of it."""
+    def _added(self, problem: ImagingProblem, capture: Exhaustive, stored: Stored) -> Iterator[Added]:
+        """Let the workers image runs of lasers; few are computed ahead of what is yielded."""
         told, alone = problem.progress, replace(problem, progress=ignore, threads=1)
-        longest = max(1, ceil(capture.lasers / (AHEAD * self._threads)))
-        lasers = list(runs(capture, alone, self._memory_bytes, min(longest, RUN)))
-        shared = self._client.scatter(alone, broadcast=True, hash=False)
+        longest = max(1, ceil(capture.lasers / (AHEAD * self.threads)))
+        lasers = list(runs(capture, alone, self.memory_bytes, min(longest, RUN)))
+        shared = self.client.scatter(alone, broadcast=True, hash=False)
+
+        def submit(run: slice, problem: Any) -> "Future":
+            return self.client.submit(add, stored, run, problem, self.memory_bytes, pure=False)
+
         waiting: deque[tuple[slice, Future]] = deque()
         source = iter(lasers)
         try:
             while True:
-                while len(waiting) < AHEAD * self._threads and (run := next(source, None)) is not None:
-                    waiting.append((run, self._submit(run, shared)))
+                while len(waiting) < AHEAD * self.threads and (run := next(source, None)) is not None:
+                    waiting.append((run, submit(run, shared)))
                 if not waiting:
                     return
                 run, future = waiting.popleft()
-                yield result(partial(self._submit, run, alone), future)
+                yield result(partial(submit, run, alone), future)
                 told(run.stop / capture.lasers)
         finally:
             for _, future in waiting:
                 future.cancel()
-
-    def _submit(self, run: slice, problem: Any) -> "Future":
-        return self._client.submit(add, self._stored, run, problem, self._memory_bytes, pure=False)
 
 
 def _layers(slabs: list[Slab], task: "Callable[[Part], Callable[[], Future]]") -> Iterator[Layer]:

@@ -4,71 +4,24 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import rig
-from recon.registry import CAMERAS, SOLVERS
 from rig.cluster.tasks import fingerprint
 from rig.errors import ConfigError, UsageError, reason
-from rig.image.reconstruct import Request
-from rig.model.quantities import depths, parse, si_range
+from rig.image.asked import OPTIONS, Option, asked
+from rig.image.request import Request
 
-
-def _quantity(kind: str) -> Callable[[Any], float]:
-    return lambda text: parse(_text(text), kind)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise UsageError(f"{value!r} is to be text with a unit, in quotes")
-    return value
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{value!r} is no number")
-    return float(value)
-
-
-def _switch(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise UsageError(f"{value!r} is neither true nor false")
-    return value
-
-
-def _one_of(*words: str) -> Callable[[Any], str]:
-    def read(value: Any) -> str:
-        if value not in words:
-            raise UsageError(f"{value!r} is none of {', '.join(words)}")
-        return str(value)
-
-    return read
-
-
-#: Settings by the names of the options of ``rig recon``: the request's field, and what reads a value.
-SETTINGS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "camera": ("camera", _one_of(*CAMERAS)),
-    "solver": ("solver", _one_of(*SOLVERS)),
-    "wavelength": ("wavelength_m", _quantity("length")),
-    "cycles": ("cycles", _number),
-    "depth": ("depth_m", lambda text: depths(_text(text))),
-    "width": ("width_m", _quantity("length")),
-    "height": ("height_m", _quantity("length")),
-    "voxel": ("voxel_m", _quantity("length")),
-    "fade-from": ("fade_from_s", _quantity("time")),
-    "frames": ("frames_s", lambda text: si_range(_text(text), "time", "2ns:20ns:0.2ns")),
-    "over": ("over", _one_of("surface", "max", "sum")),
-    "all-depths": ("all_depths", _switch),
-    "snr": ("snr", _number),
-    "memory": ("memory_bytes", lambda text: int(parse(_text(text), "memory"))),
-    "device": ("device", _one_of("cpu", "cuda")),
-    "even-bins": ("even_bins", _switch),
-    "each-frame": ("each_frame", _switch),
-    "fresh-to": ("fresh_to_m", _quantity("length")),
+#: Settings by the names of the options of ``rig recon``. A folder of calibrations changes without its name,
+#: so that nobody could say whether an image is still of them.
+SETTINGS = {
+    name.replace("_", "-"): option
+    for name, option in OPTIONS.items()
+    if name not in {"calibrations", "however_long"}
 }
 
 
@@ -129,14 +82,15 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
     if document or not listed:
         wrong = f"it has the key {', '.join(document)}" if document else "it has none"
-        raise ConfigError(f"{path} is to hold tables [[job]] alone, and {wrong}; see docs/cluster.md")
+        raise ConfigError(f"{path} must hold only tables [[job]], but {wrong}; see docs/cluster.md")
     jobs: list[Job] = []
     for number, table in enumerate(tables, 1):
         jobs += _of_table(path, f"{path}, job {number}", table, however_long)
     names = [job.name for job in jobs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(
-            f"{path}: {len(twice)} images would have the name of another, the first is {twice[0]}; name the "
+            f"{path}: {len(twice)} images would have the name of another image; the first is {twice[0]}; "
+            "name the "
             "scans differently, or each scan and setting once"
         )
     return jobs
@@ -166,7 +120,7 @@ def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bo
 def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if not isinstance(patterns, list) or not patterns or not all(isinstance(one, str) for one in patterns):
-        raise ConfigError(f'{where}: scans is to be a list of names or patterns, such as ["night/*.h5"]')
+        raise ConfigError(f'{where}: scans must be a list of names or patterns, such as ["night/*.h5"]')
     found: dict[Path, None] = {}
     for pattern in patterns:
         root = Path(Path(pattern).anchor or path.parent)
@@ -174,7 +128,7 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
             rest = pattern.removeprefix(Path(pattern).anchor)
             matches = sorted(one.resolve() for one in root.glob(rest) if one.is_file())
         except (ValueError, NotImplementedError, IndexError, OSError) as error:
-            raise ConfigError(f"{where}: '{pattern}' is no pattern of file names: {error}") from None
+            raise ConfigError(f"{where}: '{pattern}' is not a pattern of file names: {error}") from None
         if not matches:
             raise ConfigError(f"{where}: no file is called '{pattern}', seen from {root.resolve()}")
         found |= dict.fromkeys(matches)
@@ -182,14 +136,34 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
 
 
 def _request(where: str, settings: Mapping[str, Any], however_long: bool) -> Request:
-    fields: dict[str, Any] = {"however_long": however_long}
+    options: dict[str, Any] = {"however_long": however_long}
     for key, value in settings.items():
-        field, read = SETTINGS[key]
+        option = {key.replace("-", "_"): value}
         try:
-            fields[field] = read(value)
+            _check_form(SETTINGS[key], value)
+            asked(**option)
         except UsageError as error:
             raise ConfigError(f"{where}: {key}: {error}") from None
-    return Request(**fields)
+        options |= option
+    return asked(**options)
+
+
+def _check_form(option: Option, value: Any) -> None:
+    """Refuse a value that is not written as its option is."""
+    wrong = {
+        "text": not isinstance(value, str) or not value,
+        "number": isinstance(value, bool) or not isinstance(value, int | float),
+        "switch": not isinstance(value, bool),
+        "word": value not in option.words,
+    }
+    said = {
+        "text": "must be text with a unit, in quotes",
+        "number": "is not a number",
+        "switch": "is neither true nor false",
+        "word": f"is not one of {', '.join(option.words)}",
+    }
+    if wrong[option.form]:
+        raise UsageError(f"{value!r} {said[option.form]}")
 
 
 def _in_a_name(value: Any) -> str:

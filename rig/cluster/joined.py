@@ -1,5 +1,6 @@
 """Joining a cluster: one that runs, or workers of this computer for as long as they are needed."""
 
+import json
 import os
 import re
 import signal
@@ -8,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rig.errors import RefusedError, UsageError
+from rig.errors import RefusedError, UsageError, reason
 from rig.install import install_extra
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 #: How a cluster is named.
 FORMS = "local, local:4, tcp://HOST:8786, tls://HOST:8786, or the name of a scheduler's FILE.json"
+#: A scheduler's address.
+SCHEDULER = r"(tcp|tls|ucx|ws|wss)://\S+"
 #: How long a scheduler may take to answer.
 PATIENCE_S = 20
 _QUIET = {
@@ -44,9 +47,9 @@ def local_workers(address: str) -> int | None:
                 f"{4 * (os.cpu_count() or 1)} workers"
             )
         return number
-    if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://\S+", address) or address.endswith(".json"):
+    if re.fullmatch(SCHEDULER, address) or address.endswith(".json"):
         return None
-    raise UsageError(f"--cluster '{address}' names no cluster; write {FORMS}")
+    raise UsageError(f"--cluster '{address}' is not a cluster; write {FORMS}")
 
 
 @contextmanager
@@ -122,22 +125,55 @@ def _share_bytes(number: int) -> int:
 def _named(address: str) -> "Iterator[Client]":
     from distributed import Client
 
-    where: dict[str, Any] = {"address": address}
-    if address.endswith(".json"):
-        if not Path(address).is_file():
-            raise UsageError(
-                f"--cluster {address}: there is no such file; the scheduler writes it "
-                "(dask scheduler --scheduler-file FILE.json)"
-            )
-        where = {"scheduler_file": address}
+    scheduler = _scheduler(address)
+    _require_certificates(address, scheduler)
     try:
-        client = Client(**where, timeout=PATIENCE_S, set_as_default=False)
+        client = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
         raise UsageError(
             f"--cluster {address}: no scheduler answers within {PATIENCE_S} s ({error}); check the address, "
-            "and that the scheduler runs"
+            "that the scheduler runs, and whether it wants tls:// in place of tcp://"
         ) from error
     with client:
         if not client.nthreads():
             raise RefusedError(f"--cluster {address}: its scheduler has no workers; start some: dask worker")
         yield client
+
+
+def _scheduler(address: str) -> str:
+    """Return a scheduler's address: as it was given, or from the file that the scheduler wrote."""
+    if not address.endswith(".json"):
+        return address
+    try:
+        found = json.loads(Path(address).read_text(encoding="utf-8"))["address"]
+    except OSError as error:
+        raise UsageError(
+            f"--cluster {address} cannot be read: {reason(error)}; the scheduler writes it "
+            "(dask scheduler --scheduler-file FILE.json)"
+        ) from None
+    except (ValueError, KeyError, TypeError):
+        found = None
+    if not isinstance(found, str) or not re.fullmatch(SCHEDULER, found):
+        raise UsageError(
+            f"--cluster {address} has no scheduler's address; name the file that a scheduler wrote "
+            "(dask scheduler --scheduler-file FILE.json)"
+        )
+    return found
+
+
+def _require_certificates(address: str, scheduler: str) -> None:
+    """Refuse TLS without certificates, for which dask has no words."""
+    from distributed import Security
+
+    try:
+        known = Security().get_connection_args("client")["ssl_context"]
+    except (OSError, ValueError) as error:  # a bad certificate is an OSError (ssl.SSLError)
+        raise UsageError(
+            f"--cluster {address}: dask's certificates cannot be used: {error}; check distributed.comm.tls "
+            "in dask's configuration (docs/cluster.md, Security)"
+        ) from error
+    if scheduler.startswith(("tls:", "wss:")) and known is None:
+        raise UsageError(
+            f"--cluster {address} needs certificates, and dask's configuration has none; set "
+            "distributed.comm.tls there (docs/cluster.md, Security)"
+        )

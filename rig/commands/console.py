@@ -6,6 +6,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -26,6 +27,7 @@ from rig.model.quantities import show, show_duration
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from rich.console import RenderableType
     from rich.live import Live
 
     from rig.files.scan import ScanFile
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 
 #: Positions whose time says how long the others will take; the first has what happens once in it.
 _ENOUGH = 5
+#: Columns of what is no terminal: a command or a checksum in it stays in one line.
+_WIDEST = 10_000
 #: Everything but results.
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -132,17 +136,30 @@ def warn_of(scan: "ScanFile") -> None:
         warn(sentence)
 
 
+def _results(*parts: "RenderableType", width: int | None = None) -> None:
+    """Print on stdout, no line with spaces at its end; a file or a pipe gets each row as one whole line.
+
+    On a terminal that is too narrow, cells are folded; nothing is cut short anywhere.
+    """
+    console = Console(highlight=False)
+    if width or not console.is_terminal:
+        console = Console(highlight=False, width=width or _WIDEST)
+    for part in parts:
+        for segments in console.render_lines(part, pad=False):
+            line = Text.assemble(*((one.text, one.style or "") for one in segments))
+            line.rstrip()
+            console.print(line, soft_wrap=True)
+
+
 def print_facts(title: str, facts: dict[str, str]) -> None:
     """Print names and values as two aligned columns on stdout."""
     voice.note("result", "\n".join([title, *(f"{name}: {value}" for name, value in facts.items())]))
     table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim")
-    table.add_column()
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
     for name, value in facts.items():
         table.add_row(_plain(name), _plain(value))
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(Text(printable(title), "bold"))
-    console.print(table)
+    _results(Text(printable(title), "bold", overflow="fold"), table)
 
 
 def print_table(
@@ -155,15 +172,15 @@ def print_table(
         table.add_column(name, justify="right" if number and name not in words else "left", no_wrap=True)
     for row in rows:
         table.add_row(*map(Text, row))
-    widest = sum(max(map(len, column)) + 2 for column in zip(header, *rows, strict=True))
-    Console(highlight=False, width=widest).print(table)  # never cuts a number short, whatever the terminal
+    # never cuts a number short, whatever the terminal
+    _results(table, width=sum(max(map(cell_len, column)) + 2 for column in zip(header, *rows, strict=True)))
 
 
 def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
     """Print the results of checks on stdout, each with what to do about it."""
     colours = {"ok": "green", "warning": "yellow", "missing": "red", "optional": "dim"}
     table = Table.grid(padding=(0, 2))
-    table.add_column()
+    table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     table.add_column(overflow="fold", ratio=1)
     for finding in findings:
@@ -172,9 +189,7 @@ def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
         if finding.remedy:
             found.append("\n").append(printable(finding.remedy), "dim")
         table.add_row(verdict, _plain(finding.what), found)
-    console = Console(highlight=False)
-    console.print(Text(printable(headline), "bold"))
-    console.print(table)
+    _results(Text(printable(headline), "bold", overflow="fold"), table)
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -268,7 +283,9 @@ class ScanProgress:
                 self._draw(done)
         elif done * 10 // self._positions > self._tenth:
             self._tenth = done * 10 // self._positions
-            say(f"{self._tenth * 10:3d} %  {done}/{self._positions}  {self._rate()}  {self._left(done)}")
+            percent = f"{done * 100 // self._positions:3d} %"
+            parts = [percent, f"{done}/{self._positions}", self._rate(), self._left(done)]
+            say("  ".join(filter(None, parts)))
 
     def _draw(self, done: int | None) -> None:
         left = self._left(done) if done else ""

@@ -26,7 +26,8 @@ def plot(
     """Draw the raw data of scans, or the projections of a volume.
 
     A scan is drawn as one image of all its counts, and as the histograms of three positions: that with the
-    most photons, the median one, and that with the largest bin. Of several scans these are compared.
+    most photons, the median one, and that with the largest bin, until 99.5 % of their photons have come. Of
+    several scans these are compared.
 
     [bold]Examples[/bold]
 
@@ -56,7 +57,7 @@ def _figure(files: list[Path]) -> "Figure":
 
     volumes = [path for path in files if is_volume(path)]
     if volumes and len(files) > 1:
-        raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
+        raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot each volume alone")
     if volumes:
         return volume_figure(read_volume(files[0]), printable(files[0].name))
     if len(files) == 1:

@@ -14,7 +14,7 @@ def report(
     volume: Annotated[
         Path | None,
         typer.Argument(
-            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if there][/dim]"
+            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if it exists][/dim]"
         ),
     ] = None,
     out: Annotated[
@@ -39,7 +39,7 @@ def report(
     from rig.commands import console
     from rig.files.scan import ScanFile
     from rig.files.volume import read_volume
-    from rig.image.reconstruct import picture
+    from rig.image.picture import picture
     from rig.model.quantities import show_bytes
     from rig.show.report import Imaged, save_report
 

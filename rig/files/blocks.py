@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError
 from rig.files.inspection import CHUNK_BYTES
-from rig.files.trial import most_memory
+from rig.files.trial_child import most_memory
 
 try:
     from isal import isal_zlib as inflating  # unpacks in 0.4 of zlib's time
@@ -69,8 +69,8 @@ def _bounded(dataset: h5py.Dataset, values: int) -> None:
     if claimed > most:
         raise DataFileError(
             f"{dataset.file.filename}: {dataset.name} claims {claimed / 1e9:.3g} GB to be read at once, in a "
-            f"file that can be worth {most / 1e9:.3g} GB; it is damaged, or packed as no measurement is: "
-            "unpack it (h5repack -f NONE)"
+            f"file that can be worth {most / 1e9:.3g} GB; it is damaged, "
+            "or compressed far more than a measurement can be: unpack it (h5repack -f NONE)"
         )
 
 

@@ -75,6 +75,37 @@ class ScanBeginning(ScanFile):
         return forms.of_file(self._file).unpacked(self._file["transients"], chunk, first)
 
 
+class Resumption:
+    """Sees whether a scan file that was closed is written again; it takes no lock that a program could miss.
+
+    Parameters
+    ----------
+    path
+        The scan file, which nobody writes now.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._journal = journal_of(path)
+        self._before = self._stamp()
+
+    @property
+    def begun(self) -> bool:
+        """Whether something was written since.
+
+        Who resumes a scan locks its journal first, and writes then: a journal with new records is locked.
+        """
+        now = self._stamp()
+        return now is not None and now != self._before
+
+    def _stamp(self) -> tuple[int, int, int] | None:
+        """Return what differs when the journal is another, or longer; None where it has no records."""
+        try:
+            stat = self._journal.stat()
+        except OSError:
+            return None
+        return (stat.st_ino, stat.st_size, stat.st_mtime_ns) if stat.st_size else None
+
+
 class Following:
     """Reads what is new in a scan file; it changes nothing, and holds nobody up.
 

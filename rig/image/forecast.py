@@ -3,18 +3,24 @@
 import json
 import os
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import rig
+from recon.camera import ConfocalCamera
 from recon.effort import Effort, Speed, effort, speed
 from recon.grid import memory_bytes
+from recon.imaging import plan
 from recon.parts import Cut, cut
 from recon.solvers.problem import ImagingProblem, Solver
 from rig.atomic import appearing
 from rig.errors import RefusedError
+from rig.files.scan import ScanFile
+from rig.image.focus import ATTEMPTS
+from rig.image.request import Request, check, check_elsewhere
+from rig.image.work import Work, camera_of, chosen
 from rig.model.quantities import show_duration
 
 #: By the clock; what takes longer runs with ``--yes``.
@@ -113,6 +119,43 @@ def _size(count: float) -> str:
     return f"{count / 1e9:.3g} GB" if count >= 1e9 else f"{count / 1e6:.3g} MB"
 
 
+def forecasted(scan_path: Path, request: Request, workers: int | None = None) -> Forecast:
+    """Say what imaging a scan will take; nothing of it is computed.
+
+    Raises
+    ------
+    As of `rig.image.reconstruct.reconstruct`.
+    """
+    check(request)
+    if workers:
+        check_elsewhere(request)
+    with ScanFile(scan_path) as scan:
+        work, _ = chosen(scan, request)
+        return forecast_of(work, workers, request.memory_bytes, measured=True)
+
+
+def forecast_of(
+    work: Work, workers: int | None, worker_bytes: int | None, *, measured: bool = False
+) -> Forecast:
+    """Count what imaging work takes; all but the work is as of `forecast`."""
+    request, camera = work.request, camera_of(work)
+    confocal = isinstance(camera, ConfocalCamera)
+    searched = confocal and request.wavelength_m is None
+    problem = replace(
+        plan(work.capture, work.pulse, work.grid, camera, work.window),
+        device=request.device,
+        slopes=confocal,
+    )
+    return forecast(
+        problem,
+        request.solver,
+        images=1 + ATTEMPTS if searched else 1,
+        workers=workers,
+        worker_bytes=worker_bytes,
+        measured=measured,
+    )
+
+
 def forecast(
     problem: ImagingProblem,
     solver: str | Solver,
@@ -182,9 +225,9 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
         return
     room = memory_bytes()
     if found.on_workers is None and not bounded and counted.memory_bytes > room:
-        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in turns, or "
+        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in several steps, or "
         raise RefusedError(
-            f"imaging takes {_size(counted.memory_bytes)} of memory, and this computer has {_size(room)}; "
+            f"imaging takes {_size(counted.memory_bytes)} of memory, but this computer has {_size(room)}; "
             f"{in_turns if counted.least_bytes < 0.8 * room else ''}image fewer voxels: a larger --voxel, or "
             "a larger step of --depth"
         )
@@ -192,8 +235,8 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
     if clock_s > LONGEST_S and not however_long:
         raise RefusedError(
             f"imaging takes about {show_duration(clock_s)}, more than {show_duration(LONGEST_S)}, for "
-            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it all the same, --cluster "
-            "shares it out, and a larger --voxel or step of --depth takes less"
+            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it anyway, "
+            "--cluster divides it among workers, and a larger --voxel or step of --depth needs less"
         )
 
 

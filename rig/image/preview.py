@@ -23,10 +23,13 @@ from rig.files import kept
 from rig.files.journal import journal_of
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
+from rig.image.focus import still
 from rig.image.origin import origin
+from rig.image.picture import picture
 from rig.image.recalibrate import Seen, as_recorded
-from rig.image.reconstruct import Request, picture, planned, still, warnings_of
+from rig.image.request import Request
 from rig.image.result import Result
+from rig.image.work import planned, warnings_of
 from rig.model.quantities import show_length
 from rig.show.volume import save
 
@@ -123,7 +126,7 @@ def _wavelength(asked_m: float | None, copy: Copy) -> tuple[float, str]:
     if wanted_m >= least_m * (1 - 1e-9):
         return wanted_m, reason
     side = show_length(copy.found.side_m)
-    return least_m, f"not {show_length(wanted_m)}, since a preview's cells of {side} bear no shorter wave"
+    return least_m, f"not {show_length(wanted_m)}, since a preview's cells of {side} need a longer wavelength"
 
 
 def _check(request: Request) -> None:

@@ -54,10 +54,10 @@ def read(source: Source, options: Options) -> Content:
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            f"{grid_in_words(nx, ny, size_m, y_down=True)}: that is not in the file, the picture may be "
-            "mirrored or turned",
+            f"{grid_in_words(nx, ny, size_m, y_down=True)}: "
+            "the file does not contain this, so the picture may be mirrored or turned",
             "DeltaT is metres of optical path",
-            "confocal, rectified: bin 0 begins when the pulse is on the wall",
+            "confocal, rectified: bin 0 starts when the pulse is on the wall",
         ),
     )
 

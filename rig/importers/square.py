@@ -57,7 +57,7 @@ def confocal_square(
         instrument_response_s=instrument_response_s,
         assumed=(
             grid_in_words(nx, ny, size_m, y_down),
-            "confocal, rectified: bin 0 begins when the pulse is on the wall",
+            "confocal, rectified: bin 0 starts when the pulse is on the wall",
             *assumed,
         ),
     )

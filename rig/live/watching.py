@@ -7,9 +7,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from rig.errors import UsageError, in_shell
+from rig.errors import RigError, UsageError, in_shell
+from rig.files.following import Resumption
 from rig.live.feed import folder_of
-from rig.live.follow import Follower
+from rig.live.follow import LOOK_S, Follower
 from rig.live.messages import Begun, Message, Next
 from rig.live.process import WAITING, Worker, lower_priority
 from rig.live.web.address import Address
@@ -19,8 +20,42 @@ from rig.live.web.serving import Serving
 ENDING_S = 10.0
 
 
+class _Run:
+    """A scan from when it is looked at until nobody writes its file: it is followed, and images are made."""
+
+    def __init__(self, scan: Path, address: Address, tell: Callable[[str], None]) -> None:
+        self.follower = Follower(scan)
+        then = Next(in_shell("rig", "resume", scan), in_shell("rig", "recon", scan))
+        self.begun = Begun(
+            self.follower.description,
+            scan,
+            folder_of(scan),
+            window=False,
+            web=address,
+            then=then,
+            reads=True,
+        )
+        self.inbox: queue.Queue[Message | None] = queue.Queue(WAITING)
+        self.worker = Worker(self.begun, self.inbox, tell)
+        self._working = threading.Thread(target=self.worker.run, daemon=True)
+
+    def follow(self, over: threading.Event) -> None:
+        """Follow the file, until nobody writes it or there is another end."""
+        self._working.start()
+        self.follower.run(self.inbox, over)
+
+    def leave(self) -> None:
+        """Make no more images."""
+        self.worker.leave()
+
+    def end(self) -> None:
+        """Wait for its end."""
+        if self._working.is_alive():
+            self._working.join(ENDING_S)
+
+
 class Watching:
-    """Follows a scan file and serves its page, while it is entered.
+    """Follows a scan file and serves its page, while it is entered; also a scan that is resumed meanwhile.
 
     Parameters
     ----------
@@ -41,50 +76,53 @@ class Watching:
 
     def __init__(self, scan: Path, address: Address, tell: Callable[[str], None]) -> None:
         lower_priority()  # the scan may run on the same computer
-        self._follower = Follower(scan)
-        then = Next(in_shell("rig", "resume", scan), in_shell("rig", "recon", scan))
-        self._begun = Begun(
-            self._follower.description,
-            scan,
-            folder_of(scan),
-            window=False,
-            web=address,
-            then=then,
-            reads=True,
-        )
-        self._inbox: queue.Queue[Message | None] = queue.Queue(WAITING)
+        self._scan, self._address = scan, address
         self._tell, self._over = tell, threading.Event()
-        self._worker = Worker(self._begun, self._inbox, self._hear)
+        self._run = _Run(scan, address, self._hear)
         try:
-            self._serving = Serving(self._worker, self._begun, address)
+            self._serving = Serving(self._run.worker, self._run.begun, address)
         except OSError as error:
             raise UsageError(
                 f"no page can be served at {address.host}:{address.port} ({error.strerror}); give another "
                 "port, --web HOST:PORT"
             ) from None
-
-        self._following, self._working = (
-            threading.Thread(target=what, daemon=True) for what in (self._follow, self._worker.run)
-        )
+        self._following = threading.Thread(target=self._follow, daemon=True)
 
     def __enter__(self) -> Self:
         self._following.start()
-        self._working.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-        self._worker.leave()
+        self._run.leave()
         self._serving.end()
-        self._working.join(ENDING_S)
         while self._following.is_alive():  # it may wait for room in the inbox
             with suppress(queue.Empty):
-                self._inbox.get(timeout=0.1)
+                self._run.inbox.get(timeout=0.1)
+        self._run.end()
 
     def _follow(self) -> None:
-        self._follower.run(self._inbox, self._over)
-        if self._follower.trouble:
-            self._tell(self._follower.trouble)
+        """Follow the file from run to run."""
+        while True:
+            self._run.follow(self._over)
+            if self._run.follower.trouble:
+                self._tell(self._run.follower.trouble)
+                return
+            resumed = self._next()
+            if resumed is None:
+                return
+            self._run.leave()  # its last image is no longer wanted
+            self._run = resumed
+            self._serving.show(resumed.worker, resumed.begun)
+
+    def _next(self) -> _Run | None:
+        """Wait until the scan is resumed; None where somebody ends this before."""
+        resumption = Resumption(self._scan)
+        while not self._over.wait(LOOK_S):
+            if resumption.begun:
+                with suppress(RigError, OSError):  # it has only just begun to write
+                    return _Run(self._scan, self._address, self._hear)
+        return None
 
     def _hear(self, line: str) -> None:
         word, _, rest = line.partition(" ")

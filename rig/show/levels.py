@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.acquire.events import Event, Ready, StepDone
+from rig.acquire.events import Event, Ready, StepCut, StepDone
 from rig.files.description import ScanDescription
 
 #: Detections a pulse above which early photons visibly hide late ones.
@@ -180,7 +180,7 @@ class Levels:
         match event:
             case Ready(rates=rates, dark_hz=dark_hz):
                 self.sync_hz, self.dark_hz = rates.sync_hz, dark_hz
-            case StepDone(exposure=exposure) if exposure.live_time_s > 0:
+            case StepDone(exposure=exposure) | StepCut(exposure=exposure) if exposure.live_time_s > 0:
                 self._count(exposure.counts.astype(np.int64), exposure.live_time_s)
 
     def _count(self, counts: NDArray[np.int64], live_s: float) -> None:

@@ -5,18 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from recon.capture import Capture
+from rig.model.colours import LIGHT_COLOURS
 from rig.model.quantities import show, show_length
 from rig.show.statistics import Streak, Tally, first_bins, histograms_of, streak, tally
 from rig.show.volume import WIDTH_PX
 
 _DPI = 100
-_COLOURS = "viridis"
 _LINE = "#20639b"
-_NOTHING = "0.82"
+#: Part of the photons of the histograms shown that may come after the end of their axis: dark counts come
+#: until the gate closes, and would press all else together.
+_UNSEEN = 0.005
 
 
 @dataclass(frozen=True)
@@ -98,17 +102,19 @@ def _facts(counted: Tally) -> str:
 
 
 def _draw_streak(figure: Figure, axes: Axes, image: Streak) -> None:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shown = np.ma.masked_invalid(np.log10(image.counts))
-    axes.set_facecolor(_NOTHING)
+    with np.errstate(invalid="ignore"):
+        shown = np.ma.masked_where(~(image.counts > 0), image.counts)
+    axes.set_facecolor("white")
     drawn = axes.imshow(
         shown,
         aspect="auto",
         extent=(image.time_s[0] * 1e9, image.time_s[-1] * 1e9, image.positions, 0),
-        cmap=_COLOURS,
+        cmap=LIGHT_COLOURS,
+        norm=LogNorm(*_count_range(shown)),
         interpolation="nearest",
     )
-    figure.colorbar(drawn, ax=axes, label="log10 of counts a bin, block means (grey: none)")
+    bar = figure.colorbar(drawn, ax=axes, label="counts a bin, mean of a block of bins (blank: none)")
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda count, _: f"{count:,g}"))
     filled = np.flatnonzero(np.nansum(image.counts, axis=0))  # after the gate closes there is nothing to see
     last = min(filled[-1] + 2, len(image.time_s) - 1) if len(filled) else -1
     axes.set(
@@ -117,6 +123,12 @@ def _draw_streak(figure: Figure, axes: Axes, image: Streak) -> None:
         ylabel="position, line by line",
         xlim=(image.time_s[0] * 1e9, image.time_s[last] * 1e9),
     )
+
+
+def _count_range(counts: "np.ma.MaskedArray") -> tuple[float, float]:
+    """Return the range of the colours of counts, two decades at least."""
+    most = float(counts.max()) if counts.count() else 1.0
+    return min(float(counts.min()) if counts.count() else 1.0, most / 100), most
 
 
 def _draw_positions(view: RawView, panels: list[Axes]) -> None:
@@ -134,9 +146,9 @@ def _draw_positions(view: RawView, panels: list[Axes]) -> None:
 
 
 def _until_s(view: RawView) -> float:
-    """Return the time of the last photon of all histograms shown, or the end of the record."""
+    """Return where the axes of the histograms end: after all but `_UNSEEN` of the photons of each."""
     last_s = [
-        times_s[np.flatnonzero(counts)[-1]]
+        times_s[np.searchsorted(np.cumsum(counts), (1 - _UNSEEN) * counts.sum())]
         for times_s, counts in zip(view.times_s, view.histograms, strict=True)
         if counts.any()
     ]

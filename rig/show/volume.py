@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, Normalize
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -24,7 +25,12 @@ from rig.show.layout import WIDTH, Box, arranged
 DPI = 100
 #: Width of a picture [pixels].
 WIDTH_PX = round(WIDTH * DPI)
-CONFIDENCE_COLOURS = "gray"
+#: Confidence in steps: noise has all values below the first one alike, and would be drawn as a pattern.
+CONFIDENCE_STEPS = (0.0, 0.95, 0.99, 0.999, 1.0)
+CONFIDENCE_COLOURS = ListedColormap(["0.15", "0.4", "0.65", "0.94"], name="confidence")
+#: Side and top view end where all beyond is fainter than this part of the maximum, and so many metres after;
+#: they are at least this part of the front view's longer side deep, so that they can be drawn to scale.
+_BLACK, _MARGIN_M, _LEAST_DEEP = 0.05, 0.1, 0.4
 #: Least range of the depth colours [m]: below it they would show the voxels' steps as relief.
 _LEAST_DEPTHS_M = 0.1
 #: The arrow says where x grows to.
@@ -59,7 +65,7 @@ def draw_front(
         Colour map and its range.
     """
     drawn = _draw(axes, image, x_m, y_m, colours, scale)
-    axes.invert_xaxis()
+    axes.xaxis.set_inverted(True)
     axes.set_xlabel(X_LABEL)
     axes.set_ylabel("y (m)")
     return drawn
@@ -82,12 +88,14 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
     Figure of front, top and side view and, where the volume has them, depth map and confidence.
     """
     amplitude, scale = _amplitude(volume), Normalize(0.0, 1.0)
-    figure, panels = _panels(volume)
+    deep = lit_depths(amplitude, volume.z_m, _LEAST_DEEP * max(np.ptp(volume.x_m), np.ptp(volume.y_m)))
+    figure, panels = _panels(volume, volume.z_m[deep])
     axes = panels["front"]
     drawn = draw_front(axes, amplitude.max(axis=0), volume.x_m, volume.y_m, AMPLITUDE_COLOURS, scale)
     axes.set_title("front: maximum over depth")
     if "side" in panels:
-        _draw_views(panels, amplitude, volume, scale)
+        _draw_views(panels, amplitude[deep], replace(volume, z_m=volume.z_m[deep]), scale)
+        _say_what_is_black(panels["top"], volume.z_m, deep)
     label = "amplitude / maximum" + (f",\nintensity times {compensation}" if compensation else "")
     figure.colorbar(drawn, cax=panels["side bar" if "side" in panels else "front bar"], label=label)
     if volume.depth_m is not None:
@@ -98,10 +106,11 @@ def volume_figure(volume: Volume, title: str = "", compensation: str = "") -> Fi
         panels["depth"].set_title("depth of the surface (blank: none)")
         figure.colorbar(drawn, cax=panels["depth bar"], label=Z_LABEL)
     if volume.confidence is not None and "confidence" in panels:
-        axes = panels["confidence"]
-        drawn = draw_front(axes, volume.confidence, volume.x_m, volume.y_m, CONFIDENCE_COLOURS, scale)
+        axes, steps = panels["confidence"], BoundaryNorm(CONFIDENCE_STEPS, CONFIDENCE_COLOURS.N, clip=True)
+        drawn = draw_front(axes, volume.confidence, volume.x_m, volume.y_m, CONFIDENCE_COLOURS, steps)
         axes.set_title("confidence that it is not noise")
-        figure.colorbar(drawn, cax=panels["confidence bar"], label="probability")
+        bar = figure.colorbar(drawn, cax=panels["confidence bar"], label="probability", spacing="uniform")
+        bar.set_ticks(CONFIDENCE_STEPS, labels=[f"{step:g}" for step in CONFIDENCE_STEPS])
     for name in ("front", "side", "top", "depth", "confidence"):
         if name in panels:
             _fit(figure, panels[name], name)
@@ -117,6 +126,21 @@ def _draw_views(panels: dict[str, Axes], amplitude: NDArray, volume: Volume, sca
     _draw(panels["top"], amplitude.max(axis=1), volume.x_m, volume.z_m, AMPLITUDE_COLOURS, scale)
     panels["top"].invert_xaxis()
     panels["top"].set(title="top: maximum over y", xlabel=X_LABEL, ylabel=Z_LABEL)
+
+
+def _say_what_is_black(axes: Axes, z_m: NDArray, shown: slice) -> None:
+    """Write on the black margin of the top view which depths were imaged, where it does not show all."""
+    near, far = shown.start > 0, shown.stop < len(z_m)
+    if near or far:
+        axes.text(
+            0.02,
+            0.98 if far else 0.02,
+            f"imaged {z_m[0]:.2f} to {z_m[-1]:.2f} m: black beyond",
+            transform=axes.transAxes,
+            va="top" if far else "bottom",
+            color="0.75",
+            size=8,
+        )
 
 
 def _fit(figure: Figure, axes: Axes, name: str) -> None:
@@ -213,6 +237,28 @@ def _amplitude(volume: Volume) -> NDArray[np.float32]:
     return amplitude / largest if largest > 0 else amplitude
 
 
+def lit_depths(amplitude: NDArray[np.float32], z_m: NDArray, least_m: float = 0.0) -> slice:
+    """Return which depths side and top view show: all but those that would be black, at either end.
+
+    Parameters
+    ----------
+    amplitude
+        (nz, ny, nx), largest value 1, or all zero.
+    z_m
+        (nz,) depths.
+    least_m
+        Depth from end to end that is kept, where the volume is so deep.
+    """
+    lit = np.flatnonzero(amplitude.max(axis=(1, 2)) > _BLACK)
+    if len(lit) == 0:
+        return slice(0, len(z_m))
+    middle_m = (z_m[lit[0]] + z_m[lit[-1]]) / 2
+    half_m = max((z_m[lit[-1]] - z_m[lit[0]]) / 2 + _MARGIN_M, least_m / 2)
+    near = np.searchsorted(z_m, min(middle_m - half_m, z_m[-1] - 2 * half_m))
+    far = np.searchsorted(z_m, max(middle_m + half_m, z_m[0] + 2 * half_m), side="right")
+    return slice(int(near), int(far))
+
+
 def depth_range(depths_m: NDArray) -> tuple[float, float]:
     """Return the range of the colours of depths, all finite and one at least."""
     low, high = float(np.min(depths_m)), float(np.max(depths_m))
@@ -251,9 +297,9 @@ def _edges(centres_m: NDArray) -> tuple[float, float]:
     return float(centres_m[0] - half_m), float(centres_m[-1] + half_m)
 
 
-def _panels(volume: Volume) -> tuple[Figure, dict[str, Axes]]:
-    """Make the sheet, and the axes of its panels and their bars by name."""
-    sides_m = [np.ptp(_edges(axis)) for axis in (volume.x_m, volume.y_m, volume.z_m)]
+def _panels(volume: Volume, deep_m: NDArray) -> tuple[Figure, dict[str, Axes]]:
+    """Make the sheet, and the axes of its panels and their bars by name; the views show depths `deep_m`."""
+    sides_m = [np.ptp(_edges(axis)) for axis in (volume.x_m, volume.y_m, deep_m)]
     flat = len(volume.z_m) == 1
     maps = ["depth"] if volume.depth_m is not None else []
     if maps and volume.confidence is not None and not flat:

@@ -8,7 +8,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from rig.show.volume import NO_SURFACE, draw_front
+from rig.show.volume import NO_SURFACE, X_LABEL, draw_front
 
 COUNT_COLOURS = "viridis"
 #: The colours go from this percentile of the counts to that one: single hot positions would darken the rest.
@@ -55,7 +55,7 @@ def draw_counts(axes: Axes, spots_m: NDArray[np.float64], photons: NDArray[np.fl
     if min(len(x_m), len(y_m)) < 2 or len(spots_m) < _LATTICE * len(x_m) * len(y_m):
         dots = axes.scatter(spots_m[:, 0], spots_m[:, 1], c=photons, s=9, cmap=COUNT_COLOURS, norm=scale)
         axes.invert_xaxis()
-        axes.set(aspect="equal", xlabel="x (m), as seen from the wall", ylabel="y (m)")
+        axes.set(aspect="equal", xlabel=X_LABEL, ylabel="y (m)")
         return cast("ScalarMappable", dots)
     image = np.full((len(y_m), len(x_m)), np.nan)
     image[row.ravel(), column.ravel()] = photons

@@ -46,17 +46,17 @@ def in_order(
 def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
     """Sort by as many buckets as there are times, which are even in pulses, and by insertion within them."""
     count = len(times)
-    drawn, place = np.empty(count, np.int64), np.zeros(count + 2, np.int64)
+    place = np.zeros(count + 2, np.int32)
     per_pulse = count / pulses
     for i in range(count):
-        drawn[i] = int(moments[i] * pulses)
-        place[int(drawn[i] * per_pulse) + 2] += 1
+        place[int(int(moments[i] * pulses) * per_pulse) + 2] += 1
     for bucket in range(1, count + 2):
         place[bucket] += place[bucket - 1]
     pulse, time = np.empty(count, np.int64), np.empty(count)
     for i in range(count):
-        bucket = int(drawn[i] * per_pulse) + 1
-        pulse[place[bucket]], time[place[bucket]] = drawn[i], times[i]
+        drawn = int(moments[i] * pulses)
+        bucket = int(drawn * per_pulse) + 1
+        pulse[place[bucket]], time[place[bucket]] = drawn, times[i]
         place[bucket] += 1
     for i in range(1, count):
         p, t, j = pulse[i], time[i], i
@@ -65,6 +65,21 @@ def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
             j -= 1
         pulse[j], time[j] = p, t
     return pulse, time
+
+
+def folded(pulse: NDArray[np.int64], times_s: NDArray[np.float64], period_s: float) -> Detections:
+    """Count times (n,) beyond a period [s] from a later pulse, negative ones from one before, in place."""
+    _fold(pulse, times_s, period_s)
+    return Detections(pulse, times_s)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _fold(pulse, time, period):  # type: ignore[no-untyped-def]
+    for i in range(len(time)):
+        if not 0.0 <= time[i] < period:
+            later = np.floor(time[i] / period)
+            pulse[i] += int(later)
+            time[i] -= later * period
 
 
 def avalanches(
@@ -99,7 +114,7 @@ def avalanches(
     if not (holds_off or afterpulsing.probability) or not len(events):
         return events
     period_s = 1 / light.repetition_hz
-    pulse, time_s, number = _run(
+    kept = _run(
         events.pulse,
         events.time_s,
         period_s,
@@ -110,7 +125,7 @@ def avalanches(
         afterpulsing.decay_s,
         rng,
     )
-    return Detections(pulse[:number], time_s[:number])
+    return Detections(*kept)
 
 
 def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpulsing: Afterpulsing) -> float:
@@ -133,26 +148,52 @@ def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpuls
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  # type: ignore[no-untyped-def]
-    """Merge events and pending afterpulses by time; ``hold`` < 0: no hold-off; ``width`` < 0: no gate.
+    """Return pulse and time of what is detected, in room that grows with chains of afterpulses."""
+    size = len(pulse) + 16
+    kept_pulse, kept_time = np.empty(size, np.int64), np.empty(size)
+    late_pulse, late_time = np.empty(16, np.int64), np.empty(16)
+    state = (0, 0, 0, pulse[0] - 1, -1e9 * period)  # next event; kept; pending; when the detector is ready
+    while True:
+        state = _go_on(
+            (pulse, time),
+            (kept_pulse, kept_time),
+            (late_pulse, late_time),
+            state,
+            (period, hold, opening, width),
+            (probability, decay),
+            rng,
+        )
+        _, kept, late, _, _ = state
+        if kept == len(kept_pulse):
+            kept_pulse, kept_time = np.append(kept_pulse, kept_pulse), np.append(kept_time, kept_time)
+        elif late == len(late_pulse):
+            late_pulse, late_time = np.append(late_pulse, late_pulse), np.append(late_time, late_time)
+        else:
+            return kept_pulse[:kept], kept_time[:kept]
 
-    Absolute times stay split in pulse and time, so that a long exposure costs no resolution. An event far
-    from the gate that is detected all the same needs only the detector to be ready.
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _go_on(events, detected, pending, state, times, afterpulses, rng):  # type: ignore[no-untyped-def]
+    """Merge events and pending afterpulses by time, until all are through or there is no more room.
+
+    ``hold`` < 0: no hold-off; ``width`` < 0: no gate. Absolute times stay split in pulse and time, so that a
+    long exposure costs no resolution. An event far from the gate that is detected all the same needs only
+    the detector to be ready. Pending ones are ordered, the next one last.
     """
-    size = 2 * len(pulse) + 16
-    kept_pulse, kept_time, kept = np.empty(size, np.int64), np.empty(size), 0
-    late_pulse, late_time, late, first = np.empty(size, np.int64), np.empty(size), 0, 0
-    ready_pulse, ready_time, i = pulse[0] - 1, -1e9 * period, 0
+    (pulse, time), (kept_pulse, kept_time), (late_pulse, late_time) = events, detected, pending
+    i, kept, late, ready_pulse, ready_time = state
+    (period, hold, opening, width), (probability, decay) = times, afterpulses
     per_s = 1.0 / period
-    while i < len(pulse) or first < late:
-        own = first >= late
+    while (i < len(pulse) or late > 0) and kept < len(kept_pulse) and late < len(late_pulse):
+        own = late == 0
         if not own and i < len(pulse):
-            own = (pulse[i] - late_pulse[first]) * period + time[i] <= late_time[first]
+            own = (pulse[i] - late_pulse[late - 1]) * period + time[i] <= late_time[late - 1]
         if own:
             p, t = pulse[i], time[i]
             i += 1
         else:
-            p, t = late_pulse[first], late_time[first]
-            first += 1
+            late -= 1
+            p, t = late_pulse[late], late_time[late]
         since = (p - ready_pulse) * period + t - ready_time  # since the detector is ready
         if width >= 0.0:
             into = t - opening
@@ -163,10 +204,6 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
                 continue  # released while the gate is closed
         if hold >= 0.0 and since < 0.0:
             continue
-        if kept == size:  # chains of afterpulses
-            kept_pulse, kept_time = np.append(kept_pulse, kept_pulse), np.append(kept_time, kept_time)
-            late_pulse, late_time = np.append(late_pulse, late_pulse), np.append(late_time, late_time)
-            size *= 2
         kept_pulse[kept], kept_time[kept] = p, t
         kept += 1
         if hold >= 0.0:
@@ -175,9 +212,9 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
             release = rng.exponential() * decay
             if release >= hold:
                 j = late  # into its place among the pending ones
-                while j > first and (late_pulse[j - 1] - p) * period + late_time[j - 1] > t + release:
+                while j > 0 and (late_pulse[j - 1] - p) * period + late_time[j - 1] <= t + release:
                     late_pulse[j], late_time[j] = late_pulse[j - 1], late_time[j - 1]
                     j -= 1
                 late_pulse[j], late_time[j] = p, t + release
                 late += 1
-    return kept_pulse, kept_time, kept
+    return i, kept, late, ready_pulse, ready_time

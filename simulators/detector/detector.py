@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from simulators.bench import Detections, LightState, no_detections
 from simulators.detector import gate
-from simulators.detector.dead_time import Afterpulsing, avalanches, detected_hz, in_order
+from simulators.detector.dead_time import Afterpulsing, avalanches, detected_hz, folded, in_order
 from simulators.detector.gate import Ringing
 from simulators.detector.response import delays
 
@@ -67,6 +67,10 @@ class Detector:
         half an edge inside, where ringing makes it a little more or less, at most ``ringing.peak``.
         """
         return gate.sensitivity(arrival_s, light, self.gate_edge_s, self.ringing)
+
+    def ever_sensitive(self, first_s: float, last_s: float, light: LightState) -> bool:
+        """Return whether any photon may be detected that arrives between two times after sync [s]."""
+        return gate.ever_open(first_s, last_s, light, self.gate_edge_s)
 
     def passes(
         self, arrival_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
@@ -136,9 +140,9 @@ class Detector:
             rng=rng,
         )
         core_s = (self.jitter_fwhm_s, self.electronics_fwhm_s)
-        times_s = events.time_s + delays(len(events), core_s, self.tail_s, self.tail_fraction, rng)
-        later = np.floor(times_s / period_s)
-        return Detections(events.pulse + later.astype(np.int64), times_s - later * period_s)
+        times_s = delays(len(events), core_s, self.tail_s, self.tail_fraction, rng)
+        times_s += events.time_s
+        return folded(events.pulse, times_s, period_s)
 
     def detected_hz(self, seen_hz: float, light: LightState) -> float:
         """Return the detections a second out of ``seen_hz`` that a ready detector would detect."""

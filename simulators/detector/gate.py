@@ -76,6 +76,15 @@ def sensitivity(
     return shape * ringing.factor(into - full_s) if ringing.overshoot else shape
 
 
+def ever_open(first_s: float, last_s: float, light: LightState, edge_s: float) -> bool:
+    """Return whether any light that arrives between two times after sync [s] may be detected."""
+    if not light.sensitive or not gates(light):
+        return light.sensitive
+    into_s = (first_s - opening_s(light, edge_s)) % (1 / light.repetition_hz)
+    open_s = light.gate_width_s + edge_s * FULL_EDGE
+    return into_s < open_s or into_s + last_s - first_s > 1 / light.repetition_hz
+
+
 def passes(
     arrival_s: NDArray[np.float64],
     light: LightState,
@@ -108,15 +117,17 @@ def passes(
 def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):  # type: ignore[no-untyped-def]
     """Compare a uniform draw with the sensitivity, and work out the ringing only where it decides."""
     passing = np.empty(len(arrival), np.bool_)
-    per_s = 1.0 / period
+    per_s, most = 1.0 / period, 1.0 + overshoot
     for i in range(len(arrival)):
         into = arrival[i] - opening
         into -= np.floor(into * per_s) * period
-        edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
-        edges += 1.0 - min((into + period - width) / full, 1.0)
-        level = rng.random() * (1.0 + overshoot)
+        level = rng.random() * most
+        edges = 1.0
+        if not full <= into <= min(width, period - full):  # else the quotients below all say the same
+            edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
+            edges += 1.0 - min((into + period - width) / full, 1.0)
         since = into - full
-        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * (1.0 + overshoot):
+        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * most:
             passing[i] = level < edges
         else:
             swing = np.sin(turn * since) * np.exp(-since / decay)

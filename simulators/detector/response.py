@@ -25,14 +25,28 @@ def delays(
         Time constant of the exponential tail [s], and the fraction of detections delayed by it.
     """
     sigma_s = sqrt(sum(width_s**2 for width_s in fwhms_s)) / FWHM_PER_SIGMA
-    delays_s = rng.standard_normal(number)
-    _delay(delays_s, sigma_s, tail_s, tail_fraction, rng)
-    return delays_s
+    return np.asarray(_delays(number, sigma_s, tail_s, tail_fraction, rng))
+
+
+def spread(times_s: NDArray[np.float64], fwhm_s: float, rng: np.random.Generator) -> None:
+    """Add a Gaussian error of this full width at half maximum to each of (n,) times [s], in place."""
+    if len(times_s):  # handing the generator over takes as long as two thousand draws
+        _spread(times_s, fwhm_s / FWHM_PER_SIGMA, rng)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _delay(delays, sigma, tail, fraction, rng):  # type: ignore[no-untyped-def]
-    for i in range(len(delays)):
-        delays[i] *= sigma
+def _spread(times, sigma, rng):  # type: ignore[no-untyped-def]
+    """Draw here: joined with the loop a normal draw takes a third of the time that numpy takes."""
+    for i in range(len(times)):
+        times[i] += sigma * rng.standard_normal()
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _delays(number, sigma, tail, fraction, rng):  # type: ignore[no-untyped-def]
+    delays = np.empty(number)
+    for i in range(number):
+        delays[i] = sigma * rng.standard_normal()
+    for i in range(number):
         if rng.random() < fraction:
             delays[i] += tail * rng.standard_exponential()
+    return delays

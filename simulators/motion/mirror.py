@@ -50,7 +50,14 @@ class SteeringMirror:
 
         What was commanded for later is dropped.
         """
-        self.follow([now_s], [(x, y)])
+        self.drop_after(now_s)
+        self._make_room(1)
+        last = self._end - 1
+        start_s = float(self._start_s[last])
+        at_s = max(now_s, self.known_from_s)
+        self._start_s[self._end] = at_s
+        self._moves[self._end] = self._move(self._moves[last].tolist(), at_s - start_s, x, y)
+        self._end += 1
 
     def follow(self, times_s: ArrayLike, angles_rad: ArrayLike) -> None:
         """Start moving to each pair of angles (n, 2) [rad] at each of (n,) ascending times.
@@ -69,8 +76,7 @@ class SteeringMirror:
         for at_s, (x, y) in zip(
             self._start_s[added].tolist(), np.asarray(angles_rad, np.float64).tolist(), strict=True
         ):
-            px, py, vx, vy = self._state(move, at_s - start_s)
-            start_s, move = at_s, [x, y, px - x, py - y, vx, vy]
+            start_s, move = at_s, self._move(move, at_s - start_s, x, y)
             moves.append(move)
         self._moves[added] = moves
         self._end = added.stop
@@ -131,13 +137,18 @@ class SteeringMirror:
     def commands_between(self, start_s: float, stop_s: float) -> list[float]:
         """Return the times of the commands given inside the open interval."""
         after = self._after(start_s)
-        before = self._first + np.searchsorted(self._start_s[self._first : self._end], stop_s, "left")
+        before = self._first + self._start_s[self._first : self._end].searchsorted(stop_s, "left")
         times: list[float] = self._start_s[after:before].tolist()
         return times
 
     def forget_before(self, at_s: float) -> None:
         """Drop moves that ended before ``at_s``; the one in force then is kept."""
         self._first = max(self._after(at_s) - 1, self._first)
+
+    def _move(self, last: list[float], t: float, x: float, y: float) -> list[float]:
+        """Return the move to (x, y) that begins a time after the last one did."""
+        px, py, vx, vy = self._state(last, t)
+        return [x, y, px - x, py - y, vx, vy]
 
     def _state(self, move: list[float], t: float) -> tuple[float, float, float, float]:
         """Return position and rate (x, y, v_x, v_y) a time after a move began."""
@@ -150,7 +161,9 @@ class SteeringMirror:
 
     def _after(self, at_s: float) -> int:
         """Return the first move that begins after a time, or the end of all."""
-        return self._first + int(np.searchsorted(self._start_s[self._first : self._end], at_s, "right"))
+        if at_s >= self._start_s[self._end - 1]:  # as nearly always
+            return self._end
+        return self._first + int(self._start_s[self._first : self._end].searchsorted(at_s, "right"))
 
     def _make_room(self, number: int) -> None:
         if self._end + number <= len(self._start_s):

@@ -1,6 +1,7 @@
 """How the steering mirror is mounted: where the beam of a real, not quite aligned rig really goes."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -45,6 +46,22 @@ class MirrorMount:
     mirrors: Literal[1, 2] = 1
     separation_m: float = 0.0
 
+    @cached_property
+    def _turned(self) -> NDArray[np.float64]:
+        return np.array(self.rotation).T
+
+    @cached_property
+    def _at_rest(self) -> tuple[NDArray[np.float64], ...]:
+        """One mirror's normal at rest, where the beam comes from, and the mirror's two axes."""
+        cos_i, sin_i = np.cos(self.incidence_rad), np.sin(self.incidence_rad)
+        cos_p, sin_p = np.cos(self.incidence_direction_rad), np.sin(self.incidence_direction_rad)
+        resting = np.array([sin_i * cos_p, sin_i * sin_p, -cos_i])
+        source = 2 * cos_i * resting + (0.0, 0.0, 1.0)  # at rest (0, 0, -1) is its mirror image
+        # the mirror's own axes: one in the plane of incidence, one across it, turned back by the direction
+        along, across = np.array([cos_i * cos_p, cos_i * sin_p, sin_i]), np.array([-sin_p, cos_p, 0.0])
+        x, y = cos_p * along - sin_p * across, sin_p * along + cos_p * across
+        return resting, source, x, y
+
     def ray(self, angles_rad: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return start (3,) from the pivot [m] and direction (3,) for optical angles of the mirror."""
         starts, directions = self.rays(np.array([angles_rad]))
@@ -56,7 +73,7 @@ class MirrorMount:
         Directions are NaN where the beam meets the mirror from behind.
         """
         a_x, a_y = (np.array(self.gain) * angles_rad + np.array(self.offset_rad)).T
-        tan_x, tan_y, turned = np.tan(a_x), np.tan(a_y), np.array(self.rotation).T
+        tan_x, tan_y, turned = np.tan(a_x), np.tan(a_y), self._turned
         if self.mirrors == 1:
             return np.zeros((len(a_x), 3)), self._reflected(tan_x, tan_y) @ turned
         zero = np.zeros_like(tan_x)
@@ -65,13 +82,7 @@ class MirrorMount:
 
     def _reflected(self, tan_x: NDArray[np.float64], tan_y: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n, 3) directions of the beam off one mirror, in the mount's frame."""
-        cos_i, sin_i = np.cos(self.incidence_rad), np.sin(self.incidence_rad)
-        cos_p, sin_p = np.cos(self.incidence_direction_rad), np.sin(self.incidence_direction_rad)
-        resting = np.array([sin_i * cos_p, sin_i * sin_p, -cos_i])
-        source = 2 * cos_i * resting + (0.0, 0.0, 1.0)  # at rest (0, 0, -1) is its mirror image
-        # the mirror's own axes: one in the plane of incidence, one across it, turned back by the direction
-        along, across = np.array([cos_i * cos_p, cos_i * sin_p, sin_i]), np.array([-sin_p, cos_p, 0.0])
-        x, y = cos_p * along - sin_p * across, sin_p * along + cos_p * across
+        resting, source, x, y = self._at_rest
         # tan(half the angle) = t / (1 + sqrt(1 + t^2)), t = |(tan_x, tan_y)|
         stiff = 1 + np.sqrt(1 + tan_x**2 + tan_y**2)
         normal = stiff[:, None] * resting + tan_x[:, None] * x + tan_y[:, None] * y

@@ -91,9 +91,9 @@ class ThreeBounces:
         if number == 0:
             return np.empty(0)
         spots = np.array([laser_spot_m], dtype=np.float64) if from_m is None else from_m
-        spacings, inside = rng.standard_exponential(number + 1), rng.random((number, 2))
-        cumulative, corners = self.from_spot(laser_spot_m)[0].cumsum(), self.patches.corners_m
-        return _random_paths(cumulative, spacings, inside, corners, spots, self.detector_spot_m)
+        weight, _ = self.from_spot(laser_spot_m)
+        corners_m, last_m = self.patches.corners_m, self.detector_spot_m
+        return np.asarray(_random_paths(number, weight, corners_m, spots, last_m, rng))
 
     def arrivals(self, laser_spot_m: Spot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all light per m^2 at the detector spot and its paths [m]: the same, patch by patch."""
@@ -159,25 +159,43 @@ def _path(first, point, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _random_paths(cumulative, spacings, inside, corners, first, last):  # type: ignore[no-untyped-def]
-    """Choose patches by merging sorted uniforms into the cumulative weight, and a point on each.
+def _random_patches(number, weights, rng):  # type: ignore[no-untyped-def]
+    """Choose patches (number,) in order, by merging sorted uniforms into the cumulative weight.
 
-    ``first`` is (1, 3) for all, or (n, 3).
+    Sums of n + 1 exponentials, divided by the last, are n sorted uniforms.
     """
-    paths, point = np.empty(len(inside)), np.empty(3)
-    total = spacings.sum()  # sums of n + 1 exponentials, divided by the last sum, are n sorted uniforms
-    k, reached = 0, 0.0
-    for i in range(len(inside)):
-        reached += spacings[i]
-        level = reached / total * cumulative[-1]
-        while cumulative[k] < level:
-            k += 1
-        b, c = inside[i, 0], inside[i, 1]
-        if b + c > 1.0:  # fold the parallelogram onto the triangle
-            b, c = 1.0 - b, 1.0 - c
+    level, cumulative = np.empty(number + 1), np.empty(len(weights))
+    reached, light = 0.0, 0.0
+    for i in range(number + 1):
+        reached += rng.standard_exponential()
+        level[i] = reached
+    for k in range(len(weights)):
+        light += weights[k]
+        cumulative[k] = light
+    for i in range(number):
+        level[i] = level[i] / reached * light
+    patch = np.empty(number, np.int64)
+    i, k = 0, 0
+    while i < number:  # one of both goes on at each turn: no branch that could be guessed wrongly
+        patch[i] = k
+        beyond = cumulative[k] < level[i]
+        k += beyond
+        i += not beyond
+    return patch
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _random_paths(number, weights, corners, first, last, rng):  # type: ignore[no-untyped-def]
+    """Choose patches, and a point on each; ``first`` is (1, 3) for all, or (number, 3)."""
+    patch, paths, point = _random_patches(number, weights, rng), np.empty(number), np.empty(3)
+    for i in range(number):
+        b, c = rng.random(), rng.random()
+        beside = b + c > 1.0  # fold the parallelogram onto the triangle
+        b, c = 1.0 - b if beside else b, 1.0 - c if beside else c
         a = 1.0 - b - c
+        corner = corners[patch[i]]
         for axis in range(3):
-            point[axis] = a * corners[k, 0, axis] + b * corners[k, 1, axis] + c * corners[k, 2, axis]
+            point[axis] = a * corner[0, axis] + b * corner[1, axis] + c * corner[2, axis]
         paths[i] = _path(first[min(i, len(first) - 1)], point, last)
     return paths
 

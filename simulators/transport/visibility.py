@@ -184,14 +184,15 @@ def shade(
     for begin in range(0, len(lit), PACKET):
         packet = lit[begin : begin + PACKET]
         count = len(packet)
-        for n in range(count):
+        low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+        for n in range(count):  # all six at once: one after the other takes as long as all the rest
             point = points_m[packet[n]]
             x[n], y[n], z[n] = point[0] - spot_m[0], point[1] - spot_m[1], point[2] - spot_m[2]
+            low_x, low_y, low_z = min(low_x, x[n]), min(low_y, y[n]), min(low_z, z[n])
+            high_x, high_y, high_z = max(high_x, x[n]), max(high_y, y[n]), max(high_z, z[n])
         hidden[:] = False
-        nearest[0], nearest[1], nearest[2] = x[:count].min(), y[:count].min(), z[:count].min()
-        furthest[0], furthest[1], furthest[2] = x[:count].max(), y[:count].max(), z[:count].max()
-        for axis in range(3):
-            nearest[axis], furthest[axis] = _per(nearest[axis]), _per(furthest[axis])
+        nearest[0], nearest[1], nearest[2] = _per(low_x), _per(low_y), _per(low_z)
+        furthest[0], furthest[1], furthest[2] = _per(high_x), _per(high_y), _per(high_z)
         stack[0] = 0
         depth = 1
         while depth > 0:

@@ -21,9 +21,12 @@ import scipy.io
 from attacks.mutants import by_bytes, by_structure
 from recon.errors import ReconError
 from rig.errors import RigError
+from rig.files.inspection import inspect_all
 
 #: Seconds and bytes that one input may cost; a busy machine is given twice the time.
 DEADLINE_S, MEMORY_BYTES = 20.0, 2**30
+#: Files that one process walks through: its copy costs ten times what the walk does.
+AT_ONCE = 10
 
 
 def tagged_scan_file(folder: Path) -> Path:
@@ -200,13 +203,23 @@ def _work(parser: str, seeds: range, pipe) -> None:
         good = make(Path(folder))
         most = pages + MEMORY_BYTES + 2**30  # address space: libraries that are loaded later take some
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
-        for seed in seeds:
-            with tempfile.TemporaryDirectory() as one:
-                path = Path(one) / f"input{good.suffix}"
-                write_input(good, path, seed)
-                pipe.send((seed, ""))
-                pipe.send((seed, _outcome(read, path)))
+        for first in range(seeds.start, seeds.stop, AT_ONCE):
+            with tempfile.TemporaryDirectory() as some:
+                _read_some(read, good, Path(some), seeds[first - seeds.start :][:AT_ONCE], pipe)
     pipe.send((-1, "end"))
+
+
+def _read_some(read, good: Path, folder: Path, seeds: range, pipe) -> None:
+    """Read the files of some seeds; they are walked through together, and one by one where that breaks."""
+    paths = [folder / str(seed) / f"input{good.suffix}" for seed in seeds]
+    for seed, path in zip(seeds, paths, strict=True):
+        path.parent.mkdir()
+        write_input(good, path, seed)
+    if good.suffix == ".h5":
+        inspect_all(paths)
+    for seed, path in zip(seeds, paths, strict=True):
+        pipe.send((seed, ""))
+        pipe.send((seed, _outcome(read, path)))
 
 
 def attack(parser: str, number: int, first: int = 0, told: Counter | None = None) -> list[Fault]:

@@ -10,9 +10,9 @@ from attacks.taps import Fault
 #: Each fault at eight exchanges of a scan, at others than the fault before: together at a hundred.
 EVERY, NEXT = 127, 11
 
-#: Calls that say that all is well and do nothing, and leave no trace: a histogram that was not cleared, and a
-#: clock's or an offset's setting that cannot be read back.
-WITHOUT_A_TRACE = {"HH_ClearHistMem", "HH_SetOffset", "HH_StopMeas"}
+#: Calls that say that all is well and do nothing, and leave no trace: a clock's or an offset's setting that
+#: cannot be read back.
+WITHOUT_A_TRACE = {"HH_SetOffset", "HH_StopMeas"}
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +71,14 @@ def test_a_library_that_says_all_is_well_and_does_nothing_is_found_out(attacked,
     assert one.end.code in (3, 4), one
     assert one.wrong == 0
     assert one.resumed == "equal"
+
+
+def test_a_histogram_that_was_not_cleared_has_no_older_counts(attacked):
+    """It was cleared when it was read."""
+    at = [number for number, (_, name) in enumerate(attacked.exchanges) if name == "HH_ClearHistMem"]
+    for number in at[2:5]:
+        one = attacked.outcome(Fault("drop"), number)
+        assert (one.end.code, one.wrong, one.resumed) == (0, 0, "equal"), one
 
 
 @pytest.mark.parametrize("device", ["spad", "delayer"])

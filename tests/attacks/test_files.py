@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 from attacks.files import PARSERS, attack, read_scan, scan_file
 from rig.errors import DataFileError
 from rig.files.trial import tried
+from support import tried as doing
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the attack's workers are forked")
 
@@ -88,7 +88,7 @@ def endless(file):
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        (endless, "live_time_s of step 3 is inf, which is no time"),
+        (endless, "live_time_s of step 3 is inf, which is not a time"),
         (external_link, "is a link to another file"),
         (external_storage, "keeps its values in another file"),
         (virtual, "put together from other files"),
@@ -109,36 +109,14 @@ def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):
     path = tmp_path / "a.h5"
     path.write_bytes(b"x")
     began_s = time.monotonic()
-    for function, said in ((die, "crashed"), (swallow, "memory"), (turn, "did not come to an end")):
+    for function, said in (
+        (doing.die, "crashed"),
+        (doing.swallow, "memory"),
+        (doing.turn, "did not end"),
+    ):
         with pytest.raises(DataFileError, match=said):
             tried(path, function)
     assert time.monotonic() - began_s < 30
-
-
-def test_a_new_process_answers_where_a_copy_is_not_safe(tmp_path):
-    path = tmp_path / "a.h5"
-    path.write_bytes(b"x")
-    stop = threading.Event()
-    beside = threading.Thread(target=stop.wait)
-    beside.start()
-    try:
-        assert tried(path, os.path.basename) == "a.h5"
-    finally:
-        stop.set()
-        beside.join()
-
-
-def die(path):
-    os.abort()
-
-
-def swallow(path):
-    return len(np.ones(2**40))
-
-
-def turn(path):
-    while True:
-        pass
 
 
 @pytest.mark.parametrize("name", ["power-0.h5", "scan-bytes-c84796d8.h5", "volume-struct-28003048.h5"])

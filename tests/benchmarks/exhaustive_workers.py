@@ -36,7 +36,8 @@ def imaged(path: Path, out: Path, workers: int, limit_bytes: int, *, kill: bool 
     from distributed import Client, LocalCluster
 
     from rig.cluster.imaging import Crew
-    from rig.image.reconstruct import Request, reconstruct
+    from rig.image.reconstruct import reconstruct
+    from rig.image.request import Request
 
     killed: list[int] = []
     with (

@@ -51,6 +51,32 @@ def test_photons_land_in_their_bins():
     simulator.raise_pending()
 
 
+def test_a_long_exposure_is_drawn_while_it_lasts():
+    """Of a long exposure hardly anything is left to be drawn at its end, when somebody waits for darkness."""
+    bench = bench_with([4e-9 + 1e-12], 100_000)
+    spans_s, draw = [], bench.detections
+    bench.detections = lambda start_s, stop_s: spans_s.append(stop_s - start_s) or draw(start_s, stop_s)
+    simulator, harp = rig(bench)
+
+    def asked_to_stop():
+        harp.rates()  # as a scan looks at them
+        return bench.clock.now_s() >= stop_s
+
+    with harp:
+        stop_s = bench.clock.now_s() + 7.4
+        cut = harp.measure(100.0, asked_to_stop)
+        drawn_s = sum(spans_s)
+        assert max(spans_s) <= 1.0 + 1e-9
+        assert drawn_s == pytest.approx(cut.live_time_s)
+        assert cut.live_time_s == pytest.approx(7.4, abs=0.06)  # somebody is asked each 50 ms
+        spans_s.clear()
+        whole = harp.measure(3.0)
+        assert spans_s == pytest.approx([1.0, 1.0, 1.0])
+        # steady light: what comes at the seams between pieces is neither lost nor counted twice
+        assert whole.photons == 3 * harp.measure(1.0).photons
+    simulator.raise_pending()
+
+
 @pytest.mark.parametrize(
     ("settings", "time_s", "bin_index"),
     [
@@ -88,7 +114,9 @@ def test_a_divider_loses_no_photon(divider):
 
 def test_of_several_instruments_one_has_to_be_named():
     bench = bench_with([2e-12], 1000)
-    with pytest.raises(DeviceNotFoundError, match=r"there are 1000001, 1000002, 1000003\..*tcspc\.serial"):
+    with pytest.raises(
+        DeviceNotFoundError, match=r"several were found: 1000001, 1000002, 1000003\..*tcspc\.serial"
+    ):
         rig(bench, instrument={"others": ("1000002", "1000003")})[1].__enter__()
     simulator, harp = rig(bench, instrument={"others": ("1000002", "1000003")}, serial="1000002")
     with harp:
@@ -103,7 +131,9 @@ def test_an_instrument_that_goes_in_the_middle_is_said_to_be_gone():
     with harp:
         harp.measure(10e-3)
         simulator.connection.connected = False
-        with pytest.raises(HarpError, match=r"-10 .*The instrument is gone: check the USB cable"):
+        with pytest.raises(
+            HarpError, match=r"-10 .*The instrument is no longer connected: check the USB cable"
+        ):
             harp.measure(10e-3)
 
 
@@ -254,7 +284,7 @@ def test_absent_busy_and_wrong_serial():
     with pytest.raises(HarpError, match="DEVICE_BUSY"), named(simulator, "1000001"):
         pass
     simulator.connection.connected = False
-    with pytest.raises(DeviceNotFoundError, match="no HydraHarp is there"), named(simulator, "1000001"):
+    with pytest.raises(DeviceNotFoundError, match="no HydraHarp was found"), named(simulator, "1000001"):
         pass
     simulator.connection.connected, simulator.connection.busy = True, False
     with named(simulator, "1000001"):

@@ -142,7 +142,7 @@ def photons_at(*tags, dtime=0, channel=0):
 @pytest.mark.parametrize(
     ("batch", "reason"),
     [
-        (photons_at(5, 4), "tags fall"),
+        (photons_at(5, 4), "times decrease"),
         (photons_at(5, dtime=0x8000), "dtime of 32768"),
         (photons_at(5, channel=63), "channel is outside 0 to 62"),
         (photons_at(5, channel=SYNC_CHANNEL), "channel is outside 0 to 62"),

@@ -115,7 +115,7 @@ def test_all_settings_reach_the_instrument():
 
 
 def test_measure():
-    lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [5, 0, 7, 9]), ("HH_GetFlags(1)", 0)]
+    lines = [*START, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 1)", [5, 0, 7, 9])]
     exposure = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
     assert exposure.counts.tolist() == [[5, 0, 7]]
     assert exposure.counts.dtype == "uint32"
@@ -124,7 +124,7 @@ def test_measure():
 
 
 def test_two_inputs():
-    """Both are set and switched on; each is read into its row, in the order in which they were asked for."""
+    """Both are set and switched on; each is read into its row, in the order asked for; the last clears."""
     second = {
         "HH_SetInputCFD(1, 0, 50, 10)": [("HH_SetInputCFD(1, 0, 50, 10)",)],
         "HH_SetInputChannelOffset(1, 0, 0)": [("HH_SetInputChannelOffset(1, 0, -300)",)],
@@ -138,9 +138,9 @@ def test_two_inputs():
     lines = [
         *START,
         *ENDED,
-        ("HH_GetHistogram(1, 1, 0)", [1, 2, 3, 4]),
-        ("HH_GetHistogram(1, 0, 0)", [5, 6, 7, 8]),
         ("HH_GetFlags(1)", 0),
+        ("HH_GetHistogram(1, 1, 0)", [1, 2, 3, 4]),
+        ("HH_GetHistogram(1, 0, 1)", [5, 6, 7, 8]),
         ("HH_GetSyncRate(1)", 10_000_000),
         ("HH_GetCountRate(1, 1)", 300),
         ("HH_GetCountRate(1, 0)", 50),
@@ -162,7 +162,7 @@ def test_two_inputs():
 @pytest.mark.parametrize(
     ("call", "answer", "words"),
     [
-        ("HH_GetNumOfInputChannels(1)", (1,), "input channel to 1, but it takes whole numbers from 0 to 0"),
+        ("HH_GetNumOfInputChannels(1)", (1,), "input channel to 1, but it accepts whole numbers from 0 to 0"),
         ("HH_GetBaseResolution(1)", (8.0, 20), "8 ps times a power of two.*nearest are 8 ps and 16 ps"),
     ],
 )
@@ -175,7 +175,7 @@ def test_an_instrument_that_can_do_less_is_asked_and_closed(call, answer, words)
 
 def test_measure_polls_each_millisecond_until_the_end():
     late = [("HH_CTCStatus(1)", 0), ("sleep(0.001)",)] * 3
-    lines = [*START, *late, *ENDED, ("HH_GetHistogram(1, 0, 0)", [1]), ("HH_GetFlags(1)", 0)]
+    lines = [*START, *late, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 1)", [1])]
     play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
 
 
@@ -208,13 +208,13 @@ def test_stopped_when_interrupted():
     ("flags", "word"), [(0x01, "full"), (0x04, "sync was lost"), (0x08, "reference clock was lost")]
 )
 def test_flags_become_sentences(flags, word):
-    lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [1]), ("HH_GetFlags(1)", flags)]
+    lines = [*START, *ENDED, ("HH_GetFlags(1)", flags), ("HH_GetHistogram(1, 0, 1)", [1])]
     (sentence,) = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3)).warnings
     assert word in sentence
 
 
 def test_system_error_is_raised_with_the_instruments_report():
-    lines = [*START, *ENDED, ("HH_GetHistogram(1, 0, 0)", [1]), ("HH_GetFlags(1)", 0x10)]
+    lines = [*START, *ENDED, ("HH_GetFlags(1)", 0x10)]
     lines.append(("HH_GetHardwareDebugInfo(1)", "module 2\nover temperature\n"))
     with pytest.raises(DeviceError, match="module 2 over temperature"):
         play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
@@ -250,10 +250,13 @@ def test_others_are_closed_again():
 @pytest.mark.parametrize(
     ("second", "words"),
     [
-        ([("HH_OpenDevice(1)", "1000007"), ("HH_CloseDevice(1)",)], "there are 1000001, 1000007. Say which"),
+        (
+            [("HH_OpenDevice(1)", "1000007"), ("HH_CloseDevice(1)",)],
+            "several were found: 1000001, 1000007. Give",
+        ),
         (
             [("HH_OpenDevice(1)", Returns(-2))],
-            "there are 1000001, and one that cannot be opened (DEVICE_BUSY)",
+            "several were found: 1000001, and one that cannot be opened (DEVICE_BUSY)",
         ),
     ],
 )

@@ -154,7 +154,7 @@ def test_its_settings_say_that_nothing_is_read_back(desk):
         galvo.point(0.1, -0.1)
         settings = galvo.settings()
     assert settings["identity"] == galvo.identity
-    assert settings["settling"] == "waited for by time, not read back"
+    assert settings["settling"] == "a fixed waiting time, not read back"
     assert (settings["angle_x_rad"], settings["volts_per_degree_y"]) == (0.1, 0.5)
     assert all(type(value) in (str, int, float, bool) for value in settings.values())
 
@@ -240,7 +240,7 @@ def test_a_trajectory_that_does_not_fit_the_marks_is_refused_unsent(desk, positi
         (np.zeros(3), 1e-3, "shape"),
         (np.array([[0.0, 0.0], [0.5, 0.0]]), 1e-3, "point x to 0.5000 rad"),
         (np.array([[0.0, 0.0], [0.0, np.nan]]), 1e-3, "point y to nan rad"),
-        (np.zeros((3, 2)), 1e-6, "the board can every 2.38e-06 s"),
+        (np.zeros((3, 2)), 1e-6, "the board needs at least 2.38e-06 s"),
         (np.zeros((3, 2)), np.nan, "move every nan s"),
     ],
 )
@@ -264,7 +264,7 @@ def test_unplugged_is_an_error_of_ours(desk):
 
 def test_an_absent_board_is_named(desk):
     desk.board.unplug()
-    with pytest.raises(DeviceNotFoundError, match="DAQ board Dev1: asked to say who it is"), desk.galvo:
+    with pytest.raises(DeviceNotFoundError, match="DAQ board Dev1: asked to report its identity"), desk.galvo:
         pass
 
 

@@ -67,5 +67,5 @@ def test_a_camera_that_is_not_there_or_silent_is_told():
     ):
         camera.image()
     camera, _ = camera_with([])
-    with camera, pytest.raises(LinkError, match="camera 2: asked to take a picture, but none came"):
+    with camera, pytest.raises(LinkError, match="camera 2: asked to take a picture, but no picture came"):
         camera.image()

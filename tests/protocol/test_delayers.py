@@ -222,7 +222,7 @@ def test_a_t560_that_does_not_say_what_it_is_is_known_by_its_channels():
         (DG645, {"trigger_level_v": float("nan")}, "trigger level"),
         (DG645, {"output": "IJ"}, "outputs are AB"),
         (DG645, {"polarity": "up"}, "polarity"),
-        (DG645, {"repetition_hz": 10e6}, "to be ready for the next one it has to end within 0 ns at 10 MHz"),
+        (DG645, {"repetition_hz": 10e6}, "to be ready for the next one it must end within 0 ns at 10 MHz"),
         (DG645, {"repetition_hz": 11e6}, "up to 10 MHz"),
         (DG645, {"repetition_hz": 120e6, "divider": 100}, "divides triggers of up to 100 MHz"),
         (DG645, {"divider": 0}, "divides triggers by 1 to"),

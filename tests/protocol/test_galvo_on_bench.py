@@ -136,7 +136,7 @@ def test_a_lost_answer_is_told_and_the_next_command_works(rig):
     with rig.galvo(timeout_s=0.5) as mirror:
         rig.board.drop_answers = 1
         before_s = rig.bench.clock.now_s()
-        with pytest.raises(LinkError, match="nothing came"):
+        with pytest.raises(LinkError, match="no answer came"):
             mirror.point(0.1, 0.0)
         assert rig.bench.clock.now_s() - before_s == pytest.approx(0.5)
         mirror.point(0.2, 0.0)
@@ -230,7 +230,7 @@ def test_a_device_that_never_stops_talking_is_given_up():
 
     address = protocol_sim.attach("test/babbler", Babbler(), BenchClock())
     try:
-        with pytest.raises(LinkError, match="keeps sending"):
+        with pytest.raises(LinkError, match="sends without being asked"):
             OptotuneMirror(address, clock=BenchClock()).__enter__()
     finally:
         protocol_sim.detach(address)
@@ -260,7 +260,7 @@ def test_over_a_real_serial_port_of_the_operating_system():
         with OptotuneMirror(address, clock=SystemClock()) as mirror:
             mirror.point(0.1, -0.1)
             mirror.wait_settled(timeout_s=1.0)
-            with pytest.raises(LinkError, match="another program has it"):
+            with pytest.raises(LinkError, match="another program uses it"):
                 OptotuneMirror(address, clock=SystemClock()).__enter__()
         assert bench.target_rad == (0.0, 0.0)
     finally:

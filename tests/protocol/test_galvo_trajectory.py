@@ -174,7 +174,7 @@ def test_a_lost_answer_in_an_upload_is_told_and_the_mirror_can_be_pointed(rig, a
 
     rig.board.receive = receiving
     with rig.galvo() as mirror:
-        with pytest.raises(LinkError, match="nothing came"):
+        with pytest.raises(LinkError, match="no answer came"):
             mirror.trajectory(way(60), TICK_S)
         mirror.point(0.05, 0.05)
         mirror.wait_settled(timeout_s=0.1)
@@ -221,7 +221,7 @@ def test_a_board_with_less_memory_says_so(rig):
         (np.zeros((8192, 2)), TICK_S, "memory holds from 1 to 8191"),
         (np.array([[0.0, 0.0], [0.0, 0.3]]), TICK_S, "limit is 0.2800"),
         (np.array([[0.0, np.nan]]), TICK_S, "point y to nan"),
-        (np.zeros((4, 2)), 0.1e-3, "needs two looks"),
+        (np.zeros((4, 2)), 0.1e-3, "needs two readings"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_unsent(rig, angles, tick_s, words):

@@ -111,7 +111,7 @@ def test_an_answer_that_lacks_what_matters_is_told(play, name, spoiled):
 @pytest.mark.parametrize(
     ("said", "told"),
     [
-        (b"", "nothing came"),
+        (b"", "no answer came"),
         (b"VPOL1", "only b'VPOL1' came"),
         (b"AQ;DC#", "VPOL, FR, ERR, GF, TO, HO did not come"),
         (b"\xe0\x80\x00#\x00\xff#", "VPOL, FR, ERR, GF, TO, HO did not come"),
@@ -304,7 +304,7 @@ def test_the_port_of_a_program_that_is_open_is_told():
     address = os.ttyname(far)
     with (
         serial.Serial(address, exclusive=True),
-        pytest.raises(LinkError, match=r"another program has it.*Close MPD's program: it holds the port"),
+        pytest.raises(LinkError, match=r"another program uses it.*Close MPD's program: it holds the port"),
         spad(address),
     ):
         pytest.fail("opened")

@@ -153,7 +153,7 @@ def test_a_failure_while_it_plays_is_told(world):
 @pytest.mark.parametrize(
     ("device", "lines", "why"),
     [
-        ("Dev2", LINES, r"DAQ board Dev2: asked to say who it is.*-200220.*NI MAX"),
+        ("Dev2", LINES, r"DAQ board Dev2: asked to report its identity.*-200220.*NI MAX"),
         ("Dev1", PulseLines(("port0/line99",)), r"set port0/line99.*-200170"),
     ],
 )

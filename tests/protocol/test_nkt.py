@@ -171,16 +171,16 @@ def test_a_busy_laser_is_asked_again_after_a_while(play):
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
-        (lambda host: b"", "nothing came"),
-        (lambda host: asked(host, 0x61).data, "the question itself came back.*Switch the echo"),
+        (lambda host: b"", "no answer came"),
+        (lambda host: asked(host, 0x61).data, "the request itself came back.*Switch the echo"),
         (lambda host: b"\xe0\x80\x00\n", "115200 baud"),
         (lambda host: b"OK\r\n", "115200 baud"),
         (lambda host: said(host, 0x61, kind=Kind.CRC_ERROR).data, "telegrams of type 1"),
-        (lambda host: said(host, 0x61).data, "holds nothing"),
+        (lambda host: said(host, 0x61).data, "the register is empty"),
     ],
 )
 def test_a_line_that_is_not_right_is_told_as_what_it_is(play, answer, told):
-    tries = (0xA1,) if told == "holds nothing" else (0xA1, 0xA2, 0xA3)
+    tries = (0xA1,) if told == "the register is empty" else (0xA1, 0xA2, 0xA3)
     steps = [one for host in tries for one in (asked(host, 0x61), Step("<", answer(host)))]
     with play(steps) as address, pytest.raises(DeviceNotFoundError, match=told), laser(address):
         pytest.fail("connected to something else")
@@ -210,7 +210,7 @@ def test_the_interlock_is_asked_and_never_reset(rig):
         board = rig.heads["nkt"]
         board.close_interlock(False)
         with pytest.raises(
-            RefusedError, match=r"interlock is open: door switch.*nobody is in the beam's way"
+            RefusedError, match=r"interlock is open: door switch.*nobody is in the path of the beam"
         ):
             one.arm()
         board.close_interlock(True)

@@ -150,10 +150,10 @@ def test_an_exception_goes_through_unchanged_and_ends_the_ticks(desk):
     ("marks", "tick_s", "why"),
     [
         (np.empty(0, np.uint8), 1e-3, "give 0 ticks"),
-        (np.ones((2, 2), np.uint8), 1e-3, "in one row"),
+        (np.ones((2, 2), np.uint8), 1e-3, "in a one-dimensional array"),
         (np.ones(5_000_001, np.uint8), 1e-3, "give 5000001 ticks"),
-        (np.ones(3, np.uint8), 1e-7, "every 2e-07 s to 60 s"),
-        (np.ones(3, np.uint8), 61.0, "every 2e-07 s to 60 s"),
+        (np.ones(3, np.uint8), 1e-7, "2e-07 s to 60 s"),
+        (np.ones(3, np.uint8), 61.0, "2e-07 s to 60 s"),
         (np.ones(3, np.uint8), float("nan"), "tick every nan s"),
         (np.ones(3, np.uint8), -1.0, "tick every -1 s"),
         (np.array([16], np.uint8), 1e-3, "only 4 have a line"),
@@ -192,7 +192,7 @@ def test_a_board_without_buffered_lines_is_named(desk):
 
 def test_an_absent_board_is_named(desk):
     desk.board.unplug()
-    with pytest.raises(DeviceNotFoundError, match="DAQ board Dev1: asked to say who it is"), desk.clock:
+    with pytest.raises(DeviceNotFoundError, match="DAQ board Dev1: asked to report its identity"), desk.clock:
         pass
 
 
@@ -205,7 +205,7 @@ def test_unplugged_while_it_ticks_is_an_error_of_ours(desk):
             desk.board.unplug()
             clock.running()
 
-    with pytest.raises(LinkError, match=r"play on, but NI-DAQmx says.*-201003") as raised:
+    with pytest.raises(LinkError, match=r"keep playing, but NI-DAQmx says.*-201003") as raised:
         work()
     assert len(desk.marks()) == 11
     assert len(raised.value.__notes__) == 2  # neither a stop nor low lines were possible, and that is said

@@ -99,7 +99,7 @@ def test_errors_are_told_in_words(play, number):
     ("exchanges", "told"),
     [
         ([(b"SP10#", b"12#"), (b"SD19500#", b"19400#")], "set SD19500, but it kept 19400"),
-        ([(b"SP10#", b"35#")], r"delay by 31\.5 ns, but with a pulse of 35 ns it cannot"),
+        ([(b"SP10#", b"35#")], r"delay by 31\.5 ns, but with a pulse of 35 ns this is not possible"),
         (
             [(b"SP10#", b"11#"), (b"SD20500#", b"20500#"), (b"RP#", b"8#"), (b"RD#", b"20500#")],
             r"delay by 31\.5 ns, but it delays by 28\.5 ns",
@@ -131,7 +131,7 @@ def test_what_is_no_delayer_is_not_taken_for_one(play, said):
         steps += asked(b"RP#", said)
     with (
         play(steps) as address,
-        pytest.raises(DeviceNotFoundError, match=r"like a PSD delayer.*another device is there"),
+        pytest.raises(DeviceNotFoundError, match=r"like a PSD delayer.*another device is at this address"),
         psd(address),
     ):
         pytest.fail("connected")
@@ -200,7 +200,7 @@ def test_a_fast_laser_goes_through_its_divider(rig):
 
 @pytest.mark.parametrize("divider", [0, 1000])
 def test_a_divider_that_is_not_possible_is_refused_without_a_delayer(divider):
-    with pytest.raises(LimitError, match="it takes 1 to 999"):
+    with pytest.raises(LimitError, match="the range is 1 to 999"):
         PsdSettings(divider=divider)
 
 

@@ -159,7 +159,7 @@ def test_one_that_is_stuck_is_told_three_times_and_then_the_person():
             shutter.let_through()
             placed.firmware.stuck = True
 
-    with pytest.raises(RefusedError, match=r"says that it is open.*Treat the shutter as OPEN"):
+    with pytest.raises(RefusedError, match=r"reports that it is open.*Treat the shutter as OPEN"):
         used()
     placed.close()
 

@@ -96,7 +96,7 @@ def test_an_answer_later_than_its_timeout_is_not_the_answer_to_the_next_question
     slow = Slow(Echo(), clock, 0.7)
     line = line_to(plug(slow, clock))
     line.open()
-    with pytest.raises(LinkError, match=r"nothing came in 0\.5 s"):
+    with pytest.raises(LinkError, match=r"no answer came in 0\.5 s"):
         line.ask("first")
     slow.delay_s = 0.0
     assert line.ask("second") == "second"

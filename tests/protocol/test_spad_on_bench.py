@@ -42,7 +42,7 @@ def test_it_runs_freely_and_has_no_gate(rig):
         spad.enable()
         assert (rig.bench.light.biased, rig.bench.light.gated) == (True, False)
         assert spad.settings()["gated"] is False
-        with pytest.raises(LimitError, match=r"open a gate, but it runs freely.*Nothing was sent"):
+        with pytest.raises(LimitError, match=r"open a gate, but it is free-running.*Nothing was sent"):
             spad.set_gate(30e-9, 40e-9)
 
 
@@ -93,7 +93,7 @@ def test_a_lost_answer_is_told_and_the_next_question_works(rig):
     with rig.spad(timeout_s=2.0) as spad:
         rig.instrument.drop_answers = 1
         before_s = rig.bench.clock.now_s()
-        with pytest.raises(LinkError, match=r"'DEADTIME:CAPABILITY\?', but nothing came in 2 s"):
+        with pytest.raises(LinkError, match=r"'DEADTIME:CAPABILITY\?', but no answer came in 2 s"):
             spad.set_hold_off(120e-9)
         assert rig.bench.clock.now_s() - before_s >= 2.0
         spad.set_hold_off(120e-9)
@@ -117,14 +117,14 @@ def test_of_two_detectors_the_serial_number_says_which(rig):
     with Id120Spad(backend=bus, clock=rig.bench.clock, serial="SIM0002") as spad:
         assert spad.settings()["serial_number"] == "SIM0002"
     seen = r"1ddc:0330 \(serial SIM0001\), 1ddc:0330 \(serial SIM0002\)"
-    with pytest.raises(DeviceNotFoundError, match=f"2 fit among {seen}.*serial number"):
+    with pytest.raises(DeviceNotFoundError, match=f"2 match among {seen}.*serial number"):
         Id120Spad(backend=bus, clock=rig.bench.clock).__enter__()
-    with pytest.raises(DeviceNotFoundError, match=f"SIM0003, but none fits among {seen}"):
+    with pytest.raises(DeviceNotFoundError, match=f"SIM0003, but none matches among {seen}"):
         Id120Spad(backend=bus, clock=rig.bench.clock, serial="SIM0003").__enter__()
 
 
 def test_nothing_on_the_bus():
-    with pytest.raises(DeviceNotFoundError, match="none fits among no devices"):
+    with pytest.raises(DeviceNotFoundError, match="none matches among no devices"):
         Id120Spad(backend=UsbBackend([]), clock=BenchClock()).__enter__()
 
 
@@ -137,7 +137,7 @@ def test_an_oscilloscope_on_the_bus_is_asked_its_name_and_nothing_else(rig):
             super().receive(data)
 
     scope = Oscilloscope(rig.bench)
-    with pytest.raises(DeviceNotFoundError, match="be 'ID120', but it says 'ID Quantique,DSO-1"):
+    with pytest.raises(DeviceNotFoundError, match="be 'ID120', but its identity is 'ID Quantique,DSO-1"):
         Id120Spad(backend=UsbBackend([scope]), clock=rig.bench.clock).__enter__()
     assert scope.heard == [b"*IDN?\n"]
 

@@ -92,7 +92,7 @@ def test_mirror_leaves_pro_mode_and_acknowledges_past_errors(play):
         (b"ERROR\r\n", RefusedError, "ERROR"),
         (b"NO\r\n", ProtocolError, "'NO' came"),
         (b"\xffK\r\n", ProtocolError, "xff"),
-        (b"", LinkError, "nothing came in 0.5 s"),
+        (b"", LinkError, "no answer came in 0.5 s"),
         (b"OK", LinkError, "only b'OK' came"),
     ],
 )
@@ -282,11 +282,11 @@ def test_laser_of_another_model_than_configured_is_told_to_be_dark_and_refused(p
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
-        (b"leg?\n", "sends back what it is sent: switch the echo"),
-        (b"leg?\r\nleg status: 0\n", "sends back what it is sent: switch the echo"),
-        (b"\xe1\x80\xfc\n", "line speed is another one; the laser needs 38400 baud"),
-        (b"\xe1\x80\xfc", "line speed is another one; the laser needs 38400 baud"),
-        (b"\x00\x03\x18\n", "line speed is another one; the laser needs 38400 baud"),
+        (b"leg?\n", "returns what is sent to it: switch the echo"),
+        (b"leg?\r\nleg status: 0\n", "returns what is sent to it: switch the echo"),
+        (b"\xe1\x80\xfc\n", "line speed is wrong; the laser needs 38400 baud"),
+        (b"\xe1\x80\xfc", "line speed is wrong; the laser needs 38400 baud"),
+        (b"\x00\x03\x18\n", "line speed is wrong; the laser needs 38400 baud"),
         (b"", "the line runs at 38400 baud"),
         (b"MR-E-2\n", "another device"),
     ],

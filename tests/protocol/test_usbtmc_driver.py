@@ -22,7 +22,7 @@ def test_usbtmc_question():
     link.write(b"*IDN?\n")
     assert link.read("answer") == b"ID Quantique,ID120 simulated,SIM0001,1.0\n"
     link.write(b"OH,NO?\n")
-    with pytest.raises(LinkError, match="nothing came in 1 s"):
+    with pytest.raises(LinkError, match="no answer came in 1 s"):
         link.read("answer 'OH,NO?'")
     backend.finish()
 
@@ -81,7 +81,7 @@ def test_usbtmc_needs_its_interface():
 
 def test_a_detector_that_is_not_there_lists_what_is():
     backend = ScriptedUsb([], vendor=0x0403, product=0x6001, tmc=False)
-    with pytest.raises(DeviceNotFoundError, match="none fits among 0403:6001"):
+    with pytest.raises(DeviceNotFoundError, match="none matches among 0403:6001"):
         Id120Spad(backend=backend, clock=StepClock()).__enter__()
 
 

@@ -26,12 +26,10 @@ POINTS = np.array([[0.12, -0.06, 0.6], [-0.2, 0.12, 0.8]])
 GRID = VoxelGrid(-0.27 + 0.06 * np.arange(8), -0.15 + 0.06 * np.arange(6), np.array([0.6, 0.8]))
 
 
-class RunByRun:
-    """Images three lasers at a time, as workers of a cluster do."""
-
-    def added(self, problem, capture):
-        for lasers in runs(capture, problem, 10**9, 3):
-            yield of_run(capture.block(lasers), problem, 10**9)
+def run_by_run(problem, capture):
+    """Image three lasers at a time, as workers of a cluster do."""
+    for lasers in runs(capture, problem, 10**9, 3):
+        yield of_run(capture.block(lasers), problem, 10**9)
 
 
 def pairs(laser_m, pixel_m, first_bin_s=0.0):
@@ -121,7 +119,7 @@ def test_noise_of_counted_photons_adds_up_over_runs(both):
     assert (
         image_and_noise(replace(whole, histograms=ArrayLaserHistograms(counts * 0.5)), PULSE, GRID)[1] is None
     )
-    there, noise_there = image_and_noise(counted, PULSE, GRID, by=RunByRun())
+    there, noise_there = image_and_noise(counted, PULSE, GRID, by=run_by_run)
     assert worst(there.field, found.field) < 1e-6
     np.testing.assert_allclose(noise_there.levels, noise.levels, rtol=0.05)  # tiles of other runs
 

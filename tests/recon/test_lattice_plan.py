@@ -1,6 +1,7 @@
 """Any wall and any voxels, one frequency: FFT lengths, wrapping and interpolation against the sum itself."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,7 +10,7 @@ from recon.camera import ConfocalCamera, Plane
 from recon.grid import VoxelGrid
 from recon.solvers.rsd.lattice import plan_axis
 from recon.solvers.rsd.regular import LatticePropagator
-from recon.wave import Band
+from recon.wave import Band, VirtualPulse
 from support.hidden_points import C, wall
 
 WAVELENGTH = 0.05
@@ -77,7 +78,53 @@ def test_nothing_wraps_around(count, pitch_m, voxels, start_m, voxel_m, waveleng
     assert plan.half * plan.step_m >= longest_m - 2e-3 * plan.step_m
     assert plan.read <= plan.folded
     assert plan.folded * plan.fold == plan.length
+    # Of a wave that is not known, no more than three quarters of the critical rate are interpolated from.
     assert plan.step_m * 2 / wavelength_m <= 0.75 + 1e-9 or (
         plan.spread is None and plan.weights.shape[1] == 1
     )
     assert np.all((plan.wall >= 0) & (plan.wall < plan.length))
+
+
+def centred(count, spacing_m, centre_m=0.0):
+    return centre_m + (np.arange(count) - (count - 1) / 2) * spacing_m
+
+
+#: Voxels off a wall of 128 x 128 positions 1 cm apart, and as many on its grid that reach as far.
+OFF_THE_GRID = {
+    "shifted": (centred(128, 0.01, 0.0037), centred(128, 0.01)),
+    "half as wide": (centred(64, 0.01, 0.0037), centred(64, 0.01)),
+    "coarser": (centred(64, 0.02, 0.0037), centred(64, 0.02, 0.005)),
+    "1.2 times as coarse": (centred(107, 0.012), centred(107, 0.01)),
+}
+
+
+@pytest.mark.parametrize("near_m", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("cycles", [2, 6])
+@pytest.mark.parametrize("voxels", OFF_THE_GRID)
+def test_voxels_off_the_grid_take_at_most_twice_the_work(voxels, cycles, near_m):
+    wall_axis = LatticeAxis(-0.635, 0.01, 128)
+    wavenumber = VirtualPulse(0.04, cycles).band(10e-9).last_rad_per_s / C
+    plans = [plan_axis(wall_axis, at_m, wavenumber, near_m) for at_m in OFF_THE_GRID[voxels]]
+    # The wave's transform is on the whole lattice, and that back on what is left when it was folded.
+    off, on = (plan.length**2 + plan.folded**2 for plan in plans)
+    assert off <= 2 * on
+
+
+@pytest.mark.parametrize("near_m", [0.06, 0.3, 1.0, 2.0])
+@pytest.mark.parametrize(("count", "spacing_m"), [(64, 0.02), (85, 0.015), (107, 0.012), (128, 0.0025)])
+def test_a_wave_is_interpolated_as_well_as_it_should_be(count, spacing_m, near_m):
+    """A wide wall, where the wave's oscillation and so its interpolation differ from place to place."""
+    x, y = (grid.ravel() for grid in np.meshgrid(centred(128, 0.01), centred(4, 0.01)))
+    laser_m = np.stack([x, y, 0 * x], axis=1)
+    grid = VoxelGrid(centred(count, spacing_m, 0.0037), centred(5, spacing_m, 0.3), np.array([near_m]))
+    wavelength_m = 2 * np.pi * C / VirtualPulse(0.04).band(10e-9).last_rad_per_s
+    band = Band(2 * np.pi * C / wavelength_m, 1.0, np.ones(1))
+    phases = np.random.default_rng(3).uniform(0, 2 * np.pi, len(x))
+    emitted = np.exp(1j * phases).astype(np.complex64)
+    found = LatticePropagator(recognise(laser_m), emitted[None], band, grid, 1).fields(near_m)[0]
+    r = np.sqrt((grid.x_m[:, None] - x) ** 2 + (grid.y_m[:, None, None] - y) ** 2 + near_m**2)
+    wanted = (np.exp(2j * np.pi * r / wavelength_m) / r) @ emitted
+    # 3e-4 of each term along each of two axes; by chance, the errors add up to no more than three times
+    # the root of their squares.
+    scale = np.sqrt((1 / r**2).sum(axis=-1).max())
+    assert np.abs(found - wanted).max() < 3 * 2 * 3e-4 * scale

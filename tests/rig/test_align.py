@@ -15,7 +15,7 @@ from drivers.errors import DeviceError
 from rig.acquire.acquisition import Watch
 from rig.acquire.alignment import align_on, circle, lap, laps
 from rig.acquire.connect import devices_on
-from rig.acquire.events import Ended, LightChanged, Ready, StepDone
+from rig.acquire.events import Ended, LightChanged, Ready, StepCut, StepDone
 from rig.errors import DoubtError, UsageError
 from rig.model.config import load
 from rig.model.plan import Step
@@ -77,7 +77,7 @@ def test_the_rate_shown_is_that_of_the_bench():
     assert levels.dark_hz is None  # the gate opens with the laser's pulses: before them nothing is counted
     assert levels.live_time_s == pytest.approx(2.0, abs=0.2)
     assert (found.light.emitting, found.light.triggered) == (False, False)
-    assert "time asked for is over" in found.all(Ended)[0].reason
+    assert "the requested time is over" in found.all(Ended)[0].reason
 
 
 def test_a_circle_is_lit_spot_by_spot_and_summed_over_a_lap():
@@ -160,9 +160,9 @@ def test_the_peak_of_a_histogram_and_its_background():
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(UsageError, match="radius is above 0"):
+    with pytest.raises(UsageError, match="radius must be above 0"):
         circle(0.0, 0.0, 0.0)
-    with pytest.raises(UsageError, match="exposure is above 0"):
+    with pytest.raises(UsageError, match="exposure must be above 0"):
         lap((SPOT,), 0.0)
     with pytest.raises(UsageError, match="above 0 with --for"):
         laps(lap((SPOT,), 0.1), 0.0)
@@ -225,3 +225,11 @@ def test_ctrl_c_is_the_usual_end_at_a_real_wire(tmp_path):
             assert lit.wait(PATIENCE_S) == 0
             assert "Ended as asked: stopped by the operator" in lit.stderr.read()
         assert bench.values("detector bias")[-1] == "0"
+
+
+def test_an_exposure_that_was_cut_counts():
+    """Who ends a long exposure, perhaps the only one, sees what it gave."""
+    levels, counts = Levels(1), np.full((1, 8), 25, np.uint32)
+    levels.names = ("one",)
+    levels(StepCut(Step(0, SPOT, 10.0, 0, True), SimpleNamespace(counts=counts, live_time_s=2.0)))
+    assert (levels.photons, levels.live_time_s, levels.now_hz, levels.best_hz) == (200, 2.0, 100.0, 100.0)

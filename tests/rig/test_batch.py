@@ -6,15 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.cluster.batch import RECORD, Record, run
-from rig.cluster.jobs import read_jobs
+from rig.cluster.jobs import SETTINGS, read_jobs
 from rig.errors import ConfigError, UsageError
-from rig.image.reconstruct import Request
+from rig.image.asked import OPTIONS, ImageOptions, asked
+from rig.image.request import Request
 from support.point_scans import write_point_scan
 
 
@@ -51,6 +53,18 @@ def test_lists_are_multiplied_and_name_the_results(scans, tmp_path):
     assert jobs[1].request == Request(wavelength_m=0.16, depth_m=(0.6, 0.8, 0.1), solver="direct", cycles=3.0)
 
 
+def test_each_option_of_imaging_is_a_setting(tmp_path):
+    """What a file can say is what the calls take, all of which has its place in a request."""
+    assert set(OPTIONS) == set(ImageOptions.__annotations__)
+    assert {option.field for option in OPTIONS.values()} == {one.name for one in fields(Request)}
+    assert {name.replace("_", "-") for name in OPTIONS} - set(SETTINGS) == {"calibrations", "however-long"}
+    text = "[[job]]\nscans = ['jobs.toml']\nrelight = '10cm,0cm,1m'\nmemory = '2GB'\nframes = '2ns:20ns:2ns'"
+    (job,) = read_jobs(jobs_file(tmp_path, text), however_long=True)
+    assert job.request == asked(
+        relight=(0.1, 0.0, 1.0), memory=2e9, frames=(2e-9, 20e-9, 2e-9), however_long=True
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -62,7 +76,14 @@ def test_lists_are_multiplied_and_name_the_results(scans, tmp_path):
         ("[[job]]\nscans = ['jobs.toml']\nwavelenght = '4cm'", "unknown key wavelenght"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = 4", "text with a unit"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = '4'", "no unit"),
-        ("[[job]]\nscans = ['jobs.toml']\nsolver = 'best'", "none of rsd"),
+        ("[[job]]\nscans = ['jobs.toml']\nsolver = 'best'", "not one of rsd"),
+        ("[[job]]\nscans = ['jobs.toml']\nwavelength = ''", "wavelength: '' must be text with a unit"),
+        ("[[job]]\nscans = ['jobs.toml']\ncycles = '3'", "cycles: '3' is not a number"),
+        ("[[job]]\nscans = ['jobs.toml']\ncycles = true", "cycles: True is not a number"),
+        ("[[job]]\nscans = ['jobs.toml']\neven-bins = 1", "even-bins: 1 is neither true nor false"),
+        ("[[job]]\nscans = ['jobs.toml']\nover = 'all'", "over: 'all' is not one of"),
+        ("[[job]]\nscans = ['jobs.toml']\nrelight = '1cm'", "relight: '1cm' is not a place"),
+        ("[[job]]\nscans = ['jobs.toml']\ncalibrations = 'mine'", "unknown key calibrations"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = []", "empty list"),
         ("[[job]]\nscans = ['jobs.toml']\n[[job]]\nscans = ['jobs.toml']", "name of another"),
         ("[[job", "cannot be read"),

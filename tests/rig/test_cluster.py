@@ -19,7 +19,8 @@ from rig.cluster.imaging import Crew
 from rig.cluster.jobs import read_jobs
 from rig.cluster.joined import joined, local_workers
 from rig.errors import UsageError
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from support.point_scans import write_point_scan
 
 REQUEST = Request(wavelength_m=0.08, depth_m=(0.5, 0.9, 0.02))
@@ -216,7 +217,7 @@ def test_what_names_no_cluster_is_refused(rig, address):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--solver", "lct"), "solver lct images as a whole"),
+        (("--solver", "lct"), "solver lct computes only whole images"),
         (("--camera", "transient"), "a film is computed on one computer"),
         (("--each-frame",), "a film is computed on one computer"),
     ],
@@ -227,7 +228,17 @@ def test_what_is_not_cut_is_refused(rig, options, said):
     assert said in done.err
 
 
-def test_an_address_without_a_scheduler_is_said():
+def test_an_address_without_a_scheduler_is_said(tmp_path):
     assert local_workers("tcp://127.0.0.1:9") is None
-    with pytest.raises(UsageError, match="no such file"), joined("missing.json"):
+    with pytest.raises(UsageError, match="cannot be read"), joined("missing.json"):
         pass
+    with (
+        pytest.raises(UsageError, match=r"certificates.*distributed\.comm\.tls"),
+        joined("tls://127.0.0.1:9"),
+    ):
+        pass
+    for number, text in enumerate(["", "[1]", "{}", '{"address": 7}', '{"address": "file:///etc/passwd"}']):
+        path = tmp_path / f"{number}.json"
+        path.write_text(text)
+        with pytest.raises(UsageError, match="has no scheduler's address"), joined(str(path)):
+            pass

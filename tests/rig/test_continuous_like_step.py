@@ -7,7 +7,8 @@ from recon.accumulate import likeness
 from recon.depth import front_view
 from rig.acquire.acquisition import acquire
 from rig.files.scan import ScanFile
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from rig.model.config import built_in_with
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState

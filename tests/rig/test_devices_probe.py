@@ -184,7 +184,7 @@ def test_a_mute_device_is_given_up(rig_on_bench):
     protocol_sim.attach("test/laser", Mute(), rig_on_bench.bench.clock)
     laser = list(ask_all(real(rig_on_bench), []))[1]
     assert len(laser.exchanges) == 3
-    assert "nothing came" in laser.failure
+    assert "no answer came" in laser.failure
     said = list(text_lines([laser], Placeholders()))
     assert any(line.startswith("> leg?") for line in said)
     assert not any(line.startswith("<") for line in said)
@@ -392,7 +392,7 @@ def test_that_there_is_no_serial_number_is_no_secret_elsewhere():
 def answers_of(**said):
     """Answers by question; None: none came, `!TEXT`: it was refused as TEXT."""
     return {
-        question: Exchange(question, None, (answer or "nothing came").lstrip("!"))
+        question: Exchange(question, None, (answer or "no answer came").lstrip("!"))
         if answer is None or answer.startswith("!")
         else Exchange(question, answer)
         for question, answer in said.items()

@@ -1,7 +1,10 @@
 """A scan file is followed while another program writes it: what is new, once, and how it ended."""
 
+import json
 import queue
 import threading
+import time
+import urllib.request
 
 import numpy as np
 import pytest
@@ -11,9 +14,11 @@ from rig.acquire.events import Ended, LightChanged, Noticed, Outcome
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanDescription, ScanFile, ScanWriter
 from rig.files.following import Closed, Following, Steps, Unread
-from rig.live import follow
+from rig.live import follow, watching
 from rig.live.follow import Follower
 from rig.live.messages import Block, Gap
+from rig.live.watching import Watching
+from rig.live.web.address import address
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 
@@ -128,3 +133,42 @@ def test_what_is_no_scan_with_a_plan_is_refused(tmp_path):
         writer.append(np.ones(8, np.uint32))
     with pytest.raises(UsageError, match="rig report"):
         Follower(path)
+
+
+@pytest.mark.parametrize("killed", [False, True], ids=["stopped", "killed"])
+def test_a_scan_that_is_resumed_while_it_is_watched_is_followed(tmp_path, monkeypatch, killed):
+    for module in (follow, watching):
+        monkeypatch.setattr(module, "LOOK_S", 0.02)
+    counts, path, troubles, where = histograms(CHANNELS), tmp_path / "a.h5", [], address("127.0.0.1")
+    writer = ScanWriter.create(path, description(False))
+    for step in range(20):
+        writer.append(counts[step], 0.01)
+    if killed:
+        writer.checkpoint()
+        writer._journal.close()  # as the system does when the program is gone
+    else:
+        writer.close("interrupted", "stopped by the operator")
+
+    def shows(words):
+        deadline_s = time.monotonic() + 60
+        while time.monotonic() < deadline_s:
+            with urllib.request.urlopen(f"{where.url}state") as answer:
+                state = json.load(answer)
+            end = state["end"] or {"words": "runs"}
+            if words == (end["words"].partition(" positions")[0], state["progress"]["words"]):
+                return True
+        return False
+
+    with Watching(path, where, troubles.append) as seen:
+        assert shows(("Interrupted after 20", "20 of 40 positions (50%)"))
+        with ScanWriter.resume(path) as resumed:
+            for step in range(20, 30):
+                resumed.append(counts[step], 0.01)
+            resumed.checkpoint()
+            assert shows(("runs", "30 of 40 positions (75%)"))
+            for step in range(30, 40):
+                resumed.append(counts[step], 0.01)
+            resumed.close("complete", "all positions measured")
+        assert shows(("Complete after 40", "40 of 40 positions (100%)"))
+        seen.stop()
+    assert troubles == []

@@ -27,14 +27,14 @@ class ScriptedLaser:
     def stop(self):
         self.stops += 1
         if self.mute:
-            raise LinkError("laser", "be dark", "nothing came", "Look.")
+            raise LinkError("laser", "be dark", "no answer came", "Look.")
         if self.stuck:
-            raise RefusedError("laser", "be dark", "it says that it still emits", "Look.")
+            raise RefusedError("laser", "be dark", "it reports that it still emits", "Look.")
         self.lit = False
 
     def emitting(self):
         if self.mute:
-            raise LinkError("laser", "say whether it emits", "nothing came", "Look.")
+            raise LinkError("laser", "report whether it emits", "no answer came", "Look.")
         return self.lit
 
     def settings(self):
@@ -194,7 +194,7 @@ def test_an_interrupt_does_not_keep_the_light_on(world):
 
 
 def test_failures_survive_the_way_between_processes():
-    problem = LinkError("laser at X", "be dark", "nothing came", "Look.")
+    problem = LinkError("laser at X", "be dark", "no answer came", "Look.")
     problem.add_note("and another thing")
     again = from_words(as_error(problem))
     assert type(again) is LinkError

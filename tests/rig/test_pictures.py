@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from recon.capture import ArrayHistograms, Capture
 from rig.errors import DataFileError, UsageError
 from rig.files import Volume
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.layout import arranged
-from rig.show.volume import save, volume_figure
+from rig.show.raw import scan_figure
+from rig.show.volume import X_LABEL, save, volume_figure
+from rig.show.wall import draw_counts
 
 
 def volume(nx=60, ny=40, nz=50, blob=(0.5, 0.3, 1.0), **changes):
@@ -55,14 +59,88 @@ def test_what_is_at_plus_x_and_up_is_drawn_left_and_up():
     assert "(m)" in front.get_xlabel()
 
 
+def in_metres(place, limits):
+    """Return where a fraction of a panel's width or height is on its axis."""
+    return limits[0] + place * (limits[1] - limits[0])
+
+
 def test_top_and_side_agree_with_the_front():
     figure = volume_figure(volume(blob=(0.5, 0.3, 1.0)))
-    across, away = brightest_place(figure, panels(figure)["top"])
+    top, side = panels(figure)["top"], panels(figure)["side"]
+    across, away = brightest_place(figure, top)
     assert across == pytest.approx(0.4 / 1.8, abs=0.03)
-    assert away == pytest.approx(0.5 / 1.5, abs=0.04)
-    away, up = brightest_place(figure, panels(figure)["side"])
-    assert away == pytest.approx(0.5 / 1.5, abs=0.04)
+    # the brightest voxel is 3 cm deep
+    assert in_metres(away, top.get_ylim()) == pytest.approx(1.0, abs=0.03)
+    away, up = brightest_place(figure, side)
+    assert in_metres(away, side.get_xlim()) == pytest.approx(1.0, abs=0.03)
     assert up == pytest.approx(0.9 / 1.2, abs=0.03)
+    assert side.get_xlim() == pytest.approx(top.get_ylim())
+
+
+def test_views_end_where_all_beyond_is_black_and_say_what_was_imaged():
+    top = panels(volume_figure(volume(blob=(0.5, 0.3, 1.0))))["top"]
+    # 40 % of the front view's 1.8 m, about the blob; voxels are 3.06 cm deep
+    assert top.get_ylim() == pytest.approx((1 - 0.36, 1 + 0.36), abs=0.031)
+    assert [text.get_text() for text in top.texts] == ["imaged 0.50 to 2.00 m: black beyond"]
+    two = replace(volume(), intensity=volume().intensity + volume(blob=(0.0, 0.0, 1.7)).intensity)
+    # amplitude exp(-r² / 2 (6 cm)²) is 5 % at 14.7 cm; then come 10 cm
+    top = panels(volume_figure(two))["top"]
+    assert top.get_ylim() == pytest.approx((1 - 0.247, 1.7 + 0.247), abs=0.031)
+    full = volume()
+    everywhere = replace(full, intensity=np.maximum(full.intensity, 0.01))  # amplitude 10 %
+    top = panels(volume_figure(everywhere))["top"]
+    assert top.get_ylim() == pytest.approx((0.5, 2.0), abs=0.016)
+    assert not top.texts
+
+
+def test_confidence_is_drawn_in_steps_that_noise_alone_does_not_reach():
+    confidence = np.linspace(0, 0.949, 2400, dtype="f4").reshape(40, 60)
+    confidence[0, :3] = 0.96, 0.995, 1.0
+    figure = volume_figure(volume(confidence=confidence))
+    (image,) = panels(figure)["confidence that it is not noise"].get_images()
+    shades = [to_rgba(shade) for shade in image.to_rgba(confidence).reshape(-1, 4)]
+    assert len(set(shades[3:])) == 1  # below 95 % all is alike
+    assert len(set(shades[2::-1])) == 3
+    assert (np.diff(lightness(np.array([shades[3], *shades[:3]]))) > 0.1).all()
+
+
+def scan_of(counts, x_m, y_m=0.0, bin_width_s=1e-10):
+    """Return a capture of (positions, bins) counts at places of the wall, a bin of 100 ps from 4 ns."""
+    spots_m = np.stack([x_m, np.broadcast_to(y_m, np.shape(x_m)), np.zeros(np.shape(x_m))], axis=1)
+    return Capture(
+        ArrayHistograms(counts), bin_width_s, np.array([4e-9]), spots_m, np.array([[0.0, 0.0, 0.0]])
+    )
+
+
+def test_a_raw_plot_has_counts_at_its_colours_and_is_not_stretched_by_one_late_photon():
+    counts = np.zeros((3, 300), np.uint16)
+    counts[:, 20:30] = [[1], [10], [100]]
+    counts[:, 290] = 1  # a dark count, 33 ns
+    counts[0, 20:30] = 100
+    figure = scan_figure("scan.h5", scan_of(counts, [-0.1, 0.0, 0.1]))
+    figure.canvas.draw()
+    ends_ns = {axes.get_title().split(":")[0]: axes.get_xlim()[1] for axes in figure.axes}
+    # 1,000 photons, in bins up to 7 ns; half a nanosecond is left free
+    assert ends_ns["most photons"] == pytest.approx(7.45, abs=0.05)
+    bar = next(axes for axes in figure.axes if "counts a bin, mean" in axes.get_ylabel())
+    told = [label.get_text() for label in bar.get_yticklabels()]
+    assert {"1", "10", "100"} <= set(told)
+    (image,) = figure.axes[0].get_images()
+    assert image.get_array().max() == 100
+
+
+def test_a_raw_plot_of_nothing_is_drawn():
+    figure = scan_figure("scan.h5", scan_of(np.zeros((3, 300), np.uint16), [-0.1, 0.0, 0.1]))
+    figure.canvas.draw()
+
+
+def test_spots_off_any_lattice_have_the_label_of_all_front_views():
+    axes = Figure().subplots()
+    draw_counts(
+        axes, np.array([[0.0, 0.0, 0.0], [0.3, 0.1, 0.0], [0.1, 0.7, 0.0]]), np.array([1.0, 2.0, 3.0])
+    )
+    assert axes.get_xlabel() == X_LABEL
+    assert axes.get_xlim()[0] > axes.get_xlim()[1]
 
 
 def test_the_depth_map_is_drawn_like_the_front_and_grey_where_nothing_is():
@@ -169,7 +247,10 @@ def test_noise_alone_is_said_across_the_picture():
     seen, noise = ({"solver": "rsd", "signal": signal} for signal in (True, False))
     said = {
         signal: [
-            text.get_text() for axes in volume_figure(volume(parameters=told)).axes for text in axes.texts
+            text.get_text()
+            for axes in volume_figure(volume(parameters=told)).axes
+            for text in axes.texts
+            if "imaged" not in text.get_text()
         ]
         for signal, told in ((True, seen), (False, noise))
     }

@@ -30,21 +30,21 @@ MISFITS = {
     ),
     "a record that is longer than the period": (
         "[tcspc]\nbins = 65536\n",
-        r"65536 bins of 4 ps is 262\.14 ns long, and sync pulses come every 100 ns.*tcspc\.bins to 25000",
+        r"65536 bins of 4 ps is 262\.14 ns long, but sync pulses come every 100 ns.*tcspc\.bins to 25000",
     ),
     "an offset after the period": (
         '[tcspc]\noffset = "100ns"\n[detector]\ngated = false\n',
-        r"histogram begins 100 ns after a sync pulse, and the next pulse comes after 100 ns",
+        r"histogram starts 100 ns after a sync pulse, but the next pulse comes after 100 ns",
     ),
     "an offset that is not whole": (
         '[tcspc]\noffset = "28.5ns"\n',
-        r"histogram offset to 28\.5 ns, but it takes whole ns.*nearest possible value is 28 ns",
+        r"histogram offset to 28\.5 ns, but it accepts whole ns.*nearest possible value is 28 ns",
     ),
     "bins of 3 ps": ('[tcspc]\nbin_width = "3ps"\n', r"bin width to 3 ps.*The nearest are 2 ps and 4 ps"),
     "bins of 5 ps": ('[tcspc]\nbin_width = "5ps"\n', r"bin width to 5 ps.*The nearest are 4 ps and 8 ps"),
     "a level that no HydraHarp has": (
         '[tcspc]\nsync_level = "1.2V"\n',
-        r"sync CFD level to 1200 mV, but it takes whole mV from 0 to 1000",
+        r"sync CFD level to 1200 mV, but it accepts whole mV from 0 to 1000",
     ),
     "a laser of 10 mHz": (
         '[laser]\nrepetition = "10mHz"\n',
@@ -56,7 +56,7 @@ MISFITS = {
     ),
     "a hold-off longer than the exposure": (
         '[detector]\nhold_off = "20ms"\n',
-        r"holds off for 20 ms after a detection, and an exposure is 10 ms",
+        r"holds off for 20 ms after a detection, but an exposure is 10 ms",
     ),
     "an exposure of half milliseconds": (
         '[scan]\nexposure = "1.5ms"\n',

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
-from rig.image.reconstruct import Request, reconstruct
+from rig.image.reconstruct import reconstruct
+from rig.image.request import Request
 from support.scan_files import dense
 from support.tagged_scans import photons_of, write_tagged
 
@@ -177,7 +178,7 @@ def test_a_file_of_histograms_takes_no_photons(tmp_path):
         pytest.raises(ValueError, match="of histograms"),
     ):
         writer.append_photons(np.array([1]), np.array([1]))
-    with pytest.raises(ValueError, match="expectations are no photons"):
+    with pytest.raises(ValueError, match="expectation values cannot be listed as photons"):
         describe(dtype="f4")
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from rig.files import ScanDescription, ScanWriter
 from rig.files.scan import ScanFile
-from rig.image.reconstruct import Request, chosen
+from rig.image.request import Request
+from rig.image.work import chosen
 from simulators.scenes import scene
 from simulators.transport.each_with_each import EachWithEach
 from simulators.transport.renderer import Transport

@@ -77,7 +77,7 @@ def backend(device: str, library: str | None = None) -> Backend:
         raise ParameterError(
             "device",
             f"{device!r} by {library or 'any library'}",
-            "there is none such",
+            "there is no such device",
             "Choose cpu (numpy, torch) or cuda (torch, cupy).",
         )
     refused = []
@@ -94,7 +94,7 @@ def backend(device: str, library: str | None = None) -> Backend:
         "device",
         device,
         ", ".join(refused),
-        "Install torch with CUDA or cupy beside a driver that works, or use cpu.",
+        "Install torch with CUDA or cupy together with a working driver, or use cpu.",
     )
 
 
@@ -117,6 +117,7 @@ def focus_block(
     progress: Callable[[float], None] | None = None,
     *,
     reference_rad_per_s: float | None = None,
+    near_m: float | None = None,
     on: Backend | None = None,
     batch_bytes: int = BATCH_BYTES,
 ) -> Iterator[NDArray[np.complex64]]:
@@ -134,6 +135,8 @@ def focus_block(
         Called with the fraction that is done.
     reference_rad_per_s
         Frequency omega_0 from which the change with time is counted; None leaves it out.
+    near_m
+        Depth that the lattice is planned for; None takes the nearest of the voxels.
     on
         Where to compute; numpy by default.
     batch_bytes
@@ -148,7 +151,11 @@ def focus_block(
     on = on or backend("cpu")
     xp = on.xp
     wavenumber = round_trip_factor * band.finest_rad_per_s / C_M_PER_S
-    y, x = plan_axis(aperture.y, grid.y_m, wavenumber), plan_axis(aperture.x, grid.x_m, wavenumber)
+    near_m = float(grid.z_m[0]) if near_m is None else near_m
+    y, x = (
+        plan_axis(axis, at_m, wavenumber, near_m)
+        for axis, at_m in ((aperture.y, grid.y_m), (aperture.x, grid.x_m))
+    )
     lateral2 = on.array(_offsets(y)[:, None] ** 2 + _offsets(x) ** 2)
     readings = [(on.array(axis.first), on.array(axis.weights)) for axis in (y, x)]
     factors = [np.ones(len(band), np.complex64)]

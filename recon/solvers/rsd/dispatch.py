@@ -103,16 +103,17 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
         # term by term, from a copy of the spectra
         return Need(100 * capture.positions, 8 * capture.positions * many, many)
     round_trip_factor = groups[0].round_trip_factor
+    near_m = replace(problem, grid=planes).near_m - groups[0].depth_m
     if together(capture.laser_m, groups) and _on_a_lattice(groups[0], capture.laser_m):
         aperture = recognise(capture.laser_m[groups[0].records] - [0, 0, groups[0].depth_m])
-        need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor)
+        need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor, near_m)
         # beside the walls, the groups' own phases at the voxels of a plane, their steps, and the wave
         pixels = planes.size // len(planes.z_m)
         shared = (cpu_count() or 1) * (16 * min(len(groups), GROUPS) * pixels + need.least)
         return replace(need, fixed=need.fixed + (shared if len(groups) > 1 else 0))
     # The lattice over all positions is as large as that of any group.
     x, y = lattice(capture.laser_m, round_trip_factor, part.band, planes)
-    need = rsd_regular.needs(problem, part, x, y, round_trip_factor)
+    need = rsd_regular.needs(problem, part, x, y, round_trip_factor, near_m)
     taps = 2 * taps_half_width(x.pitch_m * round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S / pi)
     spreading = (TAP_BYTES * taps + 8) * capture.positions
     spread_bytes = 8 * x.count * y.count + 8 * capture.positions
@@ -179,20 +180,29 @@ def _lattice_ns(
         each_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
     else:
         each_ns = LATTICE_NS * sum(
-            _points(group, laser_m, band, grid) / group.round_trip_factor for group in groups
+            _points(group, laser_m, band, grid, len(groups) > GROUPS) / group.round_trip_factor
+            for group in groups
         )
     return each_ns * len(grid.z_m) * len(band)
 
 
-def _points(group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid) -> int:
-    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over."""
+def _points(
+    group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid, roughly: bool = False
+) -> int:
+    """Return the number of points of a group's FFT, on its own lattice or that which it is spread over.
+
+    What is found `roughly`, at once, may be too large.
+    """
     try:
         aperture = recognise(laser_m[group.records] - [0, 0, group.depth_m])
         x, y = aperture.x, aperture.y
     except GeometryError:
         x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
     wavenumber = group.round_trip_factor * band.finest_rad_per_s / C_M_PER_S
-    return plan_axis(y, grid.y_m, wavenumber).length * plan_axis(x, grid.x_m, wavenumber).length
+    near_m = None if roughly else float(grid.z_m[0]) - group.depth_m
+    return (
+        plan_axis(y, grid.y_m, wavenumber, near_m).length * plan_axis(x, grid.x_m, wavenumber, near_m).length
+    )
 
 
 def _other_ns(positions: int, band: Band, grid: VoxelGrid, frames: int) -> float:
@@ -259,6 +269,11 @@ def _from(group: PlanarGroup, grid: VoxelGrid) -> VoxelGrid:
     return VoxelGrid(grid.x_m, grid.y_m, grid.z_m - group.depth_m)
 
 
+def _planned_for(group: PlanarGroup, problem: ImagingProblem) -> VoxelGrid:
+    """Return the voxels of a plane, at the depth that lattices are planned for."""
+    return _from(group, VoxelGrid(problem.grid.x_m, problem.grid.y_m, np.array([problem.near_m])))
+
+
 def _on_lattices(
     problem: ImagingProblem, emitted: NDArray[np.complex64], groups: Sequence[PlanarGroup]
 ) -> Iterator[Field]:
@@ -296,7 +311,7 @@ def _shared_propagation(
     of_groups = [_put(problem, emitted, group) for group in groups]
     aperture, first = of_groups[0]
     depth_m = groups[0].depth_m
-    voxels = _from(groups[0], problem.grid)
+    voxels = _planned_for(groups[0], problem)
     through = LatticePropagator(aperture, first, problem.band, voxels, groups[0].round_trip_factor, 0)
     walls = through.walls_of([emission for _, emission in of_groups])
 
@@ -317,7 +332,7 @@ def _propagation(
         aperture,
         emitted,
         problem.band,
-        _from(group, problem.grid),
+        _planned_for(group, problem),
         group.round_trip_factor,
         problem.wall_bytes,
         threads=problem.threads,
@@ -344,6 +359,7 @@ def _on_device(
         times_s,
         problem.progress,
         reference_rad_per_s=problem.reference_rad_per_s,
+        near_m=problem.near_m - group.depth_m,
         on=rsd_array.backend(problem.device),
     )
 

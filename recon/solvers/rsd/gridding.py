@@ -79,7 +79,6 @@ def spread(
         kaiser_sinc(
             (laser_m[:, i] - axis.start_m) / axis.pitch_m,
             taps_half_width(axis.pitch_m * wavenumber_rad_per_m / pi),
-            axis.pitch_m * wavenumber_rad_per_m / pi,
         )
         for i, axis in ((0, x), (1, y))
     )

@@ -12,11 +12,19 @@ only one point for each.
 A field of wavenumber k holds spatial frequencies up to k. Sampled at h, it is rho = h k / pi of the
 critical rate, and a sinc under a Kaiser window of half-width W samples interpolates it with an error of about
 exp(-pi W (1 - rho)): the window's transform has that level at its first zero, where it meets the first copy
-of the spectrum (Kaiser's design formula). The lattice is refined until rho <= 0.75 and W is chosen from rho.
+of the spectrum (Kaiser's design formula).
+
+The wave that is interpolated is known, exp(i k r)/r with r^2 = d^2 + z^2. At an offset d it oscillates with
+k d/r only, which is less than k where the depth z is not small beside wall and volume. So W is found by
+trying: it is the least with which the wave at the nearest plane is interpolated as well as it should be, at
+all offsets there are. Lattices of different steps are planned, and that with the least work is taken. Where
+the wave is another, the lattice is refined until rho <= 0.75, and W follows from rho.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil, gcd, log, pi
+from functools import lru_cache
+from math import ceil, gcd, hypot, inf, log, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +36,10 @@ Taps = tuple[NDArray[np.intp], NDArray[np.float32]]
 DENSEST = 0.75
 #: Error of the interpolation, as a part of the field's peak.
 INTERPOLATION_ERROR = 3e-4
+#: Longest window that is tried, and on how many lattice points' neighbourhoods.
+WIDEST, OFFSETS = 48, 48
+#: How much longer an FFT may be so that its length has no factor of 7 or 11, which take as much longer.
+FACTORS = 1.06
 #: How much longer a lattice through the voxels may be than the wall's: interpolating at the voxels takes as
 #: long as the rest together.
 LONGER = 1.3
@@ -88,7 +100,75 @@ class AxisPlan:
         return int(self.first[-1]) + self.weights.shape[1]
 
 
-def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_per_m: float) -> AxisPlan:
+@dataclass(frozen=True)
+class Wave:
+    """What is interpolated along an axis.
+
+    Attributes
+    ----------
+    wavenumber_rad_per_m
+        Highest wavenumber k of the field: omega/c, or 2 omega/c for confocal data.
+    near_m
+        Depth z of the nearest plane, where the wave is exp(i k r)/r; None where it is another.
+    farthest_m
+        The longest offset along the axis between a point of the wall and a voxel.
+    """
+
+    wavenumber_rad_per_m: float
+    near_m: float | None = None
+    farthest_m: float = inf
+
+    @property
+    def step_m(self) -> float:
+        """A step that samples it well, whatever its offsets."""
+        return pi * DENSEST / self.wavenumber_rad_per_m
+
+    def half_width(self, step_m: float) -> int | None:
+        """Return the half-width W with which it is interpolated from samples; None where none will do."""
+        rho = step_m * self.wavenumber_rad_per_m / pi
+        if self.near_m is None:
+            return taps_half_width(rho) if rho <= DENSEST + 1e-9 else None
+        rho *= self.farthest_m / hypot(self.farthest_m, self.near_m)
+        return _least_width(self, step_m, taps_half_width(rho)) if rho < 1 else None
+
+    def error(self, step_m: float, half_width: int) -> float:
+        """Return the greatest error of interpolating it, as a part of its size there."""
+        assert self.near_m is not None
+        # Between two lattice points, where it is greatest.
+        steps = np.floor(np.linspace(0, self.farthest_m / step_m, OFFSETS))
+        offsets_m = (steps[:, None] + [0.25, 0.5]).reshape(-1) * step_m
+        first, weights = kaiser_sinc(offsets_m / step_m, half_width)
+        lattice_m = (first[:, None] + np.arange(2 * half_width)) * step_m
+        found = (weights * self._at(lattice_m)).sum(axis=1)
+        return float(np.abs(found / self._at(offsets_m) - 1).max())
+
+    def _at(self, offsets_m: NDArray[np.floating]) -> NDArray[np.complexfloating]:
+        assert self.near_m is not None
+        r = np.sqrt(offsets_m**2 + self.near_m**2)
+        return np.asarray(np.exp(1j * self.wavenumber_rad_per_m * r) / r, np.complex128)
+
+
+@lru_cache(maxsize=64)
+def _least_width(wave: Wave, step_m: float, width: int) -> int | None:
+    """Return the least half-width, from `width` on, that is good enough; solvers ask for it several times."""
+    if width > WIDEST or wave.error(step_m, WIDEST) > INTERPOLATION_ERROR:
+        return None
+    widest = WIDEST
+    while width < widest:
+        middle = (width + widest) // 2
+        if wave.error(step_m, middle) > INTERPOLATION_ERROR:
+            width = middle + 1
+        else:
+            widest = middle
+    return widest
+
+
+def plan_axis(
+    wall: LatticeAxis,
+    voxels_m: NDArray[np.float64],
+    wavenumber_rad_per_m: float,
+    near_m: float | None = None,
+) -> AxisPlan:
     """Choose lattice, FFT length and interpolation for one axis.
 
     Parameters
@@ -97,33 +177,53 @@ def plan_axis(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_p
         The wall's axis.
     voxels_m
         (n,) ascending coordinates of voxels, evenly spaced.
-    wavenumber_rad_per_m
-        Highest wavenumber of the field: omega/c, or 2 omega/c for confocal data.
+    wavenumber_rad_per_m, near_m
+        As of `Wave`.
     """
     at = (voxels_m - wall.start_m) / wall.pitch_m
     if np.abs(at - np.rint(at)).max() <= ON_LATTICE:
         return _picked(np.rint(at).astype(np.intp), np.arange(wall.count), wall.pitch_m)
-    refine = max(1, ceil(wall.pitch_m * wavenumber_rad_per_m / (pi * DENSEST)))
-    rho = wall.pitch_m / refine * wavenumber_rad_per_m / pi
-    first, weights = kaiser_sinc(at * refine, taps_half_width(rho), rho)
-    read = _plan(
-        wall.pitch_m / refine, np.arange(wall.count) * refine - first[0], 1, first - first[0], weights
-    )
-    spread = _through(wall, voxels_m, wavenumber_rad_per_m)
-    return spread if spread.length <= LONGER * read.length else read
+    ends_m = wall.coordinates_m[[0, -1]]
+    farthest_m = float(max(voxels_m[-1] - ends_m[0], ends_m[1] - voxels_m[0]))
+    wave = Wave(wavenumber_rad_per_m, near_m if near_m and near_m > 0 else None, farthest_m)
+    read = min(_between(wall, at, wave), key=_work)
+    spread = min(_through(wall, voxels_m, wave), key=_work)
+    return spread if _work(spread) <= LONGER**2 * _work(read) else read
 
 
-def _through(wall: LatticeAxis, voxels_m: NDArray[np.float64], wavenumber_rad_per_m: float) -> AxisPlan:
-    """Plan a lattice through the voxels."""
-    step_m, stride = pi * DENSEST / wavenumber_rad_per_m, 1
-    if len(voxels_m) > 1:
-        pitch_m = float(voxels_m[-1] - voxels_m[0]) / (len(voxels_m) - 1)
-        stride = ceil(pitch_m / step_m)
-        step_m = pitch_m / stride
-    rho = step_m * wavenumber_rad_per_m / pi
-    first, weights = kaiser_sinc((wall.coordinates_m - voxels_m[0]) / step_m, taps_half_width(rho), rho)
-    points = np.arange(first[0], first[-1] + weights.shape[1])
-    return _picked(stride * np.arange(len(voxels_m)), points, step_m, (first - first[0], weights))
+def _work(plan: AxisPlan) -> int:
+    """Return what a plan takes: as much for the wave on the whole lattice as for what is read."""
+    return plan.length**2 + plan.folded**2
+
+
+def _steps(whole_m: float, wave: Wave) -> Iterator[tuple[int, float, int]]:
+    """Yield into how many steps a distance may be cut, the step, and the half-width for it."""
+    last = ceil(whole_m / wave.step_m)
+    found = False
+    for count in range(1, last + 1):
+        half_width = wave.half_width(whole_m / count)
+        if half_width is not None:
+            found = True
+            yield count, whole_m / count, half_width
+    if not found:  # nearer than a wave's own oscillation
+        yield last, whole_m / last, taps_half_width(whole_m / last * wave.wavenumber_rad_per_m / pi)
+
+
+def _between(wall: LatticeAxis, at: NDArray[np.float64], wave: Wave) -> Iterator[AxisPlan]:
+    """Plan lattices through the wall's points, from which the field is interpolated at the voxels."""
+    for refine, step_m, half_width in _steps(wall.pitch_m, wave):
+        first, weights = kaiser_sinc(at * refine, half_width)
+        yield _plan(step_m, np.arange(wall.count) * refine - first[0], 1, first - first[0], weights)
+
+
+def _through(wall: LatticeAxis, voxels_m: NDArray[np.float64], wave: Wave) -> Iterator[AxisPlan]:
+    """Plan lattices through the voxels, over which the wall is spread."""
+    count = len(voxels_m)
+    pitch_m = float(voxels_m[-1] - voxels_m[0]) / (count - 1) if count > 1 else wave.step_m
+    for stride, step_m, half_width in _steps(pitch_m, wave):
+        first, weights = kaiser_sinc((wall.coordinates_m - voxels_m[0]) / step_m, half_width)
+        points = np.arange(first[0], first[-1] + weights.shape[1])
+        yield _picked(stride * np.arange(count), points, step_m, (first - first[0], weights))
 
 
 def _picked(
@@ -131,7 +231,7 @@ def _picked(
 ) -> AxisPlan:
     """Plan an axis whose voxels are lattice points."""
     fold = int(voxels[1] - voxels[0]) if len(voxels) > 1 else 1
-    fold = fold if _good_size(fold) == fold else 1
+    fold = fold if _smooth(fold, 11) else 1
     first = (voxels - voxels[0]) // fold
     return _plan(step_m, wall - voxels[0], fold, first, np.ones((len(first), 1), np.float32), spread)
 
@@ -153,20 +253,24 @@ def _plan(
 
 
 def _good_size(least: int, divisor: int = 1) -> int:
-    """Return the first multiple of a divisor from `least` on without prime factors above 11.
+    """Return the multiple of a divisor, from `least` on, that a transform takes most quickly.
 
-    An FFT takes such lengths quickly. `ducc0.fft.good_size` gives the same, but the array solver, which
-    counts on this, needs numpy alone.
+    Transforms take lengths without prime factors above 5 the most quickly, and next those without any above
+    11: these are taken where they are shorter by more than `FACTORS`. `ducc0.fft.good_size` gives the latter
+    alone, and the array solver, which counts on this, needs numpy alone.
     """
     size = ceil(least / divisor) * divisor
-    while True:
-        rest = size
-        for prime in (2, 3, 5, 7, 11):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return size
+    while not _smooth(size, 11):
         size += divisor
+    return next((one for one in range(size, int(FACTORS * size) + 1, divisor) if _smooth(one, 5)), size)
+
+
+def _smooth(size: int, most: int) -> bool:
+    """Return whether a number has no prime factor above `most`."""
+    for prime in (2, 3, 5, 7, 11):
+        while prime <= most and size % prime == 0:
+            size //= prime
+    return size == 1
 
 
 def taps_half_width(rho: float) -> int:
@@ -174,12 +278,10 @@ def taps_half_width(rho: float) -> int:
     return max(2, ceil(-log(INTERPOLATION_ERROR) / (pi * (1 - rho))))
 
 
-def kaiser_sinc(
-    at: NDArray[np.float64], half_width: int, rho: float
-) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+def kaiser_sinc(at: NDArray[np.float64], half_width: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Return first lattice point and 2 W weights with which to read a field at `at` [lattice steps]."""
     first = np.floor(at).astype(np.intp) - half_width + 1
     distance = at[:, None] - (first[:, None] + np.arange(2 * half_width))
-    beta = pi * half_width * (1 - rho)
     inside = np.clip(1 - (distance / half_width) ** 2, 0, None)
+    beta = -log(INTERPOLATION_ERROR)
     return first, (np.sinc(distance) * np.i0(beta * np.sqrt(inside)) / np.i0(beta)).astype(np.float32)

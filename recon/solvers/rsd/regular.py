@@ -102,7 +102,7 @@ class LatticePropagator(Propagator):
     band
         The frequencies.
     grid
-        Voxels; all depths that will be asked for.
+        Voxels; depths that will be asked for, the nearest first: the lattice is planned for that.
     round_trip_factor
         How often the path from a laser spot to a voxel counts: once, or twice for confocal data.
     wall_bytes
@@ -129,8 +129,9 @@ class LatticePropagator(Propagator):
         self._emitted = emitted
         self._shape = grid.shape[1:]
         self._round_trip_factor = round_trip_factor
-        self._y = plan_axis(aperture.y, grid.y_m, self._wavenumber(aperture.y.coordinates_m, grid.y_m, grid))
-        self._x = plan_axis(aperture.x, grid.x_m, self._wavenumber(aperture.x.coordinates_m, grid.x_m, grid))
+        near_m = float(grid.z_m[0])
+        self._y = self._planned(aperture.y, grid.y_m, near_m)
+        self._x = self._planned(aperture.x, grid.x_m, near_m)
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
@@ -333,11 +334,14 @@ class LatticePropagator(Propagator):
                 fields[1] += 1j * (self.band.frequencies_rad_per_s[index] - reference_rad_per_s) * part
         return fields if reference_rad_per_s is not None else fields[:1]
 
-    def _wavenumber(
-        self, wall_m: NDArray[np.float64], voxels_m: NDArray[np.float64], grid: VoxelGrid
-    ) -> float:
-        """Return the highest spatial frequency of the field along an axis [rad/m]."""
+    @property
+    def _wavenumber(self) -> float:
+        """The wave's k at the highest frequency [rad/m]."""
         return self._round_trip_factor * self.band.finest_rad_per_s / C_M_PER_S
+
+    def _planned(self, wall: LatticeAxis, voxels_m: NDArray[np.float64], near_m: float) -> AxisPlan:
+        """Plan an axis for the wave."""
+        return plan_axis(wall, voxels_m, self._wavenumber, near_m)
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
         """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
@@ -403,12 +407,19 @@ class LatticePropagator(Propagator):
 
 
 def needs(
-    problem: ImagingProblem, part: DepthBlock, x: LatticeAxis, y: LatticeAxis, round_trip_factor: int
+    problem: ImagingProblem,
+    part: DepthBlock,
+    x: LatticeAxis,
+    y: LatticeAxis,
+    round_trip_factor: int,
+    near_m: float | None = None,
 ) -> Need:
-    """Return the memory that imaging a depth block from a lattice takes."""
+    """Return the memory that imaging a depth block from a lattice, planned for `near_m`, takes."""
     grid, many = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes]), len(part.band)
     wavenumber = round_trip_factor * part.band.finest_rad_per_s / C_M_PER_S
-    along_x, along_y = plan_axis(x, grid.x_m, wavenumber), plan_axis(y, grid.y_m, wavenumber)
+    along_x, along_y = (
+        plan_axis(axis, at_m, wavenumber, near_m) for axis, at_m in ((x, grid.x_m), (y, grid.y_m))
+    )
     points = along_y.length * along_x.length
     quarter = (along_y.half + 1) * (along_x.half + 1)
     thread = 24 * quarter + 8 * along_y.folded * along_x.folded + 8 * len(grid.y_m) * along_x.folded

@@ -29,17 +29,21 @@ class Serving:
     """
 
     def __init__(self, known: Known, begun: Begun, address: Address) -> None:
-        self._known = known
-        self._document = Document(begun, known.state.subject)
+        self.show(known, begun)
         self._stop_asked_s: float | None = None
         self._server = Server(Site(address, self._now, None if begun.reads else self._stop), address)
 
+    def show(self, known: Known, begun: Begun) -> None:
+        """Show this from now on."""
+        self._shown = known, Document(begun, known.state.subject)
+
     def _now(self) -> dict[str, Any]:
-        return self._document.of(self._known.state.seen(), Beside(self._known.heard_s, self._stop_asked_s))
+        known, document = self._shown
+        return document.of(known.state.seen(), Beside(known.heard_s, self._stop_asked_s))
 
     def _stop(self, who: str) -> bool:
         """Ask the program that scans to stop; return whether there is a scan to be stopped."""
-        seen = self._known.state.seen()
+        seen = self._shown[0].state.seen()
         if seen.ended is not None or seen.lost:
             return False
         if self._stop_asked_s is None:

@@ -1,6 +1,7 @@
 """The histogram memory: detection times in, clipped counts out. Plain physics and numpy, no C."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simulators.wire.harp.timing import Nonlinearity
@@ -41,12 +42,19 @@ def after_edge(
     tuple of ndarray
         Numbers and times, both (photons,) in the order given.
     """
-    times_s, edge = times_s + shift_s, pulse
-    if len(times_s) and (times_s.min() < 0 or times_s.max() >= period_s):
-        later = np.floor(times_s / period_s)  # np.mod takes ten times as long
-        times_s -= later * period_s
-        edge = edge + later.astype(np.int64)
-    return edge, times_s
+    edge, after_s = _after_edge(times_s, pulse, period_s, shift_s)
+    return edge, after_s
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _after_edge(times, pulse, period, shift):  # type: ignore[no-untyped-def]
+    edge, after = pulse.copy(), times + shift
+    for i in range(len(after)):
+        if not 0.0 <= after[i] < period:
+            later = np.floor(after[i] / period)
+            edge[i] += int(later)
+            after[i] -= later * period
+    return edge, after
 
 
 def bins_of(
@@ -67,9 +75,27 @@ def bins_of(
     """
     times_s -= offset_s - bin_width_s  # one bin up, so that cutting off the fraction rounds down for all
     times_s /= bin_width_s
-    times_s = clock.counted(times_s)
-    np.clip(times_s, 0, length + 1, out=times_s)
-    return times_s.astype(np.int64)
+    return np.asarray(_cut_off(clock.counted(times_s), length))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cut_off(places, length):  # type: ignore[no-untyped-def]
+    bins = np.empty(len(places), np.int64)
+    for i in range(len(places)):
+        bins[i] = int(min(max(places[i], 0.0), length + 1.0))
+    return bins
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _count(bins, counts, depth):  # type: ignore[no-untyped-def]
+    """Count into bins, which stop at ``depth``; return whether any has reached it."""
+    full = False
+    for i in range(len(bins)):
+        k = bins[i] - 1
+        if 0 <= k < len(counts):
+            counts[k] = min(counts[k] + 1, depth)
+            full |= counts[k] == depth
+    return full
 
 
 class HistogramMemory:
@@ -98,27 +124,17 @@ class HistogramMemory:
         self.full = False
         self._depth = count_depth
         self._used = 0
-        self._photons = 0
 
     def clear(self) -> None:
         """Set all counts to zero."""
         self.counts[: self._used] = 0
-        self._used = self._photons = 0
+        self._used = 0
         self.full = False
 
     def add(self, bins: NDArray[np.int64], length: int) -> None:
         """Count photons into their bins, as `bins_of` numbers them."""
-        fresh = np.bincount(bins, minlength=length + 2)[1 : length + 1]
-        counts = self.counts[:length]
         self._used = max(self._used, length)
-        self._photons += len(bins)
-        if self._photons < self._depth:  # no bin can be full
-            np.add(counts, fresh, out=counts, casting="unsafe")
-            return
-        fresh += counts
-        np.minimum(fresh, self._depth, out=fresh)
-        counts[:] = fresh
-        self.full = self.full or int(fresh.max()) == self._depth
+        self.full |= bool(_count(bins, self.counts[:length], self._depth))
 
     def photons_until(self, bins: NDArray[np.int64], length: int, stop_count: int) -> int | None:
         """Return how many of the photons, in this order, arrive until a bin reaches ``stop_count``.

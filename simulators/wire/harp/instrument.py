@@ -12,11 +12,14 @@ from simulators.wire.harp.families import SimulatedFamily
 from simulators.wire.harp.fifo import Fifo
 from simulators.wire.harp.histogram import HistogramMemory, after_edge, bins_of
 from simulators.wire.harp.records import DTIME_BINS
-from simulators.wire.harp.tagging import MarkerSettings, TagStream
+from simulators.wire.harp.tagging import ROUNDING_S, MarkerSettings, TagStream
 from simulators.wire.harp.timing import Timing
 
 #: Rates are counted over this gate time [s]; there are none before it has passed (source: manual).
 RATE_GATE_S = 0.1
+#: Detections of a histogram are drawn in pieces of this much bench time [s] while it is measured. A real
+#: instrument has its counts when it stops; drawing those of a long exposure takes seconds, and gigabytes.
+PIECE_S = 1.0
 #: Bins of a histogram after Initialize (manual); fewer where an instrument has fewer.
 USUAL_HISTOGRAM = 65536
 
@@ -47,6 +50,12 @@ class Measurement:
     sync_hz: float
     triggered: bool
     stop_s: float | None = None
+    pieces: int = 0
+
+    @property
+    def drawn_s(self) -> float:
+        """Until when detections were drawn, of a histogram; by whole pieces, whoever asks when."""
+        return self.start_s + self.pieces * PIECE_S
 
     @property
     def end_s(self) -> float:
@@ -117,6 +126,13 @@ class Instrument:
         self.clear()
         self.restart_rates()
 
+    def warm_up(self) -> None:
+        """Count a few detections for nothing, so that what has to be compiled is before anybody waits."""
+        few = Detections(np.arange(9), np.zeros(9))
+        _, bins = self._timed(0, few, Syncs(0.0, 1.0, 1e6), 0)
+        self.memories[0].add(bins, self.settings.length)
+        self.clear()
+
     def clear(self) -> None:
         """Set the counts of all inputs to zero."""
         for memory in self.memories:
@@ -135,6 +151,7 @@ class Instrument:
 
     def read_sync_rate(self) -> int:
         """Return the sync rate [Hz] and remember it for the warnings."""
+        self.ended()  # it is asked for in the middle of an exposure, too
         self.sync_hz_read = round(self.bench.sync_rate_hz()) if self._rates_valid() else 0
         return self.sync_hz_read
 
@@ -209,8 +226,7 @@ class Instrument:
             return True
         now_s = self.bench.clock.now_s()
         if now_s < run.end_s:
-            if self._stream is not None:
-                self._stream.advance(now_s)
+            self._advance(run, now_s)
             return False
         self._finish(run, run.end_s)
         return True
@@ -256,30 +272,42 @@ class Instrument:
         }
         return sum(bit for bit, holds in raised.items() if holds)
 
+    def _advance(self, run: Measurement, now_s: float) -> None:
+        """Draw what was detected until now, in whole pieces, of a measurement that goes on."""
+        if self._stream is not None:
+            self._stream.advance(now_s)
+            return
+        if self.settings.stop_overflow:  # where it stops is known only with all of it
+            return
+        while run.drawn_s + PIECE_S <= now_s and run.sync_hz:
+            self._count(run, run.drawn_s, run.drawn_s + PIECE_S)
+            run.pieces += 1
+
     def _finish(self, run: Measurement, stop_s: float) -> None:
-        """Draw what was detected since the start and count it."""
-        run.stop_s = stop_s
+        """Draw what was detected since the start, or what was drawn last, and count it."""
         if self._stream is not None:
             self._stream.finish(stop_s)
+        else:
+            self._advance(run, stop_s - ROUNDING_S)
+        run.stop_s = stop_s
         sync_hz = self.bench.sync_rate_hz()
         self.sync_lost = not (run.sync_hz and sync_hz)
         run.sync_hz = run.sync_hz or sync_hz
+        self._count(run, run.drawn_s, stop_s)
+
+    def _count(self, run: Measurement, begin_s: float, end_s: float) -> None:
+        """Draw what was detected between two times, and count it."""
         enabled = self._enabled()
         # without a sync there is nothing to time a stop against
         if self.mode is not Mode.HISTOGRAM or not enabled or not run.sync_hz:
             return
-        seen = self.bench.detections(run.start_s, stop_s)
-        bins = {i: self._bins(run, i, seen[number]) for i, number in enabled.items()}
+        seen, syncs = self.bench.detections(begin_s, end_s), Syncs(begin_s, end_s, run.sync_hz)
+        bins = {i: self._timed(i, seen[number], syncs, 0)[1] for i, number in enabled.items()}
         if self.settings.stop_overflow:
             bins = self._stopped_by_overflow(run, bins)
         for at_input, binned in bins.items():
             if len(binned):
                 self.memories[at_input].add(binned, self.settings.length)
-
-    def _bins(self, run: Measurement, at_input: int, arrived: Detections) -> NDArray[np.int64]:
-        """Return the bins, as `bins_of` numbers them, of what an input registers, in order of arrival."""
-        assert run.stop_s is not None
-        return self._timed(at_input, arrived, Syncs(run.start_s, run.stop_s, run.sync_hz), 0)[1]
 
     def _timed(
         self, at_input: int, arrived: Detections, syncs: Syncs, first_pulse: int

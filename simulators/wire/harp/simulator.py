@@ -66,6 +66,7 @@ class HarpSimulator:
             raise ValueError(f"the detector is connected to input {needed - 1}, but there are only {inputs}")
         make = partial(Instrument, family, bench, inputs, count_depth=count_depth)
         self.instrument = make(timing=timing or Timing(), fifo=fifo or Fifo())
+        self.instrument.warm_up()
         instruments = {one: make(timing=Timing(), fifo=Fifo()) for one in others}
         self.connection = Connection(family, {serial: self.instrument, **instruments})
         self._pending: list[BaseException] = []

@@ -93,17 +93,11 @@ class Timing:
     drift_s_per_s: float = 0.0
     pulses: Pulses = field(default_factory=Pulses)
 
-    def warm_up(self) -> None:
-        """Count a few detections for nothing, so that what has to be compiled is before anybody waits."""
-        counted = self.registered(Detections(np.arange(9), np.zeros(9)), 1e-7, 0.0)
-        self.nonlinearity.counted(1.0 + counted.time_s)
-
     def registered(self, arrived: Detections, period_s: float, start_s: float) -> Detections:
         """Return which detections the input counts, and when, in a measurement begun at ``start_s``."""
         pulse, time_s = arrived.pulse, arrived.time_s
         if self.dead_time_s and len(arrived):
-            counted = _live(pulse, time_s, period_s, self.dead_time_s)
-            pulse, time_s = pulse[counted], time_s[counted]
+            pulse, time_s = _live(pulse, time_s, period_s, self.dead_time_s)
         if self.drift_s_per_s:
             time_s = time_s + self.drift_s_per_s * (start_s + pulse * period_s)
         return Detections(pulse, time_s)
@@ -111,11 +105,13 @@ class Timing:
 
 @njit(cache=True, nogil=True)
 def _live(pulse, time, period, dead_time):  # type: ignore[no-untyped-def]
-    """Which events come at least ``dead_time`` after the last that was counted."""
-    counted = np.ones(len(pulse), np.bool_)
-    last = 0
-    for i in range(1, len(pulse)):
-        counted[i] = (pulse[i] - pulse[last]) * period + time[i] - time[last] >= dead_time
-        if counted[i]:
-            last = i
-    return counted
+    """Return events that come at least ``dead_time`` after the last that was counted: pulses and times."""
+    kept_pulse, kept_time, kept = np.empty_like(pulse), np.empty_like(time), 0
+    for i in range(len(pulse)):
+        if kept:
+            since = (pulse[i] - kept_pulse[kept - 1]) * period + time[i] - kept_time[kept - 1]
+            if not since >= dead_time:
+                continue
+        kept_pulse[kept], kept_time[kept] = pulse[i], time[i]
+        kept += 1
+    return kept_pulse[:kept], kept_time[:kept]
