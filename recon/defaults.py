@@ -258,13 +258,6 @@ def extent(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return spots_m.min(axis=0), spots_m.max(axis=0)
 
 
-def _on_one_line(capture: Capture) -> bool:
-    """Return whether the spots of the wall that is lit or seen are within a thousandth of a line."""
-    spots_m = np.vstack([capture.laser_m, capture.detector_m]) if capture.round_trip else capture.laser_m
-    spread = np.linalg.svd(np.unique(spots_m, axis=0) - spots_m.mean(axis=0), compute_uv=False)
-    return bool(spread[1:].max(initial=0.0) < 1e-3 * spread[0])
-
-
 def depths(capture: Capture) -> tuple[float, float]:
     """Choose the nearest and the farthest depth.
 
@@ -281,7 +274,7 @@ def depths(capture: Capture) -> tuple[float, float]:
         raise GeometryError(
             "capture",
             "an image",
-            f"all {capture.positions:,} positions are one spot of the wall",
+            f"its positions ({capture.positions:,}) are one spot of the wall",
             "Scan positions across the wall.",
         )
     end_s = float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s
@@ -301,7 +294,7 @@ def warnings(
 
     `light` is the camera's, where that is not the pulse: one frequency has no reach to warn about.
     """
-    found = []
+    found = on_one_line(capture)
     pitch_m = spacing_m(capture)
     least = 2 if capture.confocal else 1
     if pulse.wavelength_m < least * pitch_m * (1 - 1e-3):
@@ -313,11 +306,6 @@ def warnings(
         )
     low, high = extent(capture)
     extent_m = float((high - low).max())
-    if extent_m and _on_one_line(capture):
-        found.append(
-            "all positions are on one line: all that is at the same distance from it looks alike, so that "
-            "depth and the direction across the line cannot be told apart; scan several lines"
-        )
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
     if response_fwhm_s and extent_m < MIN_WAVELENGTHS * passed_m:
         found.append(
@@ -339,6 +327,24 @@ def warnings(
         )
     if isinstance(light, ContinuousWave):
         return found
+    return found + dark_parts(capture, grid)
+
+
+def on_one_line(capture: Capture) -> list[str]:
+    """Say so if the spots of the wall that is lit or seen are within a thousandth of a line."""
+    spots_m = np.vstack([capture.laser_m, capture.detector_m]) if capture.round_trip else capture.laser_m
+    spread = np.linalg.svd(np.unique(spots_m, axis=0) - spots_m.mean(axis=0), compute_uv=False)
+    if not spread[0] or spread[1:].max(initial=0.0) >= 1e-3 * spread[0]:
+        return []
+    return [
+        "all positions are on one line: all that is at the same distance from it looks alike, so that "
+        "depth and the direction across the line cannot be told apart; scan several lines"
+    ]
+
+
+def dark_parts(capture: Capture, grid: VoxelGrid) -> list[str]:
+    """List the voxels of which the record holds no light."""
+    found = []
     shortest_m, _ = path_limits_m(capture, grid)
     begin_m = float(capture.first_bin_s.max()) * C_M_PER_S
     end_m = (float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s) * C_M_PER_S

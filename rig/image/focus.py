@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from recon import by_lasers
+from recon import by_lasers, defaults
 from recon.camera import Camera, ConfocalCamera
 from recon.exhaustive import Exhaustive
 from recon.imaging import image
@@ -165,4 +165,5 @@ def classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volum
         progress=progress,
     )
     snr = {} if found.snr is None else {"snr": found.snr}
-    return work.volume(found, find(found, quiet_level(found.intensity)), **snr), found.notes
+    doubts = (*defaults.on_one_line(work.capture), *defaults.dark_parts(work.capture, work.grid))
+    return work.volume(found, find(found, quiet_level(found.intensity)), **snr), (*found.notes, *doubts)

@@ -13,6 +13,7 @@ from rig.files.blocks import read, spans
 from rig.files.check import reading
 from rig.importers.wall import WallFrame
 from rig.model.delays import PathDelays
+from rig.model.quantities import show_length
 
 #: Bytes of a dataset read at once.
 _BLOCK_BYTES = 2**24
@@ -120,6 +121,8 @@ def _are_counts(array: NDArray) -> bool:
 def square_grid(nx: int, ny: int, size_m: float, y_down: bool) -> NDArray[np.float64]:
     """Return the (nx * ny, 3) spots of a square, x slowest, from -x to +x; edges included.
 
+    One line of spots lies in the middle.
+
     Parameters
     ----------
     nx, ny
@@ -129,7 +132,20 @@ def square_grid(nx: int, ny: int, size_m: float, y_down: bool) -> NDArray[np.flo
     y_down
         Whether the second index goes from top to bottom.
     """
-    x_m = np.linspace(-size_m / 2, size_m / 2, nx)
-    y_m = np.linspace(-size_m / 2, size_m / 2, ny)
+    x_m, y_m = (np.linspace(-size_m / 2, size_m / 2, n) if n > 1 else np.zeros(1) for n in (nx, ny))
     grid_x, grid_y = np.meshgrid(x_m, y_m[::-1] if y_down else y_m, indexing="ij")
     return np.column_stack([grid_x.ravel(), grid_y.ravel(), np.zeros(nx * ny)])
+
+
+def grid_in_words(nx: int, ny: int, size_m: float, y_down: bool) -> str:
+    """Return what `square_grid` takes for granted, and both spacings where they differ."""
+    told = (
+        f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y "
+        f"{'falling' if y_down else 'rising'}"
+    )
+    if nx == ny or 1 in {nx, ny}:
+        return told
+    return (
+        f"{told}, so that they are {show_length(size_m / (nx - 1))} apart along x and "
+        f"{show_length(size_m / (ny - 1))} along y: if that is not so, the picture is stretched"
+    )

@@ -22,14 +22,31 @@ def cube_shape(source: Source, name: str) -> tuple[int, int, int]:
     Raises
     ------
     DataFileError
-        If it is no cube, or empty.
+        If it is no cube, or empty, or its time is on another axis than the last.
     """
     shape = source.matlab_shape(name)
     if len(shape) != 3 or 0 in shape:
         raise DataFileError(
             f"{source.path}: {name} has shape {shape}; a cube with time as its last axis is needed"
         )
+    require_time_last(source, name, shape)
     return shape[0], shape[1], shape[2]
+
+
+def require_time_last(source: Source, name: str, shape: tuple[int, ...]) -> None:
+    """Refuse a cube whose square side lies across its last axis: that has time on another axis.
+
+    Raises
+    ------
+    DataFileError
+        If it does.
+    """
+    if shape[0] != shape[1] and shape[2] in shape[:2]:
+        where = "first" if shape[1] == shape[2] else "second"
+        raise DataFileError(
+            f"{source.path}: {name} has shape {shape} in MATLAB's order, and time must be its last axis; of "
+            f"a square of {shape[2]} x {shape[2]} spots it seems to be the {where}: permute axes to (x, y, t)"
+        )
 
 
 def cube_blocks(source: Source, name: str) -> tuple[np.dtype, Iterator[NDArray]]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
-from rig.importers.content import Content, as_counts, square_grid
+from rig.importers.content import Content, as_counts, grid_in_words, square_grid
+from rig.importers.cube import require_time_last
 from rig.importers.options import Options, positive
 from rig.importers.source import Source
 
@@ -39,6 +40,7 @@ def read(source: Source, options: Options) -> Content:
             f"{source.path}: Data has shape {cube.shape}, DeltaT {delta_m.shape} and CameraGridSize is "
             f"{sizes_m}; a cube (x, y, t), one bin width and the side of a square are needed"
         )
+    require_time_last(source, "Data", cube.shape)
     nx, ny, bins = cube.shape
     size_m = positive(float(sizes_m[0]), f"{source.path}: CameraGridSize")
     spots_m = square_grid(nx, ny, size_m, y_down=True)
@@ -52,7 +54,7 @@ def read(source: Source, options: Options) -> Content:
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: "
+            f"{grid_in_words(nx, ny, size_m, y_down=True)}: "
             "the file does not contain this, so the picture may be mirrored or turned",
             "DeltaT is metres of optical path",
             "confocal, rectified: bin 0 starts when the pulse is on the wall",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError, UsageError
-from rig.importers.content import Content, square_grid
+from rig.importers.content import Content, grid_in_words, square_grid
 from rig.importers.cube import cube_blocks, cube_shape
 from rig.importers.flight import tofgrid
 from rig.importers.options import Options
@@ -67,7 +67,7 @@ def read(source: Source, options: Options) -> Content:
         blocks=blocks,
         delay_s=tof_s.ravel(),
         assumed=(
-            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: "
+            f"{grid_in_words(nx, ny, size_m, y_down=True)}: "
             "the file does not contain this, so the picture may be mirrored or turned",
             f"confocal; tofgrid of {where} is in picoseconds, and subtracted exactly, not in whole bins",
             *depth_told,

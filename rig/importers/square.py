@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import inf
 
 from rig.errors import DataFileError
-from rig.importers.content import Content, square_grid
+from rig.importers.content import Content, grid_in_words, square_grid
 from rig.importers.cube import cube_blocks, cube_shape
 from rig.importers.source import Source
 
@@ -56,8 +56,7 @@ def confocal_square(
         fade_from_s=fade_from_s,
         instrument_response_s=instrument_response_s,
         assumed=(
-            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y "
-            + ("falling" if y_down else "rising"),
+            grid_in_words(nx, ny, size_m, y_down),
             "confocal, rectified: bin 0 starts when the pulse is on the wall",
             *assumed,
         ),

@@ -350,10 +350,8 @@ def _foreign(path: Path) -> About:
 def _instrument(head: Head) -> dict[str, str]:
     """Return what a head of PicoQuant's says of its curves or its records, in words."""
     if head.magic == MAGIC_HISTOGRAMS:
-        width_s, bins = (
-            head.numbers(f"HistResDscr_{name}")[:1] for name in ("MDescResolution", "HistogramBins")
-        )
-        of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if width_s.size else ""
+        width_s, bins = (head.numbers(f"HistResDscr_{name}") for name in ("MDescResolution", "HistogramBins"))
+        of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if len(bins) else ""
         return {"holds": f"{int(head.number('HistoResult_NumberOfCurves')):,} histograms (curves){of}"}
     t3 = int(head.number("TTResultFormat_TTTRRecType")) >> 8 & 0xFF == 3  # 0x00010304 is a HydraHarp's T3
     width = show(head.number("MeasDesc_Resolution", 0), "s", 4)

@@ -43,6 +43,31 @@ def test_lct_has_x_rising_and_y_falling(tmp_path):
         assert "imported from a.mat" in str(again)
 
 
+@pytest.mark.parametrize("axes", [(2, 0, 1), (0, 2, 1)])
+@pytest.mark.parametrize("version", [5, 7.3])
+def test_a_cube_with_time_on_another_axis_is_refused(tmp_path, axes, version):
+    """Read as it stands, it would be a picture of nothing, on a grid of 20 x 3 spots."""
+    cube = np.random.default_rng(4).poisson(2.0, (3, 3, 20)).transpose(axes)
+    if version == 5:
+        lct(tmp_path / "a.mat", rect_data=cube)
+    else:
+        with h5py.File(tmp_path / "a.mat", "w") as file:
+            file["rect_data"], file["width"] = cube.T, [[0.5]]
+    with pytest.raises(DataFileError, match="time must be its last axis; of a square of 3 x 3 spots"):
+        import_scan(tmp_path / "a.mat", tmp_path / "a.h5", bin_width_s=4e-12)
+
+
+def test_one_line_of_a_grid_lies_in_the_middle(tmp_path):
+    lct(tmp_path / "a.mat", rect_data=np.ones((1, 4, 20)))
+    import_scan(tmp_path / "a.mat", tmp_path / "a.h5", bin_width_s=4e-12)
+    np.testing.assert_array_equal(load(tmp_path / "a.h5")[0].laser_m[:, 0], 0.0)
+
+
+def test_spacings_of_a_grid_that_is_no_square_are_told(tmp_path):
+    report = import_scan(lct(tmp_path / "a.mat"), tmp_path / "a.h5", bin_width_s=4e-12)
+    assert any("50 cm apart along x and 33.3 cm along y" in line for line in report.assumed)
+
+
 def test_lct_needs_its_bin_width(tmp_path):
     lct(tmp_path / "a.mat")
     with pytest.raises(UsageError, match=r"--bin-width.*4ps"):

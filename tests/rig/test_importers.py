@@ -67,7 +67,7 @@ def test_neutral_expectations_stay_floats(tmp_path):
         ({"time_s": np.arange(29) * 16e-12}, "29 bin centres"),
         ({"time_s": np.arange(30.0) ** 2 * 1e-12}, "not evenly spaced"),
         ({"laser_position_m": np.zeros((299, 3))}, "299 laser positions"),
-        ({"laser_position_m": np.full((300, 3), np.nan)}, "finite numbers"),
+        ({"laser_position_m": np.full((300, 3), np.nan)}, "none is a finite number"),
         ({"counts": np.full((300, 30), np.nan)}, "not a finite number"),
         ({"counts": np.zeros((300, 30), complex)}, "not real numbers"),
     ],

@@ -54,6 +54,13 @@ def test_point_is_found(rig, scan, solver, confocal):
     assert volume.z_m[k] == pytest.approx(POINT[2], abs=0.021 if approximate else 0.011)
 
 
+def test_what_the_record_does_not_hold_is_said_of_each_method(rig, scan):
+    """The record ends at 2.4 m of path, which is 1.2 m of depth."""
+    path = scan(True)
+    told = json.loads(rig("recon", path, "--solver", "bp", "--depth", "1m:1.3m:10cm", "--json").out)
+    assert any("the record ends at 2.40 m of path" in sentence for sentence in told["warnings"])
+
+
 def test_ratio_is_taken_where_it_has_a_meaning(rig, scan):
     path = scan(True)
     assert json.loads(rig("recon", path, "--solver", "lct", "--snr", "3", "--json").out)["snr"] == 3
