@@ -139,7 +139,7 @@ def test_yes_answers_what_is_set_and_says_that_it_was_no_person(typed, capsys):
     answer = ConsoleOperator(yes=True).set_by_hand(BIAS)
     assert terminal.read() == "n\n"
     assert answer.startswith("--yes, at ")
-    assert answer.endswith("and no person")
+    assert answer.endswith("not by a person")
     assert "Set the detector: bias on: assumed to be done (--yes)." in capsys.readouterr().err
 
 
