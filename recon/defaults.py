@@ -89,7 +89,8 @@ def _complete_spacings(aperture: Aperture) -> Iterator[float]:
     there[aperture.row, aperture.column] = True
     for stride in (1, 2, 4, 8):
         corners, half = there[::stride, ::stride], stride // 2
-        if half and min(corners.mean(), there[half::stride, half::stride].mean()) >= COMPLETE:
+        centres = there[half::stride, half::stride]
+        if half and centres.size and min(corners.mean(), centres.mean()) >= COMPLETE:
             yield stride / 2**0.5
         if corners.mean() >= COMPLETE:
             yield stride

@@ -28,6 +28,7 @@ from rig.cluster.tasks import Stored, Worker, add, fingerprint, focus, introduce
 from rig.errors import RefusedError
 from rig.files.form_counts import CHUNK_HISTOGRAMS
 from rig.files.scan import ScanFile
+from rig.image.forecast import Workers
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -61,26 +62,20 @@ class Crew:
     """
 
     def __init__(self, client: "Client", memory_bytes: int | None = None, *, files: bool = True) -> None:
-        self._client, self._memory_bytes, self._files = client, memory_bytes, files
-        self._workers = self._introduced(None)
-        versions = {worker.version for worker in self._workers}
+        self._client, self._files = client, files
+        introduced = self._introduced(None)
+        versions = {worker.version for worker in introduced}
         if versions != {rig.__version__}:
             raise RefusedError(
                 f"workers have rig {', '.join(sorted(versions))}, but this is {rig.__version__}; install the "
                 "same on all"
             )
-
-    @property
-    def threads(self) -> int:
-        """How many parts are computed at the same time."""
-        return sum(worker.threads for worker in self._workers)
-
-    @property
-    def memory_bytes(self) -> int:
-        """What a part may take."""
-        if self._memory_bytes is not None:
-            return self._memory_bytes
-        return int(min(SHARE * (one.memory_bytes or UNLIMITED_BYTES) / one.threads for one in self._workers))
+        each_bytes = (SHARE * (one.memory_bytes or UNLIMITED_BYTES) / one.threads for one in introduced)
+        #: How many parts they compute at the same time, and what each may take.
+        self.workers = Workers(
+            sum(one.threads for one in introduced),
+            int(min(each_bytes)) if memory_bytes is None else memory_bytes,
+        )
 
     def _introduced(self, path: Path | None) -> list[Worker]:
         try:
@@ -93,7 +88,7 @@ class Crew:
     def imaging(self, scan: ScanFile, *, changed: bool = False) -> "Shared":
         """Return what computes the fields of a scan; workers read the file if its counts are not changed."""
         stored = self._stored(scan) if self._files and not changed else None
-        return Shared(self._client, scan.path.resolve(), stored, self.threads, self.memory_bytes)
+        return Shared(self._client, scan.path.resolve(), stored, self.workers)
 
     def _stored(self, scan: ScanFile) -> Stored | None:
         """Return the file as workers read it; None where they do not see it, or it is not as it seems."""
@@ -116,20 +111,19 @@ class Shared:
         Of the scan file.
     stored
         The file as workers read it; None where they are sent what they need.
-    threads, memory_bytes
-        How many parts are computed at the same time, and what each may take.
+    workers
+        Who computes them.
     """
 
     client: "Client"
     path: Path
     stored: Stored | None
-    threads: int
-    memory_bytes: int
+    workers: Workers
 
     def planes(self, problem: ImagingProblem, solver: str | Solver) -> Iterator[Field]:
         """Yield the field of each plane of a capture, in order of depth."""
         assert isinstance(solver, str)  # all others were refused (`check_elsewhere`)
-        found = cut(problem, solver, workers=self.threads, memory_bytes=self.memory_bytes)
+        found = cut(problem, solver, workers=self.workers.number, memory_bytes=self.workers.memory_bytes)
         return self._planes(problem, found, self.stored)
 
     def runs(self, problem: ImagingProblem, capture: Exhaustive) -> Iterator[Added]:
@@ -155,10 +149,10 @@ class Shared:
             so_far += work_s
             problem.progress(min(1.0, so_far / total))
 
-        room = self.threads * self.memory_bytes / 2 if stored else HELD_BYTES
+        room = self.workers.number * self.workers.memory_bytes / 2 if stored else HELD_BYTES
         for slabs in _batches(found, problem.capture.positions, room):
             layers = self._read_there(problem, slabs, stored) if stored else self._read_here(problem, slabs)
-            yield from stacked(layers, AHEAD * self.threads, done)
+            yield from stacked(layers, AHEAD * self.workers.number, done)
 
     def _read_there(self, problem: ImagingProblem, slabs: list[Slab], stored: Stored) -> Iterator[Layer]:
         """Let the workers take the spectra; what they summed up meanwhile is added here."""
@@ -204,7 +198,7 @@ class Shared:
         positions = problem.capture.positions
         size = sum(_spectra_bytes(problem, one) for one in wanted)
         chunk = CHUNK_HISTOGRAMS * stored.channels
-        many = max(self.threads, ceil(size / (self.memory_bytes / 2)))
+        many = max(self.workers.number, ceil(size / (self.workers.memory_bytes / 2)))
         edges = np.linspace(0, ceil(positions / chunk), min(many, ceil(positions / chunk)) + 1)
         cuts = np.minimum(edges.round().astype(int) * chunk, positions).tolist()
         return [slice(first, stop) for first, stop in pairwise(cuts)]
@@ -212,18 +206,18 @@ class Shared:
     def _added(self, problem: ImagingProblem, capture: Exhaustive, stored: Stored) -> Iterator[Added]:
         """Let the workers image runs of lasers; few are computed ahead of what is yielded."""
         told, alone = problem.progress, replace(problem, progress=ignore, threads=1)
-        longest = max(1, ceil(capture.lasers / (AHEAD * self.threads)))
-        lasers = list(runs(capture, alone, self.memory_bytes, min(longest, RUN)))
+        longest = max(1, ceil(capture.lasers / (AHEAD * self.workers.number)))
+        lasers = list(runs(capture, alone, self.workers.memory_bytes, min(longest, RUN)))
         shared = self.client.scatter(alone, broadcast=True, hash=False)
 
         def submit(run: slice, problem: Any) -> "Future":
-            return self.client.submit(add, stored, run, problem, self.memory_bytes, pure=False)
+            return self.client.submit(add, stored, run, problem, self.workers.memory_bytes, pure=False)
 
         waiting: deque[tuple[slice, Future]] = deque()
         source = iter(lasers)
         try:
             while True:
-                while len(waiting) < AHEAD * self.threads and (run := next(source, None)) is not None:
+                while len(waiting) < AHEAD * self.workers.number and (run := next(source, None)) is not None:
                     waiting.append((run, submit(run, shared)))
                 if not waiting:
                     return

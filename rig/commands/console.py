@@ -193,7 +193,8 @@ def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout."""
+    """Print one JSON document on stdout; a failure after it prints none."""
+    voice.documented = True
     json.dump({"schema_version": 1, **document}, sys.stdout, indent=2, default=str)
     print()
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
+from rig.image.forecast import OnWorkers
 from rig.model.calibrations.kinds import KINDS
 
 #: What ``schema_version`` says.
@@ -148,16 +149,11 @@ class Presets(Document):
     """Description of each preset, by its name."""
 
 
-class Imaged(Document):
-    """`rig recon`; it also has the parameters of the image, as the volume file keeps them."""
+class _Image(Document):
+    """An image; the document also has its parameters, as a volume file keeps them."""
 
     model_config = ConfigDict(extra="allow")
 
-    volume: str
-    """The volume file."""
-    picture: str | None = None
-    video: str | None = None
-    page: str | None = None
     scan: str
     """The scan file that was imaged."""
     scan_digest: str
@@ -165,32 +161,30 @@ class Imaged(Document):
     positions: int
     voxels: tuple[int, int, int]
     """Numbers of voxels along x, y and z."""
-    frames: int | None = None
-    """Number of moments of a video."""
     wavelength_reason: str | None = None
     """Reason for this wavelength."""
     warnings: list[str]
     took_s: float
 
 
-class Previewed(Imaged):
-    """`rig recon --preview`: only a picture."""
+class Imaged(_Image):
+    """`rig recon`; it also has the parameters of the image, as the volume file keeps them."""
 
-    volume: None = None  # type: ignore[assignment]
-    scan_digest: str | None = None  # type: ignore[assignment]
+    volume: str
+    """The volume file."""
+    picture: str | None = None
+    video: str | None = None
+    page: str | None = None
+    frames: int | None = None
+    """Number of moments of a video."""
 
 
-class OnWorkers(Part):
-    """What an image needs when it is computed in parts."""
+class Previewed(_Image):
+    """`rig recon --preview`: only a picture; it also has the parameters of the image."""
 
-    workers: int
-    parts: int
-    memory_bytes: int
-    """Memory that the largest part needs."""
-    traffic_bytes: int
-    """Size of the spectra and fields that are sent."""
-    clock_s: float
-    """Estimated duration, with one core for each worker."""
+    picture: str
+    read_s: float
+    """How long reading the scan took; 0 where it was kept from the last preview."""
 
 
 class Forecast(Document):

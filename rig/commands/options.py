@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from rig.model import UNTIL_STOPPED
+
 #: The panel of a verb's help that has the options of all verbs.
 EVERY = "Of every verb"
 #: Panels that several verbs have.
@@ -108,8 +110,6 @@ Scale = Annotated[
 ]
 #: What is meant by ``--web`` alone; and what, after it, is an address: it ends with a port, or is a number.
 HERE, _ADDRESS = "127.0.0.1", re.compile(r"\S*:\d+|\d+(\.\d+){3}|localhost")
-#: What is said in place of a number of frames.
-UNTIL_STOPPED = "until-stopped"
 Frames = Annotated[
     str | None,
     typer.Option(

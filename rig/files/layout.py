@@ -69,7 +69,8 @@ SCAN: Layout = {
     "/start": Entry("group", "the request, written before the first photon"),
     "/start@plan": Entry("json", "the scan plan: its passes, of which steps are made"),
     "/start@configuration": Entry(
-        "json", "the configuration; with the calibrations below it is the rig's state"
+        "json",
+        "the configuration, absolute paths as names; with the calibrations below it is the rig's state",
     ),
     "/start@doubts": Entry("json", "list of doubts about the calibrations, as plain sentences"),
     "/start@simulated": Entry("flag", "whether the photons were computed rather than measured"),

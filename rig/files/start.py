@@ -116,7 +116,7 @@ def write_origin(
     """Write with what a file is measured."""
     start = file.create_group("start")
     if config is not None:
-        start.attrs["configuration"] = config.model_dump_json(exclude={"notes"})
+        start.attrs["configuration"] = config.for_record()
         if said := config.notes.said():
             file.create_group("notes").attrs.update(said)
     start.attrs["simulated"] = simulated

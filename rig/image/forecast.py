@@ -8,10 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pydantic import ConfigDict
+
 import rig
 from recon.camera import ConfocalCamera
 from recon.effort import Effort, Speed, effort, speed
-from recon.grid import memory_bytes
+from recon.grid import memory_bytes as computer_bytes
 from recon.imaging import plan
 from recon.parts import Cut, cut
 from recon.solvers.problem import ImagingProblem, Solver
@@ -30,28 +32,41 @@ CLUSTER_S, CLUSTER_BYTES_PER_S = 4.0, 2e8
 
 
 @dataclass(frozen=True)
-class OnWorkers:
-    """An image in parts.
+class Workers:
+    """Processes that compute parts of an image.
 
     Attributes
     ----------
-    workers
-        How many, of one thread each.
-    parts
-        How many parts.
+    number
+        How many parts are computed at the same time.
     memory_bytes
-        What the largest takes.
-    traffic_bytes
-        Spectra and fields that are sent.
-    clock_s
-        Estimated time by the clock, with a core for each worker.
+        What a part may take.
     """
 
+    number: int
+    memory_bytes: int
+
+    @classmethod
+    def of_this_computer(cls, number: int, memory_bytes: int | None) -> "Workers":
+        """Return workers that have each a share of this computer's memory, unless they are given a bound."""
+        return cls(number, memory_bytes or int(computer_bytes() / number / 2))
+
+
+@dataclass(frozen=True)
+class OnWorkers:
+    """What an image takes in parts; `rig.commands.documents` describes it by these words, too."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+
     workers: int
+    """How many, of one thread each."""
     parts: int
     memory_bytes: int
+    """What the largest part takes."""
     traffic_bytes: int
+    """Spectra and fields that are sent."""
     clock_s: float
+    """Estimated, with a core for each worker."""
 
 
 @dataclass(frozen=True)
@@ -131,12 +146,11 @@ def forecasted(scan_path: Path, request: Request, workers: int | None = None) ->
         check_elsewhere(request)
     with ScanFile(scan_path) as scan:
         work, _ = chosen(scan, request)
-        return forecast_of(work, workers, request.memory_bytes, measured=True)
+        shared = Workers.of_this_computer(workers, request.memory_bytes) if workers else None
+        return forecast_of(work, shared, measured=True)
 
 
-def forecast_of(
-    work: Work, workers: int | None, worker_bytes: int | None, *, measured: bool = False
-) -> Forecast:
+def forecast_of(work: Work, workers: Workers | None, *, measured: bool = False) -> Forecast:
     """Count what imaging work takes; all but the work is as of `forecast`."""
     request, camera = work.request, camera_of(work)
     confocal = isinstance(camera, ConfocalCamera)
@@ -151,7 +165,6 @@ def forecast_of(
         request.solver,
         images=1 + ATTEMPTS if searched else 1,
         workers=workers,
-        worker_bytes=worker_bytes,
         measured=measured,
     )
 
@@ -161,8 +174,7 @@ def forecast(
     solver: str | Solver,
     *,
     images: int = 1,
-    workers: int | None = None,
-    worker_bytes: int | None = None,
+    workers: Workers | None = None,
     measured: bool = False,
 ) -> Forecast:
     """Count what an image takes, and estimate its time.
@@ -173,9 +185,8 @@ def forecast(
         What is imaged, and by what.
     images
         How many images there may be.
-    workers, worker_bytes
-        How many there are, and what each may take; None where no part is computed elsewhere, and where each
-        has its share of this computer's memory.
+    workers
+        Who computes parts of it; None where no part is computed elsewhere.
     measured
         Whether the computer's speed is to be known, even if the image is quick at any.
     """
@@ -188,9 +199,8 @@ def forecast(
     here = Speed() if found.clock_s(Speed(), cores) < LONGEST_S / 20 and not measured else this_speed()
     on_workers = None
     if workers and isinstance(solver, str):  # a function of a person's own was not counted
-        each = worker_bytes or int(memory_bytes() / workers / 2)
-        parts = cut(problem, solver, workers=workers, memory_bytes=each)
-        on_workers = _on_workers(parts, found, here, workers)
+        parts = cut(problem, solver, workers=workers.number, memory_bytes=workers.memory_bytes)
+        on_workers = _on_workers(parts, found, here, workers.number)
     return Forecast(
         shape, found, found.processor_s(here), found.clock_s(here, cores), cores, images, on_workers
     )
@@ -223,7 +233,7 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
     counted = found.effort
     if counted is None:
         return
-    room = memory_bytes()
+    room = computer_bytes()
     if found.on_workers is None and not bounded and counted.memory_bytes > room:
         in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in several steps, or "
         raise RefusedError(

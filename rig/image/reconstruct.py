@@ -14,7 +14,7 @@ from rig.files.scan import ScanFile
 from rig.files.volume import Volume, write_volume
 from rig.image.film import film_of_light
 from rig.image.focus import classic, focused, still
-from rig.image.forecast import forecast_of, require_possible
+from rig.image.forecast import Workers, forecast_of, require_possible
 from rig.image.frames import check_frames, frame_by_frame
 from rig.image.picture import picture, save_film
 from rig.image.request import Request, check, check_elsewhere, check_page
@@ -27,13 +27,8 @@ class Elsewhere(Protocol):
     """Other processes that compute fields."""
 
     @property
-    def threads(self) -> int:
-        """How many parts are computed at the same time."""
-        ...
-
-    @property
-    def memory_bytes(self) -> int:
-        """What a part may take."""
+    def workers(self) -> Workers:
+        """How many there are, and what each may take."""
         ...
 
     def imaging(self, scan: ScanFile, *, changed: bool) -> Fields:
@@ -148,8 +143,7 @@ def _require_possible(work: Work, elsewhere: Elsewhere | None) -> None:
     by_runs = work.seen.exhaustive or work.seen.relit  # whose capture is an outline
     if request.each_frame or by_runs or not entry_of(request.solver).virtual_wave:
         return
-    workers, each = (elsewhere.threads, elsewhere.memory_bytes) if elsewhere else (None, None)
-    found = forecast_of(work, workers, each)
+    found = forecast_of(work, elsewhere.workers if elsewhere else None)
     require_possible(found, bounded=request.memory_bytes is not None, however_long=request.however_long)
 
 

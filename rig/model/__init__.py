@@ -2,3 +2,6 @@
 
 Values only: nothing here opens a device or a data file.
 """
+
+#: What --frames says of a scan without a last frame; here, where the command line's help reads it at no cost.
+UNTIL_STOPPED = "until-stopped"

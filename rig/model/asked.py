@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import UsageError
+from rig.model import UNTIL_STOPPED
 from rig.model.config import RigConfig, built_in_with, load
 from rig.model.config.reading import of_tables
 from rig.model.plan import FIRST_FRAMES, ScanPlan
@@ -13,8 +14,6 @@ from rig.model.presets import merged
 from rig.model.presets import preset as changes_of
 from rig.model.quantities import si
 
-#: What --frames says of a scan without a last frame.
-UNTIL_STOPPED = "until-stopped"
 #: Columns and rows: text, e.g. ``"180x130"``, or two numbers.
 GridSize = str | tuple[int, int]
 #: A raster's lines alternate in direction, which a plan calls a snake.

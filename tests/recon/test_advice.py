@@ -167,6 +167,10 @@ def test_spacing_of_random_positions_is_their_share_of_the_wall():
     assert defaults.spacing_m(capture(line)) == pytest.approx(0.1, rel=0.05)
 
 
+def test_spacing_of_a_grid_smaller_than_the_coarsest_sub_grid():
+    assert defaults.spacing_m(capture(wall(3, 3, 0.2)[1:])) == pytest.approx(0.2, rel=0.2)
+
+
 def test_a_plane_behind_the_origin_is_a_grid_too():
     assert defaults.spacing_m(capture(wall(20, 20, 0.03) - [0, 0, 0.05])) == pytest.approx(0.03)
 

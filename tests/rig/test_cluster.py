@@ -100,16 +100,17 @@ def test_every_laser_with_every_pixel_and_a_worker_that_is_killed(client, rig, t
         "--lasers",
         "4x4",
         "--pixels",
-        "8x8",
+        "16x16",
         "--spacing",
-        "10cm",
+        "5cm",
         "--bin-width",
         "32ps",
         "--bins",
         "400",
     ]
     assert rig("sim", "render", "point", "all.h5", *small).code == 0
-    request = Request(wavelength_m=0.2, depth_m=(0.8, 1.2, 0.1))
+    # planes of so many voxels, at so few frequencies, are imaged by FFT; tables are right to 1e-4 only
+    request = Request(wavelength_m=0.4, depth_m=(0.8, 1.2, 0.2))
     here = reconstruct(tmp_path / "all.h5", request, tmp_path / "h.h5", tmp_path / "h.png").volume
     killed = []
 
@@ -122,9 +123,7 @@ def test_every_laser_with_every_pixel_and_a_worker_that_is_killed(client, rig, t
         tmp_path / "all.h5", request, tmp_path / "t.h5", tmp_path / "t.png", kill, elsewhere=Crew(client)
     ).volume
     assert killed
-    # so few lasers are imaged by tables, whose straight lines are right to 1.2e-4 of the amplitude's peak,
-    # and runs of another length have other tables
-    assert np.abs(there.intensity - here.intensity).max() < 2.4e-4 * here.intensity.max()
+    assert np.abs(there.intensity - here.intensity).max() < ROUNDING * here.intensity.max()
 
 
 def test_what_is_stopped_leaves_no_file(client, scan, folder):

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 from drivers.errors import LimitError
@@ -209,6 +211,43 @@ def test_a_record_of_an_earlier_program_is_read_with_a_detector_that_there_is(na
 def test_what_a_scan_holds_is_read_back():
     config = load(CONFIGS / "misaligned.toml")
     assert recorded(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize("timing", [{"library": "{}/hhlib.so"}, {"kind": "playback", "file": "{}/a.h5"}])
+def test_what_a_scan_holds_says_not_where_things_lie(tmp_path, timing):
+    config = built_in_with(
+        {
+            "calibration": {"folder": str(tmp_path / "mine")},
+            "cameras": {"addresses": ["rtsp://me:secret@camera"]},
+            "tcspc": {key: value.format(tmp_path) for key, value in timing.items()},
+        }
+    )
+    assert str(tmp_path) in config.model_dump_json()  # as earlier programs wrote it
+    text = config.for_record()
+    assert str(tmp_path) not in text
+    assert "secret" not in text
+    again = recorded(text)
+    assert again.calibration.folder == Path("mine")
+    assert config.differences(again) == []
+    assert recorded(config.model_dump_json()) == config
+
+
+def test_files_say_nothing_of_the_folders_they_were_made_in(rig, tmp_path):
+    written(tmp_path, "[simulation]\n")
+    assert (
+        rig("scan", "--config", "rig.toml", "--grid", "3x3", "--spacing", "20cm", "--out", "a.h5").code == 0
+    )
+    assert rig("recon", "a.h5", "--wavelength", "60cm", "--depth", "0.6m:0.8m:20cm").code == 0
+
+    def say(name, item):
+        is_text = hasattr(item, "dtype") and h5py.check_string_dtype(item.dtype)
+        texts = [*item.attrs.values(), *(np.ravel(item[()]) if is_text else [])]
+        assert not any(str(tmp_path) in str(text) for text in texts), name
+
+    for name in ("a.h5", "a-volume.h5"):
+        with h5py.File(tmp_path / name) as file:
+            say("/", file)
+            file.visititems(say)
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)

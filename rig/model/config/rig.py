@@ -1,5 +1,6 @@
 """The whole rig."""
 
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -199,6 +200,15 @@ class RigConfig(Section):
         """Whether the counts say nothing of a real rig: they are simulated, or played from a file."""
         return self.simulated or self.served or self.tcspc.kind == "playback"
 
+    def for_record(self) -> str:
+        """Return what a file of measurements says of it, JSON that `rig.model.config.recorded` reads.
+
+        Notes have their own place there. Where something lies on this computer, and where cameras are
+        reached, concerns nobody who is given the file, and is not used of it: absolute paths become names.
+        A mesh's path stays as it was written, since resuming and truths read the mesh.
+        """
+        return _without_folders(self).model_dump_json(exclude={"notes": True, "cameras": {"addresses"}})
+
     def differences(self, other: "RigConfig") -> list[str]:
         """Return in which settings a scan with ``other`` differs, as ``key is A, was B``.
 
@@ -289,3 +299,14 @@ def _flat(table: dict[str, Any], within: str = "") -> dict[str, Any]:
     for name, value in table.items():
         values |= _flat(value, f"{within}{name}.") if isinstance(value, dict) else {within + name: value}
     return values
+
+
+def _without_folders(section: Section) -> Section:
+    """Return a section whose absolute paths are names, in the sections within it, too."""
+    changes: dict[str, Any] = {}
+    for name, value in section:
+        if isinstance(value, Section):
+            changes[name] = _without_folders(value)
+        elif isinstance(value, Path) and value.is_absolute():
+            changes[name] = Path(value.name)
+    return section.model_copy(update=changes)
