@@ -196,7 +196,7 @@ def test_a_cover_that_changes_nothing_is_refused(tmp_path):
 def test_files_of_another_measurement_are_refused(tmp_path):
     config = setup_of(tmp_path)
     files = files_of(tmp_path, config)
-    with pytest.raises(CalibrationError, match="first the one with the lens covered"):
+    with pytest.raises(CalibrationError, match="the first must be with the lens covered"):
         DarkRoutine().fit(files[:2], RigState(config))
     with pytest.raises(CalibrationError, match="no light of the laser is seen"):
         DarkRoutine().fit([*files[:2], files[1]], RigState(config))

@@ -78,7 +78,7 @@ def test_a_rig_of_several_channels_is_calibrated_channel_by_channel(rig):
     Path("two.toml").write_text('[[channels]]\n[[channels]]\nname = "b"\ninput = 1\n[simulation]\n')
     done = rig("calibrate", "irf", "--config", "two.toml")
     assert done.code == 2
-    assert "measured with one channel, 2 are configured" in done.err
+    assert "measured with one channel, but 2 are configured" in done.err
 
 
 BIAS = Request("detector", "Set the detector: bias on", {"biased": True})
@@ -139,13 +139,13 @@ def test_yes_answers_what_is_set_and_says_that_it_was_no_person(typed, capsys):
     answer = ConsoleOperator(yes=True).set_by_hand(BIAS)
     assert terminal.read() == "n\n"
     assert answer.startswith("--yes, at ")
-    assert answer.endswith("and no person")
+    assert answer.endswith("not by a person")
     assert "Set the detector: bias on: assumed to be done (--yes)." in capsys.readouterr().err
 
 
 def test_yes_never_says_that_a_laser_is_off(monkeypatch):
     monkeypatch.setattr(operator, "SILENCE_S", 0.3)
-    with pytest.raises(UsageError, match="nobody was asked"):
+    with pytest.raises(UsageError, match="no person was asked"):
         ConsoleOperator(yes=True).set_by_hand(DARKNESS)
     looks = iter([False, True])
     assert ConsoleOperator(yes=True).set_by_hand(DARKNESS, lambda: next(looks)).startswith("seen by")

@@ -175,7 +175,7 @@ def test_a_file_of_histograms_takes_no_photons(tmp_path):
     description = ScanDescription(np.zeros((2, 3)), np.zeros((1, 3)), BINS, 4e-12, 0.0)
     with (
         ScanWriter.create(tmp_path / "a.h5", description) as writer,
-        pytest.raises(ValueError, match="of histograms"),
+        pytest.raises(ValueError, match="holds histograms"),
     ):
         writer.append_photons(np.array([1]), np.array([1]))
     with pytest.raises(ValueError, match="expectation values cannot be listed as photons"):
