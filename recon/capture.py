@@ -68,7 +68,7 @@ class UnreadHistograms:
 
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Raise `ValueError`: there is nothing to read."""
-        raise ValueError("these histograms are not here; give their spectra")
+        raise ValueError("the histograms are not in memory; give their spectra")
 
 
 @dataclass(frozen=True)

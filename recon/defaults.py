@@ -321,10 +321,9 @@ def warnings(
     passed_m = shortest_wavelength_m(response_fwhm_s) if response_fwhm_s else 0.0
     if response_fwhm_s and extent_m < MIN_WAVELENGTHS * passed_m:
         found.append(
-            f"a response of {response_fwhm_s * 1e12:.0f} ps passes no wavelength below "
-            f"{passed_m * 100:.3g} cm, and a wall of {extent_m * 100:.3g} cm is only "
-            f"{extent_m / passed_m:.1f} of those wide where {MIN_WAVELENGTHS:g} are the least: "
-            "no wavelength can image this record; "
+            f"no wavelength can image this record: an instrument response of {response_fwhm_s * 1e12:.0f} ps "
+            f"blurs away wavelengths below {passed_m * 100:.3g} cm, and the wall of {extent_m * 100:.3g} cm "
+            f"is only {extent_m / passed_m:.1f} of them wide, with {MIN_WAVELENGTHS:g} needed; "
             f"scan a wall of {MIN_WAVELENGTHS * passed_m:.2g} m, or use a response of "
             f"{_slowest_response_s(extent_m) * 1e12:.0f} ps or less"
         )

@@ -98,7 +98,7 @@ def video(
     """
     if (surface_m is None) == (over == "surface"):
         raise ParameterError(
-            "video", f"{over} over depth", "a surface goes with 'surface' only", "Give both or neither."
+            "video", f"{over} over depth", "a surface is used with 'surface' only", "Give both or neither."
         )
     window = window or Window()
     check_device(solver, device)

@@ -75,7 +75,7 @@ class VoxelGrid:
                 "volume",
                 f"{width_m:g} m x {height_m:g} m of {voxel_m:g} m voxels, depths {near:g} m to {far:g} m by "
                 f"{step:g} m",
-                "sizes and steps must be finite and positive, and depths ascend",
+                "sizes and steps must be finite and positive, and depths must ascend",
                 "Write depths as near:far:step.",
             )
         _check_size(width_m, height_m, voxel_m, depth_m)

@@ -227,7 +227,7 @@ def bounded(
         raise ParameterError(
             f"solver {name_of(solver)}",
             f"at most {memory_bytes / 1e6:.0f} MB of memory",
-            "it cannot keep to a bound",
+            "it has no limit of memory",
             f"Use {' or '.join(BOUNDED)}.",
         )
     return memory.cut(problem, load(needs), memory_bytes, held_bytes)
@@ -239,7 +239,7 @@ def check_device(solver: str | Solver, device: str) -> None:
         raise ParameterError(
             f"solver {name_of(solver)}",
             f"device {device}",
-            "it computes on the cpu alone",
+            "it computes on the cpu only",
             f"Use {' or '.join(solvers_taking('device'))}, or the cpu.",
         )
 

@@ -188,7 +188,7 @@ def cut(problem: ImagingProblem, solver: str, *, workers: int, memory_bytes: int
     if entry.way is None or entry.needs is None:
         able = " or ".join(name for name, one in SOLVERS.items() if one.way)
         raise ParameterError(
-            f"solver {solver}", "an image in parts", "it computes images as a whole alone", f"Use {able}."
+            f"solver {solver}", "an image in parts", "it can only compute whole images", f"Use {able}."
         )
     way_of, needs_of = load(entry.way), load(entry.needs)
     alone = replace(problem, progress=ignore, passes=(), threads=1)

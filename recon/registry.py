@@ -192,7 +192,7 @@ def entry_of(solver: str | Callable[..., Any]) -> SolverEntry:
         If there is none of this name.
     """
     if callable(solver):
-        return SolverEntry("", "of your own", "as you wrote it", "any")
+        return SolverEntry("", "your own", "your own function", "any")
     if solver not in SOLVERS:
         raise ParameterError(
             "solver", repr(solver), "there is no such solver", f"Choose among {', '.join(SOLVERS)}."

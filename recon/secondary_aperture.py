@@ -91,7 +91,7 @@ def image_from(
             "secondary aperture",
             "one detector spot",
             f"the capture has {len(capture.detector_m)}",
-            "Take the positions of one detector spot.",
+            "Use the positions of one detector spot.",
         )
     for name, points_m in (("surface_m", surface_m), ("voxels_m", voxels_m)):
         if points_m.ndim != 2 or points_m.shape[1] != 3 or not len(points_m):

@@ -55,7 +55,7 @@ class Band:
         """Return a run of neighbouring frequencies."""
         start, _, stride = part.indices(len(self.weights))
         if stride != 1:
-            raise ValueError("a band is cut into runs of neighbours only")
+            raise ValueError("a band is cut only into runs of neighbouring frequencies")
         first = self.first_rad_per_s + start * self.step_rad_per_s
         return Band(first, self.step_rad_per_s, self.weights[part], self.finest_rad_per_s)
 

@@ -56,7 +56,9 @@ def _to_the_end() -> int:
         if out.lost is not None and code == 0:
             code = 2
             _report(
-                f"the results cannot be written to stdout ({out.lost}); files that it made are whole", code
+                f"the results cannot be written to stdout ({out.lost}); "
+                "the files that were written are complete",
+                code,
             )
         if code == 130:  # the frame of commands takes Ctrl-C without a word
             _report(STOPPED, code)
@@ -130,11 +132,11 @@ def _in_words(error: BaseException) -> str:
     if isinstance(error, Exception) and usage.is_of_usage(error):
         return usage.in_words(error)
     if type(error).__name__ == "Abort":
-        return "a question was not answered, so nothing more is done; --yes answers those that it can"
+        return "a question was not answered, so rig stops here; --yes answers the questions that allow it"
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
     if isinstance(error, OSError):
-        return f"{error.filename}: {error.strerror}; choose another file, or mend what the system says"
+        return f"{error.filename}: {error.strerror}; choose another file, or correct what the system reports"
     return str(error)
 
 

@@ -89,8 +89,8 @@ def no_file(path: Path, remedy: str = "check the name") -> str:
     except (OSError, ValueError) as problem:
         return f"{path} cannot be read ({reason(problem)}); {remedy}"
     if stat.S_ISDIR(mode):
-        return f"{path} is a folder, and no file; {remedy}"
-    return f"{path} is a pipe or a device, and no file; {remedy}"
+        return f"{path} is a folder, not a file; {remedy}"
+    return f"{path} is a pipe or a device, not a file; {remedy}"
 
 
 def reason(problem: Exception) -> str:

@@ -31,7 +31,7 @@ class Ticks:
 
     def __init__(self, marks: NDArray[np.uint8], tick_s: float, start_s: float) -> None:
         if not len(marks) or not tick_s > 0:
-            raise ValueError(f"{len(marks)} ticks each {tick_s} s are no ticks")
+            raise ValueError(f"{len(marks)} ticks of {tick_s} s: both numbers must be above 0")
         if marks.max() > 15:
             raise ValueError(f"there are four marker inputs, with a mask of 1 to 15, not {marks.max()}")
         self.tick_s = tick_s

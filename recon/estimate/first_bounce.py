@@ -51,7 +51,7 @@ def first_bounce_until_s(record: Profile) -> float | None:
     """Return when the first bounce has died away, whatever the bins' width; None where there is none.
 
     That is where the sum of all records is least before it rises most: the first bounce falls all the time,
-    until light of hidden things comes.
+    until light of hidden objects comes.
     """
     short_s = len(record.total) * record.bin_width_s / 100
     peak = _peak(record, short_s, 5 * short_s)

@@ -102,7 +102,7 @@ def sharpest(capture: Capture, moved: Moved) -> Focus:
     trial = moved(depth_m)
     shuffled = replace(trial, capture=_shuffled(trial.capture))
     if curve[best] < _sharpness(shuffled, _voxels(trial, depth_m, wavelength), pulse) + ABOVE_SHUFFLED:
-        raise cannot("with the positions shuffled it is as sharp: nothing in the record focuses")
+        raise cannot("it is as sharp with shuffled positions: nothing in the record comes to a focus")
     alike = np.flatnonzero(curve >= curve[best] - LEVEL)
     return Focus(depth_m, 1 / float(fine[alike[-1]]), 1 / float(fine[alike[0]]))
 
@@ -150,5 +150,5 @@ def cannot(found: str) -> EstimateError:
         "estimate",
         "the value that makes the image sharpest",
         found,
-        "The data cannot tell: give the value, or record for longer or over a larger wall.",
+        "The data do not determine it: give the value, or record for longer or over a larger wall.",
     )

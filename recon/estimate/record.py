@@ -43,7 +43,7 @@ class Profile:
     confocal: bool
 
     def hidden_s(self, fade_from_s: float | None = None) -> tuple[float, float]:
-        """Return when light of hidden things begins and ends; before `fade_from_s` there is none.
+        """Return when light of hidden objects begins and ends; before `fade_from_s` there is none.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class Profile:
         lit = np.flatnonzero(above > ABOVE * above.max())
         if len(lit) == 0:
             raise EstimateError(
-                "estimate", "light of hidden things", "the record is dark", "Record for longer."
+                "estimate", "light of hidden objects", "the record is dark", "Record for longer."
             )
         begin, end = (self.first_bin_s + float(edge) * self.bin_width_s for edge in (lit[0], lit[-1] + 1))
         return begin, end

@@ -50,7 +50,7 @@ def warnings(capture: Capture, wavelength_m: float, grid: VoxelGrid) -> list[str
     good_m = near_m * (found / MAX_FIGURE) ** (1 / 3)
     return [
         f"the Fresnel approximation needs d^4/(4 L^3 lambda) << 1, and it is {found:.2g} at a depth of "
-        f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is good from "
+        f"{near_m:.2f} m: up to {found:.2g} half waves of error at the wall's corners; it is valid from "
         f"{good_m:.1f} m on, or use --solver rsd, which is exact"
     ]
 

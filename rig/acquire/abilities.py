@@ -14,8 +14,8 @@ def tagging_of(config: RigConfig) -> Tagging:
     tagging = TIMING.of(config.tcspc).tagging
     if tagging is None:
         raise RefusedError(
-            f"tcspc.kind = '{config.tcspc.kind}' records no single photons, which a mirror that never stops "
-            "needs: use --mode step"
+            f"tcspc.kind = '{config.tcspc.kind}' cannot record single photons, "
+            "which a mirror that never stops needs: use --mode step"
         )
     return tagging
 
@@ -24,7 +24,7 @@ def require_point_clock(clock: T | None) -> T:
     """Return a rig's point clock, or its section; raises `RefusedError` where there is none."""
     if clock is None:
         raise RefusedError(
-            "a mirror that never stops needs a point clock, which gives it and the timing instrument their "
-            "pulses: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
+            "a mirror that never stops needs a point clock, which sends pulses to the mirror and to the "
+            "timing instrument: describe yours in [point_clock] (docs/point-clock.md), or use --mode step"
         )
     return clock

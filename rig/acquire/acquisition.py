@@ -37,7 +37,8 @@ from rig.model.sweep import planned_duration_s
 
 #: What is left open where the program ended between the last position and its end.
 UNSEEN_END = (
-    "the scan did not see its own end: whether the laser still emitted at the last positions was not asked"
+    "the program ended before the scan did: it was not checked whether the laser still emitted "
+    "at the last positions"
 )
 
 
@@ -240,7 +241,7 @@ def interrupted(
         if scan.status == "complete" and not scan.altered.any():
             raise UsageError(f"{target} is complete: there is nothing to resume")
         if scan.plan is None or scan.state is None:
-            raise DataFileError(f"{target} does not say how it was scanned: it cannot be resumed")
+            raise DataFileError(f"{target} does not hold a scan plan: it cannot be resumed")
         scan.passes()  # a plan that does not fit its file is refused
         plan, began = scan.plan, scan.state
     simulated = began.config.simulated and began.config.tcspc.kind != "playback"
@@ -249,15 +250,15 @@ def interrupted(
     if mine is None:
         if not simulated:
             raise UsageError(
-                f"{target} was not measured on the simulated rig alone ({began.config.name}). Which devices "
-                "are opened is not taken from a file: name the rig's configuration, "
+                f"{target} was not measured on the simulated rig only ({began.config.name}). "
+                "The devices to open are never taken from a scan file: give the rig's configuration, "
                 f"{in_shell('rig', 'resume', target)} --config FILE"
             )
         return plan, began
     if others := mine.differences(began.config):
         raise RefusedError(
             f"{target} was measured with other settings than this configuration gives: {'; '.join(others)}. "
-            "Set them as they were, or begin a new scan"
+            "Set them back to the old values, or start a new scan"
         )
     return plan, RigState(mine, began.calibrations)
 
@@ -369,5 +370,5 @@ def _same_devices(scan: ScanFile, devices: Devices) -> None:
         if now["identity"] != before and not renamed:
             raise RefusedError(
                 f"{scan.path} began with the {name} '{before}', but '{now['identity']}' is connected. "
-                "Connect the first one, or begin a new scan"
+                "Connect the first one, or start a new scan"
             )

@@ -34,7 +34,7 @@ def circle(x_m: float, y_m: float, radius_m: float) -> tuple[Point, ...]:
     """
     if not radius_m > 0:
         raise UsageError(
-            f"a circle's radius is above 0, and {radius_m:g} m was asked for; use --at for a spot"
+            f"a circle's radius must be above 0, but {radius_m:g} m was asked for; use --at for a spot"
         )
     angles = 2 * np.pi * np.arange(OF_A_CIRCLE) / OF_A_CIRCLE
     return tuple(
@@ -59,7 +59,7 @@ def lap(spots: tuple[Point, ...], exposure_s: float) -> ScanPlan:
         If there is no exposure.
     """
     if not exposure_s > 0:
-        raise UsageError(f"an exposure is above 0, and {exposure_s:g} s was asked for; use e.g. 100ms")
+        raise UsageError(f"an exposure must be above 0, but {exposure_s:g} s was asked for; use e.g. 100ms")
     return ScanPlan(passes=(Pass(positions=Spots(spots=spots), exposure_s=exposure_s),))
 
 
@@ -83,8 +83,8 @@ def laps(once: ScanPlan, longest_s: float) -> ScanPlan:
     if steps > MAX_STEPS / 2:
         most_s = MAX_STEPS / 2 * one.exposure_s
         raise UsageError(
-            f"the light can be on for {show_duration(most_s)} at most at this exposure; change --for, or "
-            "expose longer"
+            f"the light can be on for {show_duration(most_s)} at most at this exposure; change --for, "
+            "or use a longer exposure"
         )
     of_a_line = ceil(READ_BACK_S / one.exposure_s / len(once))
     spots = Spots(spots=one.positions.spots * of_a_line)
@@ -102,8 +102,8 @@ def check_alignment(once: ScanPlan, state: RigState) -> None:
     """
     if state.config.tcspc.kind == "playback":
         raise RefusedError(
-            "tcspc.kind = 'playback' plays the photons of a file, in which nothing can be aligned: name the "
-            "rig's timing instrument"
+            "tcspc.kind = 'playback' plays the photons of a file, which cannot be used to align optics: "
+            "configure the rig's timing instrument"
         )
     check_rig(once, state)
 
@@ -139,7 +139,7 @@ def align(
 
 def align_on(devices: Devices, plan: ScanPlan, state: RigState, longest_s: float, watch: Watch) -> Ended:
     """Do the same on open devices."""
-    over, ends_s = f"the time asked for is over ({show_duration(longest_s)})", inf
+    over, ends_s = f"the requested time is over ({show_duration(longest_s)})", inf
 
     def heard(event: Event) -> None:
         nonlocal ends_s

@@ -126,7 +126,7 @@ class Assembler:
     def _begin(self) -> LineFailed | None:
         tags, masks = self._markers[0]
         if masks[0] != FRAME:
-            return LineFailed(self.line, "the marker with which the mirror sets off did not come first.")
+            return LineFailed(self.line, "the marker of the mirror's start did not come first.")
         self._began = int(tags[0])
         self._markers[0] = tags[1:], masks[1:]
         return None
@@ -172,11 +172,11 @@ class Assembler:
         strange = np.union1d(extra, np.flatnonzero(~np.isin(ticks, planned)))
         if len(strange):
             names = [f"at tick {place[one]:.2f}" for one in strange]
-            return f"{number}{len(strange)} markers came that nobody planned ({_few(names)})."
+            return f"{number}{len(strange)} markers came that were not planned ({_few(names)})."
         if (masks != self._sweep.marks[planned]).any():
-            return f"{number}markers came at other inputs than planned: check their cables."
+            return f"{number}markers came at the wrong inputs: check their cables."
         if (late := np.abs(place - ticks).max()) > OUT_OF_STEP:
-            return f"{number}a marker came {late:.2f} ticks out of step."
+            return f"{number}a marker came {late:.2f} ticks away from its planned time."
         return ""
 
     def _sorted(self, line: Line, edges: NDArray[np.int64]) -> LineRead:

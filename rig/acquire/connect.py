@@ -154,8 +154,9 @@ def _check_own(own: Mapping[str, object]) -> None:
     for role in own:
         if role not in OWN:
             raise UsageError(
-                f"the {role} cannot be given as an object, but {', '.join(OWN)} can. A laser is opened by "
-                "its guard, in a process of its own: bring it as a package, see docs/plug-ins.md"
+                f"the {role} cannot be given as an object, but {', '.join(OWN)} can. "
+                "A laser is opened by its guard, in a separate process: provide its driver as a package, "
+                "see docs/plug-ins.md"
             )
 
 

@@ -67,10 +67,10 @@ WORTH_CUTTING_S = 0.3
 VOUCH_S = 0.5
 
 #: What is said of a detector whose bias only a person can take away, when it has been closed as ever.
-STAYS_BIASED = "the detector stays BIASED, as a person has set it: its bias can only be switched off by hand"
+STAYS_BIASED = "the detector stays BIASED, as set by a person: its bias can only be switched off by hand"
 
 #: What is said of a detector whose bias could not be taken away, or that could not be asked.
-BIASED = "the detector could not be confirmed without bias: treat it as BIASED, switch it off by hand"
+BIASED = "the detector does not confirm that its bias is off: treat it as BIASED, switch it off by hand"
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class ScanEngine:
         longer = self._plan.longer(MOST_PAIRS // len(self._state.channels))
         if longer is None:
             at = len(self._plan) - 1
-            self._tell(Noticed("a scan file holds no more frames than these: the scan ends here", at, at))
+            self._tell(Noticed("a scan file cannot hold more frames: the scan ends here", at, at))
             return False
         of_a_frame = self._angles_rad[: len(self._plan) // self._plan.frames]
         self._tell(Grown(longer))
@@ -246,7 +246,7 @@ class ScanEngine:
         self._consume(PhaseChanged(Phase.PREPARING))
         if asked is not None:
             if self._operator is None:
-                raise RefusedError(f"somebody has to be at the rig for this: {asked.words}")
+                raise RefusedError(f"a person must be at the rig for this: {asked.words}")
             self._operator.prepare(asked)
             self._prepared = asked
         if gate_s != self._gate_s:
@@ -324,7 +324,7 @@ class ScanEngine:
             raise
         except Exception as error:  # whatever failed, the light may have failed with it
             if not self._seen_lit() and (taken_back := self._take_back(self._vouched)):
-                error.add_note(f"The laser does not say that it emits. {taken_back}")
+                error.add_note(f"The laser does not report that it emits. {taken_back}")
             raise
 
     def _step(self, steps: range) -> None:
@@ -400,7 +400,7 @@ class ScanEngine:
         if self._adjusted or measured == first:
             return ""
         which = f"Positions {first} to {measured - 1}"
-        return f"{which} may be wrong and are taken back: mend it and resume the scan"
+        return f"{which} may be wrong and were discarded: correct this and resume the scan"
 
     def _seen_lit(self) -> bool:
         """Return whether the laser says that it emits, when something else has failed."""
@@ -494,7 +494,7 @@ class ScanEngine:
             return  # the laser itself has said twice that it is dark
         if sync_hz > 0:
             raise RefusedError(
-                f"the laser says that it is dark, but the timing instrument still counts {sync_hz:.3g} of "
+                f"the laser reports that it is dark, but the timing instrument still counts {sync_hz:.3g} of "
                 "its pulses a second. Treat the laser as EMITTING: turn its key off by hand, now"
             )
 

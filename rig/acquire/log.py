@@ -84,7 +84,7 @@ class ScanLog:
                 self._step = step.index + 1
                 self._warn(step.index, exposure.warnings)
             case StepCut(step=step, exposure=exposure):
-                self._say(f"position {step.index} was cut after {exposure.live_time_s:g} s")
+                self._say(f"position {step.index} ended early after {exposure.live_time_s:g} s")
             case LightChanged() | Noticed():
                 self._say(_in_words(event))
             case LineDone(steps_done=done):

@@ -111,7 +111,7 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         As `check_rig`.
     """
     if not folder.is_dir():
-        raise UsageError(f"{folder} is not a folder; make it first, or choose another place with --out")
+        raise UsageError(f"{folder} is not a folder; create it first, or choose another place with --out")
     found = check_rig(plan, state)
     free = shutil.disk_usage(folder).free
     if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
@@ -172,13 +172,15 @@ def _check_angles(plan: ScanPlan, state: RigState, found: Estimate) -> None:
     galvo = state.config.galvo
     limits = (galvo.max_angle_x_rad, galvo.max_angle_y_rad)
     is_grid = isinstance(plan.passes[0].positions, Grid)
-    nearer = "Use a smaller grid or spacing" if is_grid else "Stay nearer to the wall's middle"
+    nearer = (
+        "Use a smaller grid or spacing" if is_grid else "Choose a position nearer to the middle of the wall"
+    )
     for axis, angle, limit in zip("xy", found.mirror_rad, limits, strict=True):
         if angle > limit:
             raise RefusedError(
                 f"{_in_words(plan)} needs {np.degrees(angle):.1f} deg of mirror angle in {axis}, "
-                f"{np.degrees(limit):.1f} deg is the limit. "
-                f"{nearer}, or raise galvo.max_angle_{axis} if the mirror can do it"
+                f"but the limit is {np.degrees(limit):.1f} deg. {nearer}, "
+                f"or raise galvo.max_angle_{axis} if the mirror can do it"
             )
 
 

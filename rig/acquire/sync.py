@@ -21,11 +21,9 @@ def none_came(settings: Settings) -> str:
     level_v = settings.get("sync_level_v")
     level = ""
     if level_v is not None:
-        level = (
-            f" and tcspc.sync_level ({show(float(level_v), 'V')}: pulses that are not as high are not seen)"
-        )
+        level = f" and tcspc.sync_level ({show(float(level_v), 'V')}: lower pulses are not seen)"
     return (
-        "the timing instrument sees no sync pulses although the laser says that it emits. "
+        "the timing instrument sees no sync pulses although the laser reports that it emits. "
         f"Check the sync cable{level}, then scan again"
     )
 
@@ -65,7 +63,7 @@ def doubts(rates: Rates, repetition_hz: float, settings: Settings) -> tuple[str,
     if "sync_level_v" not in settings or isclose(rates.sync_hz, repetition_hz, rel_tol=AS_SET):
         return ()
     return (
-        f"The sync rate is {show(rates.sync_hz, 'Hz')}, and the laser is set to {show(repetition_hz, 'Hz')}: "
-        "at a level that is too low noise is counted, at one that is too high pulses are lost "
+        f"The sync rate is {show(rates.sync_hz, 'Hz')}, but the laser is set to {show(repetition_hz, 'Hz')}: "
+        "if the level is too low, noise is counted; if it is too high, pulses are lost "
         f"(tcspc.sync_level, {show(float(settings['sync_level_v']), 'V')}).",
     )

@@ -35,15 +35,17 @@ def _check_histogram(state: RigState) -> None:
         return
     if harp.offset_s >= period_s:
         raise RefusedError(
-            f"the histogram begins {_show(harp.offset_s)} after a sync pulse, and the next pulse comes after "
-            f"{_show(period_s)} (laser.repetition {show(1 / period_s, 'Hz')}): lower tcspc.offset"
+            f"the histogram starts {_show(harp.offset_s)} after a sync pulse, "
+            f"but the next pulse comes after {_show(period_s)} (laser.repetition "
+            f"{show(1 / period_s, 'Hz')}): lower tcspc.offset"
         )
     record_s = harp.bins * harp.bin_width_s
     if record_s > (period_s + harp.bin_width_s) * (1 + ROUNDING):
         most = int(period_s / harp.bin_width_s * (1 + ROUNDING))
         raise RefusedError(
-            f"the histogram of {harp.bins} bins of {_show(harp.bin_width_s)} is {_show(record_s)} long, and "
-            f"sync pulses come every {_show(period_s)} (laser.repetition {show(1 / period_s, 'Hz')}): lower "
+            f"the histogram of {harp.bins} bins of {_show(harp.bin_width_s)} is {_show(record_s)} long, "
+            f"but sync pulses come every {_show(period_s)} (laser.repetition {show(1 / period_s, 'Hz')}): "
+            "lower "
             f"tcspc.bins to {most}, or use narrower bins or a slower laser"
         )
 
@@ -53,13 +55,13 @@ def _check_exposure(one: Pass, state: RigState) -> None:
     if one.exposure_s < period_s * (1 - ROUNDING):
         raise RefusedError(
             f"an exposure of {_show(one.exposure_s)} is shorter than the {_show(period_s)} between two laser "
-            "pulses (laser.repetition): expose longer"
+            "pulses (laser.repetition): use a longer exposure"
         )
     hold_off_s = state.config.detector.hold_off_s if one.hold_off_s is None else one.hold_off_s
     if hold_off_s >= one.exposure_s:
         raise RefusedError(
-            f"the detector holds off for {_show(hold_off_s)} after a detection, and an exposure is "
-            f"{_show(one.exposure_s)}: lower detector.hold_off, or expose longer"
+            f"the detector holds off for {_show(hold_off_s)} after a detection, "
+            f"but an exposure is {_show(one.exposure_s)}: lower detector.hold_off, or use a longer exposure"
         )
 
 
@@ -78,8 +80,9 @@ def _check_gate(gate_s: tuple[float, float], state: RigState) -> None:
     ends_s = harp.offset_s + harp.bins * harp.bin_width_s
     if closes_s <= harp.offset_s or opens_s >= ends_s:
         raise RefusedError(
-            f"the gate is open from {_show(opens_s)} to {_show(closes_s)} after a sync pulse, and the "
-            f"histogram covers {_show(harp.offset_s)} to {_show(ends_s)}: no photon would be counted. Change "
+            f"the gate is open from {_show(opens_s)} to {_show(closes_s)} after a sync pulse, "
+            f"but the histogram covers {_show(harp.offset_s)} to {_show(ends_s)}: "
+            "no photon would be counted. Change "
             "detector.gate_delay, tcspc.offset or tcspc.bins"
         )
 

@@ -143,17 +143,18 @@ class Vigil:
         """
         if rates.input_hz > self._bearable_hz:
             raise DoubtError(
-                f"the detector counts {show(rates.input_hz, 'counts/s')}, and more than "
-                f"{show(self._bearable_hz, 'counts/s')} may harm it: too much light. {self._what_is_done()} "
+                f"the detector counts {show(rates.input_hz, 'counts/s')}, "
+                f"but more than {show(self._bearable_hz, 'counts/s')} may harm it: too much light. "
+                f"{self._what_is_done()} "
                 "Check room light, gate and filters (detector.max_count_rate is the limit)."
             )
 
     def _what_is_done(self) -> str:
         if "bias" not in self._rig.spad.by_hand:
-            return "Its bias is taken away."
+            return "Its bias is switched off."
         return (
-            "Light and gate are taken away, as far as the program can; ITS BIAS IT CANNOT: SWITCH IT OFF BY "
-            "HAND, NOW."
+            "Light and gate are switched off as far as the program can. "
+            "IT CANNOT SWITCH OFF THE BIAS: SWITCH IT OFF BY HAND, NOW."
         )
 
     def measured(self, exposure: Exposure) -> None:
@@ -242,7 +243,7 @@ class Vigil:
             emitting = laser.emitting()
         laser.beat(ASKING_LEASE_S)  # tells why, where the guard knows
         if not emitting:
-            raise LightLostError("the laser went dark by itself: check interlock and key.")
+            raise LightLostError("the laser went dark without a command: check interlock and key.")
 
     def _require_settings(self) -> None:
         self._read_s = self._rig.clock.now_s()
@@ -256,9 +257,7 @@ class Vigil:
             if not _same(name, was, found.get(name))
         ]
         if changed:
-            raise DoubtError(
-                f"the rig is no longer set as at the beginning of the scan: {'; '.join(changed)}."
-            )
+            raise DoubtError(f"the settings of the rig changed during the scan: {'; '.join(changed)}.")
 
     def _require_sync(self, rates: Rates) -> None:
         if not isclose(rates.sync_hz, self._sync_hz, rel_tol=SYNC_WITHIN):

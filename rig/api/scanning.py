@@ -277,7 +277,7 @@ def scan(
     """
     if plan is not None and options:
         raise UsageError(
-            f"a plan is given, so that {', '.join(options)} would have no effect; say it to rig.plan"
+            f"a plan is given, so that {', '.join(options)} would have no effect; give it to rig.plan"
         )
     target, chosen = Path(path), plan if plan is not None else _planned(options)
     if os.path.lexists(target):
@@ -342,8 +342,8 @@ def _require_consent(config: "RigConfig", consent: bool) -> None:
     require_no_trip(config)
     if not consent:
         raise RefusedError(
-            f"this lights {light_in_words(config)}. Goggles on, doors closed, nobody in the beam's way? "
-            "Then say so with consent=True"
+            f"this lights {light_in_words(config)}. Goggles on, doors closed, "
+            "nobody in the path of the beam? Then confirm it with consent=True"
         )
 
 
@@ -401,7 +401,7 @@ def _ran(
     if result.ended.outcome is not Outcome.COMPLETE and not asked_for:
         raise InterruptedScanError(
             f"{target}: the scan was stopped. {result.ended.steps_done:,} of {len(plan):,} positions are "
-            f"safe in the file. Go on with: rig.resume({str(target)!r})"
+            f"safe in the file. Continue with: rig.resume({str(target)!r})"
         )
     return Scan(target)
 

@@ -66,7 +66,7 @@ def looked_at(
     if nearest_m > end_m or farthest_m < begin_m:
         depth_m = max((begin_m + end_m) / 4, half_m + 0.1)
         raise RefusedError(
-            f"nothing of {name} would be measured: light to it and back takes {nearest_m:.2f} to "
+            f"{name} would not be measured at all: light to it and back takes {nearest_m:.2f} to "
             f"{farthest_m:.2f} m of path, the record holds {max(begin_m, 0):.2f} to {end_m:.2f} m. Place its "
             f"middle at a depth of {depth_m:.2g} m, e.g. --place 0cm,0cm,{depth_m:.2g}m, or scale it"
         )

@@ -17,7 +17,7 @@ def detector_at(address: str) -> Iterator[object]:
     Raises
     ------
     DeviceNotFoundError, LinkError
-        If it is not there, or another program has it.
+        If it is not there, or another program uses it.
     """
     from simulators.wire.served.detector import served_detector
 
@@ -84,6 +84,6 @@ def board_at(address: str) -> Iterator[SharedBoard]:
 
 def _not_reached(what: str, problem: OSError) -> DeviceNotFoundError | LinkError:
     if problem.errno in (errno.EAGAIN, errno.EBUSY):
-        return LinkError(what, "open the port", "another program has it", "Close the other program.")
+        return LinkError(what, "open the port", "another program uses it", "Close the other program.")
     remedy = "Start rig sim serve, and use the configuration that it writes."
     return DeviceNotFoundError(what, "answer", str(problem), remedy)

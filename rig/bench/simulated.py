@@ -246,7 +246,7 @@ def hidden_scene(config: RigConfig) -> "Scene":
     if (mesh := simulation.mesh) and not mesh_is_as_it_was(simulation):
         raise ConfigError(
             f"simulation.scene: {mesh} is not the file that the scan began with (its SHA-256 is not "
-            f"{simulation.mesh_sha256[:12]}...); put that one back, or begin a new scan"
+            f"{simulation.mesh_sha256[:12]}...); put that file back, or start a new scan"
         )
     placement = Placement(simulation.place_m, simulation.rotate_rad, simulation.scale)
     try:
@@ -289,7 +289,7 @@ def _offset_m(text: str) -> tuple[float, float, float]:
     """Read by how much a scene is moved, e.g. ``10cm,0cm,0cm``; nothing is not at all."""
     parts = text.split(",") if text else ["0m"] * 3
     if len(parts) != 3:
-        raise ValueError(f"'{text}' is no way to move: write x, y and z, e.g. @10cm,0cm,0cm")
+        raise ValueError(f"'{text}' is not a movement: write x, y and z, e.g. @10cm,0cm,0cm")
     x_m, y_m, z_m = (parse(part, "length") for part in parts)
     return x_m, y_m, z_m
 

@@ -48,7 +48,7 @@ class Raw:
         self.label = one.label
         if one.config is None:
             raise CalibrationError(
-                f"{self.label} does not say how it was measured: give files of this program"
+                f"{self.label} does not hold how it was measured: give files of this program"
             )
         self._pass, self.config = one, one.config
         self.alone = len(one.steps) == one.scan.steps
@@ -88,7 +88,7 @@ class Raw:
         require(
             not self.config.detector.gated,
             f"{self.label} was measured through the gate, which shapes the counts and keeps the first bounce "
-            "out: let the detector run freely (spad.gated = false), as rig calibrate does",
+            "out: let the detector be free-running (detector.gated = false), as rig calibrate does",
         )
 
     def refuse_saturated(self, rate_hz: float) -> None:
@@ -126,13 +126,13 @@ def _refuse_unsound(scan: ScanFile) -> None:
     require(not scan.altered.any(), f"{'; '.join(scan.doubts)}")
     for warning in scan.warnings:
         spoilt = any(sign in warning for sign in SPOILT)
-        require(not spoilt, f"{scan.path}: {warning} Mend that and measure it again")
+        require(not spoilt, f"{scan.path}: {warning} Correct that and measure it again")
     asked_s = scan.plan.exposures_s if scan.plan else np.zeros(scan.steps)
     short: NDArray[np.bool_] = scan.live_time_s < 0.999 * asked_s
     require(
         not short.any(),
         f"{scan.path}: {short.sum()} of {len(short)} exposures ended early, perhaps at a full bin: "
-        "attenuate, or expose shorter",
+        "attenuate, or use a shorter exposure",
     )
 
 

@@ -34,8 +34,8 @@ def measured(
     """
     if len(config.channels) > 1:
         raise UsageError(
-            f"a calibration is measured with one channel, {len(config.channels)} are configured: give a "
-            "configuration with the one that is to be calibrated"
+            f"a calibration is measured with one channel, but {len(config.channels)} are configured: "
+            "give a configuration with only the channel to calibrate"
         )
     if reason := routine.impossible(config):
         raise RefusedError(reason)

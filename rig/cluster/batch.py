@@ -135,7 +135,7 @@ def run(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"cannot make the folder {folder}: {error}; name another with --out") from error
+        raise UsageError(f"cannot create the folder {folder}: {error}; give another with --out") from error
     record = Record(folder)
     outcomes = {job.name: record.kept(job) for job in jobs}
     yield from (one for one in outcomes.values() if one)

@@ -67,7 +67,7 @@ class Crew:
         versions = {worker.version for worker in introduced}
         if versions != {rig.__version__}:
             raise RefusedError(
-                f"workers have rig {', '.join(sorted(versions))}, and this is {rig.__version__}; install the "
+                f"workers have rig {', '.join(sorted(versions))}, but this is {rig.__version__}; install the "
                 "same on all"
             )
         each_bytes = (SHARE * (one.memory_bytes or UNLIMITED_BYTES) / one.threads for one in introduced)
@@ -136,7 +136,7 @@ class Shared:
         """
         if self.stored is None:
             raise RefusedError(
-                f"the workers do not all see {self.path} as it is here: put it where all see it "
+                f"the workers do not all see the same {self.path} as this computer: put it where all see it "
                 "under the same path, or leave --cluster out"
             )
         return self._added(problem, capture, self.stored)

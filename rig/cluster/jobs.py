@@ -82,14 +82,15 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
     if document or not listed:
         wrong = f"it has the key {', '.join(document)}" if document else "it has none"
-        raise ConfigError(f"{path} is to hold tables [[job]] alone, and {wrong}; see docs/cluster.md")
+        raise ConfigError(f"{path} must hold only tables [[job]], but {wrong}; see docs/cluster.md")
     jobs: list[Job] = []
     for number, table in enumerate(tables, 1):
         jobs += _of_table(path, f"{path}, job {number}", table, however_long)
     names = [job.name for job in jobs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(
-            f"{path}: {len(twice)} images would have the name of another, the first is {twice[0]}; name the "
+            f"{path}: {len(twice)} images would have the name of another image; the first is {twice[0]}; "
+            "name the "
             "scans differently, or each scan and setting once"
         )
     return jobs
@@ -119,7 +120,7 @@ def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bo
 def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if not isinstance(patterns, list) or not patterns or not all(isinstance(one, str) for one in patterns):
-        raise ConfigError(f'{where}: scans is to be a list of names or patterns, such as ["night/*.h5"]')
+        raise ConfigError(f'{where}: scans must be a list of names or patterns, such as ["night/*.h5"]')
     found: dict[Path, None] = {}
     for pattern in patterns:
         root = Path(Path(pattern).anchor or path.parent)
@@ -127,7 +128,7 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
             rest = pattern.removeprefix(Path(pattern).anchor)
             matches = sorted(one.resolve() for one in root.glob(rest) if one.is_file())
         except (ValueError, NotImplementedError, IndexError, OSError) as error:
-            raise ConfigError(f"{where}: '{pattern}' is no pattern of file names: {error}") from None
+            raise ConfigError(f"{where}: '{pattern}' is not a pattern of file names: {error}") from None
         if not matches:
             raise ConfigError(f"{where}: no file is called '{pattern}', seen from {root.resolve()}")
         found |= dict.fromkeys(matches)
@@ -156,10 +157,10 @@ def _check_form(option: Option, value: Any) -> None:
         "word": value not in option.words,
     }
     said = {
-        "text": "is to be text with a unit, in quotes",
-        "number": "is no number",
+        "text": "must be text with a unit, in quotes",
+        "number": "is not a number",
         "switch": "is neither true nor false",
-        "word": f"is none of {', '.join(option.words)}",
+        "word": f"is not one of {', '.join(option.words)}",
     }
     if wrong[option.form]:
         raise UsageError(f"{value!r} {said[option.form]}")

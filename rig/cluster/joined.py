@@ -49,7 +49,7 @@ def local_workers(address: str) -> int | None:
         return number
     if re.fullmatch(SCHEDULER, address) or address.endswith(".json"):
         return None
-    raise UsageError(f"--cluster '{address}' names no cluster; write {FORMS}")
+    raise UsageError(f"--cluster '{address}' is not a cluster; write {FORMS}")
 
 
 @contextmanager

@@ -119,7 +119,8 @@ def result(submit: "Callable[[], Future]", future: "Future") -> Any:
         except (asyncio.CancelledError, futures.CancelledError):
             if attempt + 1 == ATTEMPTS:
                 raise RefusedError(
-                    f"the cluster lost what it was sent {ATTEMPTS} times; check that its workers stay"
+                    f"the cluster lost the data that it was sent {ATTEMPTS} times; "
+                    "check that its workers keep running"
                 ) from None
             future = submit()
     raise AssertionError("unreachable")

@@ -99,7 +99,7 @@ def add(stored: Stored, lasers: slice, problem: ImagingProblem, memory_bytes: in
 def _opened(stored: Stored) -> ScanFile:
     """Open a file that the client looked through, unless it is another one now."""
     if fingerprint(stored.path) != stored.seen:
-        raise DataFileError(f"{stored.path} was changed while it was imaged; image it once more")
+        raise DataFileError(f"{stored.path} was changed while it was imaged; image it again")
     inspected_elsewhere(stored.path)
     return ScanFile(stored.path)
 

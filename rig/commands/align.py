@@ -29,12 +29,13 @@ def align(
     circle: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,RADIUS", help="A circle of 12 spots in place of one; the mirror goes round it."
+            metavar="X,Y,RADIUS",
+            help="Light 12 spots on a circle with this radius, one after the other, instead of one spot.",
         ),
     ] = None,
     exposure: Annotated[str, typer.Option(metavar="TIME", help="Measurement time at each spot.")] = "100ms",
     longest: Annotated[
-        str, typer.Option("--for", metavar="TIME", help="The light goes out after this time.")
+        str, typer.Option("--for", metavar="TIME", help="The laser is switched off after this time.")
     ] = "1h",
     scene: Annotated[
         str | None,
@@ -138,7 +139,7 @@ def _lengths(text: str, option: str, example: str) -> list[float]:
     parts = text.split(",")
     if len(parts) != len(example.split(",")):
         raise UsageError(
-            f"'{text}' is not what {option} takes; write lengths with units, e.g. {option} {example}"
+            f"'{text}' is not valid for {option}; write lengths with units, e.g. {option} {example}"
         )
     return [parse(part.strip(), "length") for part in parts]
 
@@ -154,8 +155,8 @@ def _warn_of_detector_spots(once: "ScanPlan", state: "RigState") -> None:
         away_m = np.abs(once.spots_m[:, :2] - channel.spot_m[:2]).max(axis=1).min()
         if away_m <= half_m:
             console.warn(
-                f"this lights where {channel.name} looks, which a scan leaves out: the detector gets the "
-                "first bounce unless its gate is closed then"
+                f"this lights the spot that {channel.name} sees, which a scan leaves out: "
+                "the detector gets the first bounce unless its gate is closed at that time"
             )
             return
 

@@ -81,7 +81,7 @@ class AlignmentView:
                 self._warn(exposure.warnings)
                 self._show(step.spot_m)
             case PhaseChanged(phase=Phase.EXPOSING):
-                console.say("Ctrl-C ends it: the light goes out first. Nothing is recorded.")
+                console.say("Press Ctrl-C to end: the laser is switched off first. Nothing is recorded.")
                 if console.err.is_terminal:
                     console.draw(self._live)
             case PhaseChanged(phase=Phase.CLOSING):
@@ -147,7 +147,7 @@ class AlignmentView:
         table.add_column(style="dim")
         table.add_column()
         percent = f"{100 * levels.of_pulses:.2g} % of {show(levels.sync_hz, 'Hz')} sync pulses"
-        warned = Text(f"{percent}: PILE-UP, early photons hide late ones: less light", "bold red")
+        warned = Text(f"{percent}: PILE-UP, early photons hide late ones: reduce the light", "bold red")
         table.add_row("pulses with a photon", warned if levels.of_pulses > PILE_UP else Text(percent))
         off = f"{100 * strongest_hz * self._hold_off_s:.2g} % of the time"
         table.add_row("held off", f"{off}, {show(self._hold_off_s, 's')} after each photon")

@@ -37,7 +37,7 @@ _HELP = """Look around a corner: scan a relay wall with a pulsed laser and a sin
 and image what is hidden.
 
 Exit codes: 0 done; 1 a defect in rig; 2 usage or configuration; 3 device; 4 refused by a limit or \
-for safety; 5 invalid data file; 6 stopped, what was measured is safe; 130 stopped by Ctrl-C.
+for safety; 5 invalid data file; 6 stopped, the measured data are safe; 130 stopped by Ctrl-C.
 
 Start with README.md; docs/command-line.md explains units, streams, --json and completion.
 """

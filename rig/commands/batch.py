@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def batch(
-    jobs: Annotated[Path, typer.Argument(metavar="JOBS.toml", help="Scans and settings: docs/cluster.md.")],
+    jobs: Annotated[
+        Path,
+        typer.Argument(metavar="JOBS.toml", help="The file with scans and settings, see docs/cluster.md."),
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -23,10 +26,10 @@ def batch(
     ] = None,
     cluster: Cluster = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="List the images and what is there of them; compute nothing.")
+        bool, typer.Option("--dry-run", help="List the images and which of them exist; compute nothing.")
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Compute images that take more than ten minutes, too.")
+        bool, typer.Option("--yes", "-y", help="Also compute images that take more than ten minutes.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -58,7 +61,9 @@ def batch(
                     if outcome.status == "failed":
                         console.warn(f"{outcome.name}: {outcome.found['error']}")
         except KeyboardInterrupt:
-            console.say(f"{len(outcomes)} of {len(listed)} images are done; the same command goes on.")
+            console.say(
+                f"{len(outcomes)} of {len(listed)} images are done; run the same command again to continue."
+            )
             raise
     _show(outcomes, folder, as_json)
     failed = [one for one in outcomes if one.status == "failed"]

@@ -24,7 +24,7 @@ class Method(StrEnum):
 
 
 calibrate = typer.Typer(
-    help="Learn where the rig points, when it starts and what its detector adds.",
+    help="Measure where the rig points, its time zero, and the properties of its detector.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -84,7 +84,10 @@ def dark(
     ] = "90ns,120ns,160ns",
     repetition: Annotated[
         str,
-        typer.Option(metavar="FREQUENCY", help="Pulses a second meanwhile, few enough to see afterpulses."),
+        typer.Option(
+            metavar="FREQUENCY",
+            help="Pulses a second during this calibration, few enough to see afterpulses.",
+        ),
     ] = "2MHz",
 ) -> "Routine[Any]":
     """Measure dark counts, ambient light and afterpulses.
@@ -106,11 +109,13 @@ def gate(
     nearest: Annotated[
         str, typer.Option(metavar="LENGTH", help="Distance from the wall of the nearest object to be seen.")
     ] = "50cm",
-    columns: Annotated[int, typer.Option(min=3, max=200, help="Columns; as many rows as fit.")] = 9,
+    columns: Annotated[
+        int, typer.Option(min=3, max=200, help="Number of columns; the number of rows follows.")
+    ] = 9,
     exposure: Annotated[
         str, typer.Option(metavar="TIME", help="Measurement time at each position and delay.")
     ] = "30ms",
-    step: Annotated[str, typer.Option(metavar="TIME", help="Between delays.")] = "200ps",
+    step: Annotated[str, typer.Option(metavar="TIME", help="Step between delays.")] = "200ps",
     before: Annotated[
         str, typer.Option(metavar="TIME", help="How long before the first light the sweep begins.")
     ] = "0.8ns",
@@ -135,7 +140,11 @@ def gate(
 @_routine("dnl")
 def dnl(
     exposure: Annotated[
-        str, typer.Option(metavar="TIME", help="Of the whole measurement; widths become known with its root.")
+        str,
+        typer.Option(
+            metavar="TIME",
+            help="Exposure of the whole measurement; the error of the widths falls with its square root.",
+        ),
     ] = "20s",
 ) -> "Routine[Any]":
     """Measure the widths of the timing instrument's bins with uncorrelated light."""
@@ -150,7 +159,7 @@ def time_zero(
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Use one small target at this place before the wall, e.g. 10cm,-5cm,1m or 1m.",
+            help="Use one small target at this place in front of the wall, e.g. 10cm,-5cm,1m or 1m.",
         ),
     ] = None,
 ) -> "Routine[Any]":
@@ -166,9 +175,9 @@ def time_zero(
 
 @_routine("lag")
 def lag(
-    rows: Annotated[int, typer.Option(min=2, max=1000, help="Rows, passed there and back.")] = 6,
+    rows: Annotated[int, typer.Option(min=2, max=1000, help="Rows, each scanned in both directions.")] = 6,
     point: Annotated[
-        str, typer.Option(metavar="TIME", help="Time of a point: how fast the mirror moves.")
+        str, typer.Option(metavar="TIME", help="Time of a point, which sets the speed of the mirror.")
     ] = "1ms",
 ) -> "Routine[Any]":
     """Measure by how much the mirror trails its command while it moves, from first bounces there and back."""

@@ -77,7 +77,7 @@ def _one_after_the_other(
         try:
             result = calibrated(routine, rig_config, None, keep, yes=yes)
         except RigError as error:
-            left = f"\nNot measured because of it: {', '.join(kinds[number:])}" if kinds[number:] else ""
+            left = f"\nNot measured because of this: {', '.join(kinds[number:])}" if kinds[number:] else ""
             raise type(error)(f"{kind}: {error}{left}") from None
         console.say(f"    {headline(result.calibration)}")
         found[kind] = {

@@ -82,7 +82,7 @@ def calibrated(
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
             raise UsageError(
-                f"--keep {folder}: cannot make this folder ({reason(problem)}); name another"
+                f"--keep {folder}: cannot create this folder ({reason(problem)}); name another"
             ) from None
         with StopRequest(console.announce) as stop, console.Counting(routine.kind) as counting:
             operator = ConsoleOperator(stop, yes=yes)
@@ -102,7 +102,7 @@ def configuration(path: Path | None, seed: int | None) -> "RigConfig":
         return config
     if config.simulation is None:
         raise UsageError(
-            f"--seed is for the simulated rig, and {path} names real devices; leave it out, or use "
+            f"--seed is only for the simulated rig, but {path} has real devices; leave it out, or use "
             f"--config {BUILT_IN}"
         )
     return config.model_copy(update={"simulation": config.simulation.model_copy(update={"seed": seed})})

@@ -47,7 +47,7 @@ def _in_words(stored: "Stored", now: datetime) -> str:
     from rig.model.calibrations.headlines import headline
 
     calibration = stored.calibration
-    verdict = f"good until {calibration.expires:%Y-%m-%d}"
+    verdict = f"valid until {calibration.expires:%Y-%m-%d}"
     if calibration.is_old(now):
         verdict = "OLD, measure again"
     elif calibration.is_from_the_future(now):

@@ -19,21 +19,24 @@ _PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff")
 def compare(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Scans, or files of other labs that need no more to be told."),
+        typer.Argument(
+            metavar="FILE...", help="Scans, or files of other labs that can be read without options."
+        ),
     ],
     truth: Annotated[
         str | None,
         typer.Option(
             metavar="FILE|scene:NAME",
             autocompletion=completing.truths,
-            help="What is really there, as in 'rig measure'. "
-            "[dim]\\[default: what the file holds or names][/dim]",
+            help="The true scene, as in 'rig measure'. [dim]\\[default: from the file][/dim]",
         ),
     ] = None,
     wavelength: Annotated[
         str | None,
         typer.Option(
-            metavar="LENGTH", help="It sets the resolution of all. [dim]\\[default: as 'rig recon'][/dim]"
+            metavar="LENGTH",
+            help="Wavelength, which sets the resolution of all methods. [dim]\\[default: "
+            "as 'rig recon'][/dim]",
         ),
     ] = None,
     depth: Annotated[
@@ -103,19 +106,23 @@ def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path
         return [names(file, {"sheet": "-compare.png"}, force=force)["sheet"] for file in files], None
     if out.suffix.lower() in _PICTURES and not out.is_dir():
         if len(files) > 1:
-            raise UsageError(f"{out} is one sheet, and each of {len(files)} files has its own; name a folder")
+            raise UsageError(
+                f"{out} is one sheet, but each of {len(files)} files needs its own; give a folder"
+            )
         if not out.parent.is_dir():
             raise UsageError(f"cannot write {out}: the folder {out.parent} does not exist; create it first")
         require_free([out], force=force)
         return [out], None
     stems = [file.stem for file in files]
     if twice := {stem for stem in stems if stems.count(stem) > 1}:
-        raise UsageError(f"two files are called {', '.join(twice)}: their sheets would be one; rename one")
+        raise UsageError(
+            f"two files are called {', '.join(twice)}: their sheets would have the same name; rename one"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(
-            f"cannot make the folder {out} ({reason(error)}); name another, or a .png"
+            f"cannot create the folder {out} ({reason(error)}); name another, or a .png"
         ) from error
     sheets = [out / f"{stem}-compare.png" for stem in stems]
     require_free([*sheets, *(path for file in files for path in volumes_of(file, out).values())], force=force)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Yes = Annotated[
     bool,
     typer.Option(
-        "--yes", "-y", rich_help_panel=MEANWHILE, help="Light a real laser without a question before."
+        "--yes", "-y", rich_help_panel=MEANWHILE, help="Switch a real laser on without asking first."
     ),
 ]
 
@@ -46,11 +46,13 @@ def require_consent(config: "RigConfig", *, yes: bool) -> None:
     if yes:
         console.announce(f"This lights {what}.")
     elif sys.stdin.isatty():
-        console.announce(f"This lights {what}. Goggles on, doors closed, nobody in the beam's way?")
+        console.announce(f"This lights {what}. Goggles on, doors closed, nobody in the path of the beam?")
         if not Confirm.ask("Light it", console=console.err, default=False):
-            raise RefusedError("the laser was not lit, as you said")
+            raise RefusedError("the laser was not switched on, as you answered")
     else:
-        console.announce(f"This lights {what} in {COUNTDOWN_S} s; Ctrl-C prevents it, --yes does not wait.")
+        console.announce(
+            f"This lights {what} in {COUNTDOWN_S} s; Ctrl-C prevents it; with --yes there is no wait."
+        )
         for left in range(COUNTDOWN_S, 0, -1):
             console.announce(f"{left} ...")
             time.sleep(1.0)

@@ -33,7 +33,7 @@ def probe(
             "--out",
             "-o",
             metavar="FOLDER",
-            help="For the transcripts. [dim]\\[default: probe-DATE-TIME][/dim]",
+            help="Folder for the transcripts. [dim]\\[default: probe-DATE-TIME][/dim]",
         ),
     ] = None,
     as_json: AsJson = False,

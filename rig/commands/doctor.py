@@ -13,7 +13,10 @@ def doctor(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="Where scans shall go. [dim]\\[default: here][/dim]"
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="Folder where scans will be written. [dim]\\[default: here][/dim]",
         ),
     ] = Path(),
     as_json: AsJson = False,
@@ -30,7 +33,7 @@ def doctor(
     from rig.setup.doctor import examine
 
     if not out.is_dir():
-        raise UsageError(f"{out} is no folder: make it first, or give another --out")
+        raise UsageError(f"{out} is not a folder: create it first, or give another --out")
     found = examine(load(config) if config else built_in(), out)
     if as_json:
         console.print_json(

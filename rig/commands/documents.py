@@ -24,17 +24,17 @@ class Part(BaseModel):
 
 
 class Document(Part):
-    """A document as it stands on stdout."""
+    """A document on stdout."""
 
     schema_version: Literal[1]
     """The version of the document's keys."""
 
 
 class Failure(Document):
-    """What every verb prints in place of its document when it fails."""
+    """What every verb prints instead of its document when it fails."""
 
     error: str
-    """What failed, and what to do about it; the sentences that stderr has."""
+    """What failed, and what to do about it; the same sentences as on stderr."""
     exit_code: int
     """The exit code of the program."""
 
@@ -45,7 +45,7 @@ class Light(Part):
     emitting: bool
     """Whether it emits, as far as could be read back."""
     read_back: str | None
-    """When that was, UTC."""
+    """Time of that read-back, UTC."""
 
 
 class Measured(Document):
@@ -59,26 +59,26 @@ class Measured(Document):
     positions: int
     """Steps that are measured, all frames together."""
     photons: int
-    """Of the whole scan."""
+    """Photons of the whole scan."""
     live_time_s: float
-    """For how long photons were counted, of the whole scan."""
+    """Time in which photons were counted, of the whole scan."""
     photons_now: int
-    """Of this run alone; a resumed scan had some before."""
+    """Photons of this run only; a resumed scan had some before."""
     took_s: float
     """Duration of this run."""
     laser: Light | None
-    """None where no laser was opened."""
+    """State of the laser; None if no laser was opened."""
     unverified: list[str]
-    """What a person has set and no program can check, as sentences."""
+    """Settings by hand that no program can check, as sentences."""
     sentence: str
-    """All of it in short, as a message has it."""
+    """A summary, as in a message at the end of the scan."""
 
 
 class AlignedPeak(Part):
     """The highest peak of the histogram."""
 
     time_s: float
-    """After the sync pulse."""
+    """Time after the sync pulse."""
     width_s: float | None
     """Full width at half maximum."""
 
@@ -105,7 +105,7 @@ class Aligned(Document):
     dark_hz: float | None
     """The rate without light."""
     background_hz: float | None
-    """The rate beside the peak, within the gate."""
+    """The rate outside the peak, within the gate."""
     peak: AlignedPeak | None
     took_s: float
     laser: Light | None
@@ -127,18 +127,18 @@ class Planned(Document):
     """Positions that are measured after each round of a progressive order."""
     exposure_total_s: float
     duration_s: float
-    """On hardware, with settling, turning and loading."""
+    """Estimated duration on hardware, with settling, turning and loading."""
     sweeps: int
     loading_s: float
     """Time in which positions are loaded into the mirror."""
     bytes_in_memory: int
     bytes_on_disk: int
-    """About; counts are compressed."""
+    """Estimated size; counts are compressed."""
     mirror_angle_deg: tuple[float, float]
-    """Largest angles that are asked of the mirror, in x and y."""
+    """Largest mirror angles that the scan needs, in x and y."""
     mirror_limit_deg: tuple[float, float]
     calibrations: list[str]
-    """Kinds that would be used."""
+    """Kinds of calibrations that would be used."""
     unverified: list[str]
 
 
@@ -146,29 +146,29 @@ class Presets(Document):
     """`rig scan --preset list`."""
 
     presets: dict[str, str]
-    """What each is, by its name."""
+    """Description of each preset, by its name."""
 
 
 class _Image(Document):
-    """An image; beside these keys it has its parameters, as a volume file keeps them."""
+    """An image; it also has the parameters of the image, as a volume file keeps them."""
 
     model_config = ConfigDict(extra="allow")
 
     scan: str
     """The scan file that was imaged."""
     scan_digest: str
-    """Its SHA-256."""
+    """SHA-256 of the scan file."""
     positions: int
     voxels: tuple[int, int, int]
-    """Along x, y and z."""
+    """Numbers of voxels along x, y and z."""
     wavelength_reason: str | None = None
-    """Why this wavelength."""
+    """Reason for this wavelength."""
     warnings: list[str]
     took_s: float
 
 
 class Imaged(_Image):
-    """`rig recon`; beside these it has the parameters of the image, as the volume file keeps them."""
+    """`rig recon`; it also has the parameters of the image, as the volume file keeps them."""
 
     volume: str
     """The volume file."""
@@ -176,41 +176,42 @@ class Imaged(_Image):
     video: str | None = None
     page: str | None = None
     frames: int | None = None
-    """Moments of a video."""
+    """Number of moments of a video."""
 
 
 class Previewed(_Image):
-    """`rig recon --preview`: a picture alone; beside these it has the parameters of the image."""
+    """`rig recon --preview`: only a picture; it also has the parameters of the image."""
 
     picture: str
     read_s: float
-    """How long the scan was read; 0 where what was read before was still there."""
+    """Duration of reading the scan; 0 where a copy that was kept is used."""
 
 
 class Forecast(Document):
-    """`rig recon --dry-run`: what an image would take; of some solvers the voxels alone."""
+    """`rig recon --dry-run`: what an image would need; for some solvers only the voxels."""
 
     scan: str
     voxels: tuple[int, int, int]
-    """Along x, y and z."""
+    """Numbers of voxels along x, y and z."""
     cores: int
     images_at_most: int
-    """So many are made where photons are too few for the wavelength that the program chose."""
+    """Largest number of images that are made, if there are too few photons for the wavelength that the
+    program chose."""
     positions: int | None = None
     frequencies: int | None = None
-    """Of a depth block, at most."""
+    """Largest number of frequencies of a depth block."""
     pairs: int | None = None
-    """Of plane and frequency."""
+    """Number of pairs of plane and frequency."""
     by_fft: bool | None = None
     waves_s: float | None = None
-    """Time of one core of a usual machine for waves, and then for the record and for the voxels."""
+    """Time on one core of a usual machine for the waves, then for the record, then for the voxels."""
     record_s: float | None = None
     voxels_s: float | None = None
     spectra_bytes: int | None = None
     memory_bytes: int | None = None
-    """What is quickest takes so much."""
+    """Memory of the quickest way."""
     least_bytes: int | None = None
-    """The least bound on memory that is possible."""
+    """The smallest possible limit of memory."""
     processor_s: float | None = None
     """Estimated processor time of one image on this computer."""
     clock_s: float | None = None
@@ -218,7 +219,7 @@ class Forecast(Document):
 
 
 class BatchImage(Part):
-    """An image of a batch; beside these, what `rig recon` says of it, or its error and exit code."""
+    """An image of a batch; it also has what `rig recon` reports of it, or its error and exit code."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -232,7 +233,7 @@ class Batch(Document):
     """`rig batch`."""
 
     folder: str
-    """Where the results are."""
+    """Folder of the results."""
     images: list[BatchImage]
 
 
@@ -243,12 +244,12 @@ class Rendered(Document):
     positions: int
     bins: int
     expected: float
-    """Photons that would be counted on average, over all positions."""
+    """Mean number of photons that would be counted, over all positions."""
     took_s: float
 
 
 class Served(Document):
-    """`rig sim serve`, when everything is ready; beside these, the address of each device, or None."""
+    """`rig sim serve`, when everything is ready; it also has the address of each device, or None."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -265,7 +266,7 @@ class Version(Document):
     """`rig version`."""
 
     version: str
-    """Of the program."""
+    """Version of the program."""
 
 
 class Watched(Document):
@@ -287,7 +288,7 @@ class Imported(Document):
     bins: int
     time_origin: Literal["wall", "laser"]
     assumed: list[str]
-    """What the file did not say and was taken for granted, as sentences."""
+    """What the file did not contain and was assumed, as sentences."""
 
 
 class Exported(Document):
@@ -303,10 +304,10 @@ class Counted(Part):
 
     file: str
     from_s: float
-    """Bins that begin earlier, in rectified time, are left out."""
+    """Bins that start earlier, in rectified time, are not counted."""
     positions: int
     bins: int
-    """Of all positions together."""
+    """Number of bins of all positions together."""
     photons: float
     per_bin: float
     largest: float
@@ -344,19 +345,19 @@ class KnownCalibration(Part):
 
     kind: str
     found: str
-    """What it found, in words."""
+    """Its result, in words."""
     created: str
     expires: str
     age_days: float
-    """At the time of the scan."""
+    """Its age at the time of the scan."""
     was_good: bool
-    """Whether it was not too old then."""
+    """Whether it was valid then."""
     rig: str
     simulated: bool
 
 
 class ScanTold(Part):
-    """What a scan file says beside its photons."""
+    """What a scan file holds in addition to its photons."""
 
     kind: Literal["scan"]
     file: str
@@ -376,7 +377,7 @@ class ScanTold(Part):
     frames: int
     live_time_s: float
     photons: int | None
-    """None where they were not added up, or where the file has expectations."""
+    """Number of photons; None if they were not added up, or if the file has expectation values."""
     warnings: list[str]
     calibrations: list[KnownCalibration]
     notes: dict[str, str]
@@ -388,9 +389,9 @@ class ScanInfo(Document, ScanTold):
     """`rig info` of a scan."""
 
     doubts: list[str]
-    """What speaks against the file, as sentences."""
+    """Doubts about the file, as sentences."""
     sha256: str | None
-    """None of a scan that is being written."""
+    """SHA-256 of the file; None for a scan that is being written."""
 
 
 class VolumeInfo(Document):
@@ -408,9 +409,9 @@ class VolumeInfo(Document):
     y_m: tuple[float, float]
     z_m: tuple[float, float]
     frames: int | None
-    """None of an image without a time axis."""
+    """Number of frames; None for an image without a time axis."""
     parameters: dict[str, Any]
-    """With what it was made."""
+    """Parameters with which it was made."""
     command: str | None
     sha256: str
 
@@ -430,7 +431,7 @@ class CalibrationInfo(Document):
     rig: str
     simulated: bool
     devices: dict[str, str]
-    """To which devices it belongs, by what they say of themselves."""
+    """The devices that it belongs to, by their identity."""
     measured_from: list[str]
     warnings: list[str]
     digest: str
@@ -478,7 +479,7 @@ class Listed(Document):
 
     folder: str
     scans: list[ScanTold]
-    """The newest last."""
+    """The scans, the newest last."""
     damaged: list[Damaged]
     sheet: str | None
 
@@ -490,7 +491,7 @@ class Reported(Document):
     scan: str
     volume: str | None
     doubts: list[str]
-    """What speaks against the image or the scan, as sentences."""
+    """Doubts about the image or the scan, as sentences."""
 
 
 class Peak(Part):
@@ -503,17 +504,17 @@ class Peak(Part):
 
 
 class Width(Part):
-    """How wide the brightest point is along an axis; None where it does not fall so far within the volume."""
+    """Width of the brightest point along an axis; None if the point reaches beyond the volume."""
 
     peak_m: float | None
     fwhm_m: float | None
     first_minimum_m: float | None
     theory: dict[str, float]
-    """What diffraction says, where wavelength and aperture are known."""
+    """Width by the theory of diffraction, if wavelength and aperture are known."""
 
 
 class Aside(Part):
-    """By how much the seen shape lies beside the true one; None where it cannot be said."""
+    """Displacement of the seen shape from the true one; None if it cannot be determined."""
 
     x_m: float | None
     y_m: float | None
@@ -534,10 +535,10 @@ class MeasuredImage(Document):
     """Power of depth that intensity is multiplied by, except for the widths."""
     pixels_seen: int
     overlap: float | None = None
-    """Intersection over union of what is seen and what is there."""
+    """Intersection over union of the seen and the true shape."""
     displacement: Aside | None = None
     depth: dict[str, float | int | None] | None = None
-    """Errors of depth over the pixels that are seen and there."""
+    """Errors of depth over the pixels that belong to both shapes."""
 
 
 class Method(Part):
@@ -548,7 +549,7 @@ class Method(Part):
     method: str
     applies: bool
     reason: str | None = None
-    """Why it does not apply."""
+    """Reason why it does not apply."""
     approximate: bool | None = None
     """Whether the data had to be converted for it."""
     notes: list[str] | None = None
@@ -565,7 +566,7 @@ class ComparedCapture(Part):
     wavelength_reason: str
     cycles: float
     low_pass_fwhm_s: float
-    """What the record of all but the phasor field is convolved with."""
+    """Width of the pulse with which the record of all methods except the phasor field is convolved."""
     voxels: tuple[int, int, int]
     depth_m: tuple[float, float]
     methods: list[Method]
@@ -581,23 +582,23 @@ class Finding(Part):
     """The result of one check."""
 
     check: str
-    """The check that it is of."""
+    """Name of the check."""
     what: str
-    """What was looked at."""
+    """What was checked."""
     verdict: Literal["ok", "warning", "missing", "optional"]
     found: str
-    """What is there."""
+    """What was found."""
     remedy: str
-    """What to do; empty where nothing is to be done."""
+    """What to do; empty if nothing must be done."""
 
 
 class Examined(Document):
     """`rig doctor`."""
 
     headline: str
-    """All of it in a line."""
+    """The result in one line."""
     missing: int
-    """How many things are missing that this rig needs."""
+    """Number of missing things that this rig needs."""
     warnings: int
     findings: list[Finding]
 
@@ -607,10 +608,10 @@ class Connected(Part):
 
     address: str
     said: str
-    """What it says of itself."""
+    """Its identity, as it reports it."""
     way: Literal["serial", "usb", "daq", "library"]
     guess: tuple[str, str] | None
-    """Role and kind that it may be."""
+    """Role and kind that it may have."""
 
 
 class Initialised(Document):
@@ -628,11 +629,11 @@ class ConfigValue(Part):
     """A value of a configuration."""
 
     key: str
-    """With its section."""
+    """Name of the key, with its section."""
     text: str
-    """As TOML has it; empty where it is not set."""
+    """The value as TOML; empty if it is not set."""
     origin: str
-    """The file that says it, or `default`."""
+    """The file that sets it, or `default`."""
 
 
 class ConfigShown(Document):
@@ -648,11 +649,11 @@ class Guard(Part):
     rig: str
     laser: str
     guard: int
-    """Its process."""
+    """Number of its process."""
 
 
 class Trip(Part):
-    """Light that was lost, and nobody has acknowledged it."""
+    """Light that was lost, which no person has acknowledged yet."""
 
     rig: str
     when: str
@@ -667,12 +668,12 @@ class LightStatus(Document):
 
 
 class Darkened(Part):
-    """A laser that was to be put out."""
+    """A laser that had to be switched off."""
 
     rig: str
     laser: str
     dark: bool
-    """Whether it said so itself, twice."""
+    """Whether the laser itself reported twice that it is dark."""
 
 
 class LightOff(Document):
@@ -692,14 +693,14 @@ class Asked(Part):
 
 
 class Fact(Part):
-    """What became of something that is believed of a device."""
+    """Result of checking a fact about a device."""
 
     fact: str
     device: str
     kind: str
     believed: str
     settled_by: str
-    """The question that settles it."""
+    """The question that decides it."""
     verdict: Literal["confirmed", "contradicted", "not seen"]
     came: str
     """What the device answered."""

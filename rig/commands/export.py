@@ -18,7 +18,10 @@ def export(
     ],
     rectified: Annotated[
         bool,
-        typer.Option("--rectified", help="Time begins when the pulse is on the wall, for all positions."),
+        typer.Option(
+            "--rectified",
+            help="Store rectified time: zero is when the pulse is on the wall, for all positions.",
+        ),
     ] = False,
     force: Force = False,
     as_json: AsJson = False,
@@ -53,5 +56,5 @@ def export(
     else:
         facts = {"layout": layout, "size": show_bytes(size_bytes)}
         if rectified:
-            facts["time"] = "begins when the pulse is on the wall; what came before is left out"
+            facts["time"] = "starts when the pulse is on the wall; earlier counts are left out"
         console.print_facts(str(target), facts)

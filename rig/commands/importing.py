@@ -13,19 +13,19 @@ def import_(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A file from another lab or program.")],
     target: Annotated[Path, typer.Argument(metavar="SCAN.h5", help="The scan file to write.")],
     bin_width: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Width of a bin, where the file does not say.")
+        str | None, typer.Option(metavar="TIME", help="Width of a bin, if the file does not contain it.")
     ] = None,
     wall_size: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Side of the scanned square, where the file does not say."),
+        typer.Option(metavar="LENGTH", help="Side of the scanned square, if the file does not contain it."),
     ] = None,
     time_origin: Annotated[
         str | None,
-        typer.Option(metavar="wall|laser", help="What time zero is, where the file does not say."),
+        typer.Option(metavar="wall|laser", help="What time zero is, if the file does not contain it."),
     ] = None,
     fade_from: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="The record holds the wall's own light before this time."),
+        typer.Option(metavar="TIME", help="Time before which the record holds light of the wall itself."),
     ] = None,
     tof: Annotated[
         Path | None,
@@ -42,20 +42,20 @@ def import_(
     ] = None,
     depth_pitch: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="Length of one depth index, where the wall is not flat."),
+        typer.Option(metavar="LENGTH", help="Length of one depth index, if the wall is not flat."),
     ] = None,
     grid: Annotated[
         str | None,
-        typer.Option(metavar="COLSxROWS", help="Points of the scan, where the file holds photons alone."),
+        typer.Option(metavar="COLSxROWS", help="Points of the scan, if the file holds only photons."),
     ] = None,
     spacing: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="From one spot of that grid to the next.")
+        str | None, typer.Option(metavar="LENGTH", help="Distance between the spots of that grid.")
     ] = None,
     order: Annotated[
         str | None,
         typer.Option(
             metavar="AXIS,AXIS",
-            help="Along a line, then from line to line: x,y or, against an axis, -y,x. "
+            help="Direction along a line, then from line to line: x,y or, against an axis, -y,x. "
             "[dim]\\[default: x,y][/dim]",
         ),
     ] = None,
@@ -65,20 +65,20 @@ def import_(
         typer.Option(metavar="confocal|X,Y", help="Where the detector looks, e.g. 10cm,0cm."),
     ] = None,
     places: Annotated[
-        Path | None, typer.Option(metavar="SCAN.h5", help="Places of this scan, in place of --grid.")
+        Path | None, typer.Option(metavar="SCAN.h5", help="Use the positions of this scan instead of --grid.")
     ] = None,
     point_marker: Annotated[
-        int | None, typer.Option(metavar="1-4", help="The marker at which a point begins.")
+        int | None, typer.Option(metavar="1-4", help="Number of the marker at which a point starts.")
     ] = None,
     line_marker: Annotated[
-        int | None, typer.Option(metavar="1-4", help="The marker at which a line begins.")
+        int | None, typer.Option(metavar="1-4", help="Number of the marker at which a line starts.")
     ] = None,
     time_zero: Annotated[
         str | None,
         typer.Option(metavar="TIME", help="When the pulse is on the wall, in the instrument's time."),
     ] = None,
     input_: Annotated[
-        int | None, typer.Option("--input", metavar="N", help="The instrument's input, from 0.")
+        int | None, typer.Option("--input", metavar="N", help="Input of the instrument, counted from 0.")
     ] = None,
     estimate: Annotated[
         str | None,
@@ -159,7 +159,7 @@ def _numbers(text: str) -> tuple[int, ...]:
 
     parts = text.split(",")
     if not all(part.strip().isdecimal() for part in parts):
-        raise UsageError(f"'{text}' is no list of bounces; write numbers from 1, e.g. --bounces 2,3")
+        raise UsageError(f"'{text}' is not a list of bounces; write numbers from 1, e.g. --bounces 2,3")
     return tuple(int(part) for part in parts)
 
 

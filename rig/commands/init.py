@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 #: First lines of what is written.
 _HEAD = (
-    "Written by rig init. A line '# key = value' has the default; take the sign away to change it. "
+    "Written by rig init. A line '# key = value' has the default; remove the '#' to change it. "
     "Quantities are text with a unit. Positions are in the relay wall's frame: origin at the wall's centre, "
     "x to the right and y up for one who faces the wall, z out of the wall towards the hardware."
 )
@@ -31,7 +31,8 @@ def init(
     answers: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Answers, written as a configuration; defaults for the rest, no questions."
+            metavar="FILE",
+            help="A configuration file with your answers; the rest gets defaults. No questions.",
         ),
     ] = None,
     defaults: Annotated[
@@ -58,7 +59,9 @@ def init(
     from rig.setup.fitting import refused, within_reach
 
     if defaults and answers:
-        raise UsageError("--defaults writes the built-in rig, --answers one of yours: leave one of them out")
+        raise UsageError(
+            "--defaults writes the built-in rig, --answers one with your answers: leave one of them out"
+        )
     require_free([out])
     found: list[Connected] = []
     if not answers and not defaults:
@@ -70,7 +73,7 @@ def init(
     wrong = refused(rig, out.parent)
     _write(rig, out)
     if wrong:
-        console.warn(f"a dry run refuses this rig: {wrong}. Mend it in {out}")
+        console.warn(f"a dry run refuses this rig: {wrong}. Correct it in {out}")
     if rig.laser.fraction_of_full == 0:
         console.announce(
             f"The laser's power is the lowest, 0: set it in {out} when the rig is ready for light."
@@ -111,7 +114,7 @@ def _simulated_will_do(something: bool) -> bool:
 def _show(found: "Sequence[Connected]") -> None:
     from rig.commands import console
 
-    console.announce("Connected, as far as it can be seen without asking:")
+    console.announce("Connected devices, found without sending anything:")
     for one in found:
         console.announce(f"  {one.way}: {one.address} ({one.said})")
     if not found:
@@ -144,7 +147,8 @@ def _line(words: str) -> str:
     if not given.endswith("\n"):
         console.announce("")
         raise UsageError(
-            f"nobody answered: '{words}'. Nothing was written. Without questions: --answers FILE, --defaults"
+            f"there was no answer to: '{words}'. Nothing was written. Without questions: --answers FILE, "
+            "--defaults"
         )
     return given
 
@@ -182,7 +186,9 @@ def _offer_questions(rig: "RigConfig") -> None:
     from rig.errors import UsageError
 
     try:
-        agreed = _yes("Ask these devices now who they are? Nothing moves, emits or is set.", usually=False)
+        agreed = _yes(
+            "Ask these devices for their identity now? Nothing moves, emits or is set.", usually=False
+        )
     except UsageError:  # the file is written, and there are no more lines
         return
     if agreed:

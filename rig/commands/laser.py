@@ -46,7 +46,9 @@ def off(config: ThisRig = None, as_json: AsJson = False) -> None:
             if one["dark"]:
                 console.announce(f"{one['rig']}: the laser at {one['laser']} is dark.")
         if not done:
-            console.announce("No program here has a laser in its hands. To reach one anyway: --config FILE")
+            console.announce(
+                "No program on this computer controls a laser. To switch one off anyway: --config FILE"
+            )
     if still := [str(one["laser"]) for one in done if not one["dark"]]:
         raise RefusedError(
             f"treat the laser at {', '.join(still)} as EMITTING: turn its key off by hand, now"
@@ -105,7 +107,7 @@ def status(as_json: AsJson = False) -> None:
     for trip in open_trips:
         console.announce(f"{trip['rig']}: trip at {trip['when']}, not acknowledged: {trip['reason']}")
     if not guards and not open_trips:
-        console.announce("No program on this computer has a laser in its hands, and no trip is open.")
+        console.announce("No program on this computer controls a laser, and no trip is open.")
 
 
 @laser.command("acknowledge")
@@ -132,10 +134,7 @@ def acknowledge(
         raise UsageError("a trip is acknowledged by a person at a terminal, not by a script")
     word = "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz") for _ in range(5))
     console.announce(f"Trip of {trip.rig} at {trip.when}: {trip.reason}")
-    if (
-        Prompt.ask(f"You have looked at the rig, and it is in order. Type {word}", console=console.err)
-        != word
-    ):
-        raise RefusedError("that was another word: the trip stays open")
+    if Prompt.ask(f"You have checked the rig, and it is in order. Type {word}", console=console.err) != word:
+        raise RefusedError("that was a different word: the trip stays open")
     forget_trip(rig)
-    console.announce("Acknowledged: the rig may be lit again.")
+    console.announce("Acknowledged: the laser may be switched on again.")

@@ -10,11 +10,11 @@ from rig.commands.results import Force, require_free, told_if_stopped
 
 
 def list_(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the scans are.")] = Path(),
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the scans.")] = Path(),
     sheet: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.png", help="Draw them, too: counts over the wall, and the image where there is one."
+            metavar="FILE.png", help="Also draw them: counts over the wall, and the image if there is one."
         ),
     ] = None,
     force: Force = False,

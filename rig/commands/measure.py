@@ -16,7 +16,7 @@ def measure(
         typer.Option(
             metavar="FILE|scene:NAME",
             autocompletion=completing.truths,
-            help="What is really there: a depth map (.npz, or HDF5 with the group truth), another volume, "
+            help="The true scene: a depth map (.npz, or HDF5 with the group truth), another volume, "
             "a mesh (.obj, .ply, .stl), a simulated scan, or a scene of the simulator.",
         ),
     ] = None,
@@ -33,7 +33,8 @@ def measure(
         typer.Option(
             min=0,
             max=1,
-            help="Part of the greatest intensity that a pixel needs. [dim]\\[default: as imaged][/dim]",
+            help="Fraction of the greatest intensity above which a pixel counts. [dim]\\[default: "
+            "as imaged][/dim]",
         ),
     ] = None,
     falloff: Annotated[

@@ -78,7 +78,7 @@ def _run(words: list[str], longest_s: float) -> str:
                 code = process.wait(longest_s)
             except subprocess.TimeoutExpired:
                 _kill(process)
-                return f"it had not ended after {longest_s:g} s, and was ended"
+                return f"it still ran after {longest_s:g} s, and was stopped"
             said.seek(0)
             last = said.read().decode("utf-8", "replace").strip()[-MOST_SAID:]
     except OSError as problem:

@@ -53,13 +53,13 @@ class ConsoleOperator:
             return self._answered_by_option(wanted, meanwhile)
         stop = (lambda: False) if wanted.urgent else self._stop
         while True:
-            said = _ask(f"{wanted.words}. Done? (y/n)", meanwhile, stop, "--yes answers for scripts")
+            said = _ask(f"{wanted.words}. Done? (y/n)", meanwhile, stop, "--yes answers in scripts")
             if said is None:
                 return f"seen by the program at {_now()}"
             if said.strip().lower() in ("y", "yes"):
                 return f"a person, at {_now()}"
             if said.strip().lower() in ("n", "no"):
-                raise RefusedError(f"you said no to this: {wanted.words}")
+                raise RefusedError(f"you answered no to this: {wanted.words}")
 
     def tell(self, words: str) -> None:
         """Tell the person something that must not be missed."""
@@ -67,14 +67,14 @@ class ConsoleOperator:
 
     def _answered_by_option(self, wanted: Request, meanwhile: Callable[[], bool]) -> str:
         if not wanted.urgent:
-            console.announce(f"{wanted.words}: taken as done (--yes).")
-            return f"--yes, at {_now()}, and no person"
+            console.announce(f"{wanted.words}: assumed to be done (--yes).")
+            return f"--yes, at {_now()}, not by a person"
         until_s = time.monotonic() + SILENCE_S
         while time.monotonic() < until_s:
             if meanwhile():
                 return f"seen by the program at {_now()}"
             time.sleep(0.1)
-        raise UsageError(f"nobody was asked for this (--yes): {wanted.words}")
+        raise UsageError(f"no person was asked about this (--yes): {wanted.words}")
 
     def prepare(self, preparation: Preparation) -> None:
         """Ask for a preparation, unless it was the last that was asked for; at first all is as for a scan.
@@ -91,11 +91,12 @@ class ConsoleOperator:
     def show_board(self, board: Board, mark_m: tuple[float, float] | None) -> None:
         """Ask for the board to be held somewhere."""
         what = f"board of {board.columns} x {board.rows} inner corners at {show_length(board.square_m)}"
-        where = "freely before the cameras, tilted, in another place than before, and hold it still"
+        where = "freely in front of the cameras, tilted, at a new place, and keep it still"
         if mark_m is not None:
             where = (
-                "flat on the wall: the first inner corner (the one in the lower left, the square right and "
-                f"up of it black) at x = {show_length(mark_m[0])}, y = {show_length(mark_m[1])}, the columns "
+                "flat on the wall: the first inner corner (the lower left one, "
+                f"with a black square to the right of it and above it) at x = {show_length(mark_m[0])}, "
+                f"y = {show_length(mark_m[1])}, the columns "
                 "along x"
             )
         _ask(f"Hold the {what} {where}. Then press Enter", stop=self._stop)
@@ -129,7 +130,7 @@ def _ask(
     """Return what the person types; None if ``meanwhile``, called until then, returns True. It may raise."""
     hint = f"Run this in a terminal{', or ' if otherwise else ''}{otherwise}"
     if not sys.stdin.isatty():
-        raise UsageError(f"somebody has to be at the rig: '{question}'. {hint}")
+        raise UsageError(f"a person must be at the rig: '{question}'. {hint}")
     typed: list[str] = []
 
     def ask() -> None:
@@ -146,7 +147,7 @@ def _ask(
                 raise InterruptedScanError(f"stopped at the question '{question}'")
             person.join(0.1)
     if not typed:
-        raise UsageError(f"nobody answered: '{question}'. {hint}")
+        raise UsageError(f"there was no answer to: '{question}'. {hint}")
     return typed[0]
 
 

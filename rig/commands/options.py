@@ -58,7 +58,10 @@ def usual_configuration() -> "RigConfig | None":
 def _say_variable(path: Path) -> None:
     from rig.commands import console
 
-    console.say(f"Configuration: {path} (named by {VARIABLE}; --config FILE, or {BUILT_IN}, for another one)")
+    console.say(
+        f"Configuration: {path} (named by {VARIABLE}; use --config FILE or --config {BUILT_IN} for "
+        "another one)"
+    )
 
 
 Config = Annotated[
@@ -111,16 +114,16 @@ Frames = Annotated[
     str | None,
     typer.Option(
         metavar=f"N|{UNTIL_STOPPED}",
-        help="How often the whole grid is scanned, for a video; or frame after frame until Ctrl-C, or a RULE "
-        "of --until. [dim]\\[default: 1][/dim]",
+        help="How often the whole grid is scanned, for a video; or one frame after the other until "
+        "Ctrl-C or a RULE of --until. [dim]\\[default: 1][/dim]",
     ),
 ]
 Until = Annotated[
     str | None,
     typer.Option(
         metavar="RULE",
-        help="End when the picture stays as it is ('likeness 0.99'), is clear ('contrast 30'), or after "
-        "'time 60s'; rig resume goes on.",
+        help="End when the picture no longer changes ('likeness 0.99'), is clear ('contrast 30'), "
+        "or after 'time 60s'; rig resume continues.",
     ),
 ]
 Seed = Annotated[
@@ -150,7 +153,7 @@ Ptu = Annotated[
     typer.Option(
         "--ptu",
         rich_help_panel=RESULTS,
-        help="Keep the timing instrument's records, too, in SCAN.ptu; only a continuous scan has them.",
+        help="Also keep the timing instrument's records in SCAN.ptu; only for continuous scans.",
     ),
 ]
 Operator = Annotated[
@@ -166,9 +169,7 @@ Purpose = Annotated[
     str | None,
     typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What the scan is for; rig list shows it."),
 ]
-Note = Annotated[
-    str | None, typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="What else is worth keeping.")
-]
+Note = Annotated[str | None, typer.Option(rich_help_panel=NOTES, metavar="TEXT", help="Other notes.")]
 Cluster = Annotated[
     str | None,
     typer.Option(

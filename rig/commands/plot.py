@@ -57,7 +57,7 @@ def _figure(files: list[Path]) -> "Figure":
 
     volumes = [path for path in files if is_volume(path)]
     if volumes and len(files) > 1:
-        raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot volumes one by one")
+        raise UsageError(f"{volumes[0]} is a volume: only scans are compared; plot each volume alone")
     if volumes:
         return volume_figure(read_volume(files[0]), printable(files[0].name))
     if len(files) == 1:

@@ -58,7 +58,8 @@ def recon(
     wavelength: Annotated[
         str | None,
         typer.Option(
-            metavar="LENGTH", help="Of the virtual wave. [dim]\\[default: by spacing and response][/dim]"
+            metavar="LENGTH",
+            help="Wavelength of the virtual wave. [dim]\\[default: by spacing and response][/dim]",
         ),
     ] = None,
     cycles: Annotated[
@@ -111,7 +112,7 @@ def recon(
         float | None,
         typer.Option(
             metavar="RATIO",
-            help=f"Signal to noise power, for {_WITH_SNR} only. [dim]\\[default: 0.8][/dim]",
+            help=f"Ratio of signal to noise power, for {_WITH_SNR} only. [dim]\\[default: 0.8][/dim]",
         ),
     ] = None,
     memory: Annotated[
@@ -119,12 +120,12 @@ def recon(
         typer.Option(
             rich_help_panel=COMPUTER,
             metavar="BYTES",
-            help=f"Most memory for imaging, e.g. 2GB, for {_BOUNDED}. "
-            "[dim]\\[default: what is quickest][/dim]",
+            help=f"Largest memory for imaging, e.g. 2GB, for {_BOUNDED}. "
+            "[dim]\\[default: for the quickest way][/dim]",
         ),
     ] = None,
     device: Annotated[
-        Device, typer.Option(rich_help_panel=COMPUTER, help="Where the rsd solver computes images.")
+        Device, typer.Option(rich_help_panel=COMPUTER, help="Device on which the rsd solver computes.")
     ] = Device.CPU,
     cluster: Cluster = None,
     calibrations: Annotated[
@@ -132,7 +133,7 @@ def recon(
         typer.Option(
             rich_help_panel=LIGHT,
             metavar="FOLDER",
-            help="Use the newest calibrations of this folder instead of those that the scan was taken with.",
+            help="Use the newest calibrations of this folder instead of those that the scan used.",
         ),
     ] = None,
     even_bins: Annotated[
@@ -154,7 +155,7 @@ def recon(
         typer.Option(
             "--each-frame",
             rich_help_panel=VIDEO,
-            help="Image each frame of a scan by itself: a moving object.",
+            help="Image each frame of a scan separately: for a moving object.",
         ),
     ] = False,
     fresh_to: Annotated[
@@ -162,20 +163,21 @@ def recon(
         typer.Option(
             rich_help_panel=VIDEO,
             metavar="DEPTH",
-            help="Average frames, one for each time that a voxel is so deep. [dim]\\[default: never][/dim]",
+            help="Average frames: one frame more for each time that a voxel is this deep. "
+            "[dim]\\[default: never][/dim]",
         ),
     ] = None,
     relight: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Light one hidden point alone, e.g. 10cm,0cm,1m: of exhaustive captures.",
+            help="Light only one hidden point, e.g. 10cm,0cm,1m; for exhaustive captures.",
         ),
     ] = None,
     over: Annotated[
         Over | None,
         typer.Option(
-            rich_help_panel=VIDEO, help="What a video shows of all depths. [dim]\\[default: surface][/dim]"
+            rich_help_panel=VIDEO, help="What a video shows of the depths. [dim]\\[default: surface][/dim]"
         ),
     ] = None,
     all_depths: Annotated[
@@ -211,22 +213,23 @@ def recon(
         typer.Option(
             rich_help_panel=RESULTS,
             metavar="FILE.html",
-            help="A web page on which the volume is turned by hand.",
+            help="A web page with the volume in 3-D, which can be turned by hand.",
         ),
     ] = None,
     preview: Annotated[
         bool,
         typer.Option(
             "--preview",
-            help="A quick, coarse picture to try wavelength and depth: SCAN-preview.png, which is replaced "
-            "each time, and no volume. What was read is kept for the next one.",
+            help="A quick, coarse picture to try wavelength and depth: SCAN-preview.png, "
+            "which is replaced each time; no volume is written. The next preview is quicker.",
         ),
     ] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what it would take: voxels, memory, time; compute nothing.")
+        bool,
+        typer.Option("--dry-run", help="Show what it would need: voxels, memory, time; compute nothing."),
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Compute what takes more than ten minutes, too.")
+        bool, typer.Option("--yes", "-y", help="Also compute images that take more than ten minutes.")
     ] = False,
     force: Force = False,
     as_json: AsJson = False,
@@ -314,7 +317,7 @@ def _preview(
     from rig.show.volume import check_picture
 
     if given := [option for option, path in others.items() if path is not None]:
-        raise UsageError(f"a preview is a picture alone: leave {' and '.join(given)} out, or --preview")
+        raise UsageError(f"a preview is only a picture: leave {' and '.join(given)} out, or --preview")
     # the one result that is replaced unasked: its own name says that it is no result
     files = names(scan, {"picture": "-preview.png"}, {"picture": image}, force=force or image is None)
     check_picture(files["picture"])

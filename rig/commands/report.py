@@ -14,7 +14,7 @@ def report(
     volume: Annotated[
         Path | None,
         typer.Argument(
-            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if there][/dim]"
+            metavar="VOLUME.h5", help="Its image. [dim]\\[default: SCAN-volume.h5, if it exists][/dim]"
         ),
     ] = None,
     out: Annotated[

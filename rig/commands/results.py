@@ -85,7 +85,7 @@ def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
 
     paths = list(paths)
     if twice := {str(path) for path in paths if paths.count(path) > 1}:
-        raise UsageError(f"{', '.join(twice)} is the name of two results; give each its own")
+        raise UsageError(f"{', '.join(twice)} is the name of two results; give each its own name")
     for path in paths:
         if not _is_there(path):
             _require_folder(path)
@@ -119,7 +119,8 @@ def _require_folder(path: Path) -> None:
             pass
     except OSError as problem:
         raise UsageError(
-            f"cannot write {path}: {path.parent} takes no files ({reason(problem)}); choose another folder"
+            f"cannot write {path}: {path.parent} cannot hold new files ({reason(problem)}); "
+            "choose another folder"
         ) from None
 
 
@@ -136,7 +137,7 @@ def told_if_stopped(results: Iterable[Path]) -> Iterator[None]:
                 console.detail(f"wrote {path}, {path.stat().st_size:,} bytes")
     except KeyboardInterrupt:
         whole = [str(path) for path, state in before.items() if _state(path) not in (None, state)]
-        left = f"{', '.join(whole)} is there, and whole" if whole else "no file was written or changed"
+        left = f"{', '.join(whole)} exists and is complete" if whole else "no file was written or changed"
         console.announce(f"Stopped before its end: {left}.")
         raise
 

@@ -48,7 +48,7 @@ def resume(
     page = page_at(web)
     require_consent(state.config, yes=yes)
     if plan.endless:
-        console.say(f"{scan} has no last frame: frames go on until they are stopped.")
+        console.say(f"{scan} has no last frame: it goes on until it is stopped.")
     # of this rig's configuration: what a file holds says nobody
     end, notify = ending(until, plan, scan) if until else None, state.config.notify
 

@@ -184,11 +184,11 @@ def _safe(target: Path, config: Path | None) -> str:
         with ScanFile(target) as scan:
             measured, steps = int(np.count_nonzero(scan.done)), scan.steps
     except DataFileError as error:
-        return f"What was measured cannot be read back now: {error}"
+        return f"The measured data cannot be read back now: {error}"
     return (
-        f"{measured:,} of {steps:,} positions are safe in the file and can be imaged. Go on with: {again}"
+        f"{measured:,} of {steps:,} positions are safe in the file and can be imaged. Continue with: {again}"
         if measured
-        else f"No position was measured yet: {target} is safe and empty. Go on with: {again}"
+        else f"No position was measured yet: {target} is safe and empty. Continue with: {again}"
     )
 
 

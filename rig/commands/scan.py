@@ -52,7 +52,7 @@ def scan(
         Mode,
         typer.Option(
             help="step: the mirror rests at each position. continuous: it never stops along a line, and each "
-            "photon is recorded with its time; much faster at short exposures."
+            "photon is recorded with its time; much faster for short exposures."
         ),
     ] = Mode.STEP,
     frames: Frames = None,
@@ -60,8 +60,9 @@ def scan(
         Order,
         Place,
         typer.Option(
-            help="raster: line by line, there and back. unidirectional: all lines the same way. progressive: "
-            "coarse to fine, the whole wall again and again. random: anywhere."
+            help="raster: line by line, in alternating directions. unidirectional: "
+            "all lines in the same direction. progressive: coarse to fine, the whole wall in each round. "
+            "random: random order."
         ),
     ] = Order.RASTER,
     until: Until = None,
@@ -101,7 +102,7 @@ def scan(
     note: Note = None,
     ptu: Ptu = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; touch no device.")
+        bool, typer.Option("--dry-run", help="Show positions, time, bytes and limits; use no device.")
     ] = False,
     live: Live = False,
     web: Web = None,
@@ -110,7 +111,8 @@ def scan(
         typer.Option(
             rich_help_panel=MEANWHILE,
             metavar="DEPTH",
-            help="With --live and --frames: average frames, one for each time that a voxel is so deep. "
+            help="With --live and --frames: average frames: one frame more for each time that a voxel is "
+            "this deep. "
             "[dim]\\[default: never][/dim]",
         ),
     ] = None,
@@ -230,7 +232,7 @@ def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path 
             "video afterwards: rig recon --each-frame"
         )
     if fresh_to and not parse(fresh_to, "length") > 0:
-        raise UsageError(f"--fresh-to {fresh_to}: frames are averaged from a depth above 0 on; use 1m")
+        raise UsageError(f"--fresh-to {fresh_to}: the depth must be above 0; use e.g. 1m")
     if video is not None:
         from rig.show.video import check_video
 
@@ -242,12 +244,11 @@ def _check_ptu(plan: "ScanPlan") -> None:
     from rig.errors import UsageError
 
     if not plan.continuous:
-        raise UsageError(
-            "--ptu keeps records, which --mode continuous alone makes; add it, or leave --ptu out"
-        )
+        raise UsageError("--ptu keeps records, which only --mode continuous has; add it, or leave --ptu out")
     if plan.endless:
         raise UsageError(
-            "--ptu cannot be kept of a scan without a last frame; give --frames a number, or leave --ptu out"
+            "--ptu is not possible for a scan without a last frame; give --frames a number, "
+            "or leave --ptu out"
         )
 
 

@@ -31,7 +31,7 @@ def serve(
         typer.Option(metavar="FILE", help="Write a configuration with which rig scan uses these devices."),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="No change: the result is one JSON document anyway.")
+        bool, typer.Option("--json", help="Without effect: the result is always one JSON document.")
     ] = False,
 ) -> None:
     """Serve the simulated galvo, laser, detector and DAQ board to other programs, until Ctrl-C or SIGTERM.
@@ -61,7 +61,7 @@ def serve(
     rig_config = load(config) if config else built_in()
     if not rig_config.simulated:
         raise UsageError(
-            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+            f"{config} has real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
         )
     if write_config:
         _refuse_foreign(write_config)

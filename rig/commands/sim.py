@@ -68,7 +68,8 @@ def render(
         str | None,
         typer.Option(
             metavar="COLSxROWS",
-            help="Laser spots of an exhaustive capture, with all --pixels. [dim]\\[default: none][/dim]",
+            help="Laser spots of an exhaustive capture, each combined with all --pixels. "
+            "[dim]\\[default: none][/dim]",
         ),
     ] = None,
     pixels: Annotated[
@@ -82,7 +83,7 @@ def render(
     roughness: Annotated[
         float | None,
         typer.Option(
-            min=0.05, max=1, help="Of all surfaces, 1 is matt. [dim]\\[default: each its own][/dim]"
+            min=0.05, max=1, help="Roughness of all surfaces; 1 is matt. [dim]\\[default: each its own][/dim]"
         ),
     ] = None,
     gloss: Annotated[
@@ -127,12 +128,12 @@ def render(
     simulation |= {"gloss": gloss, **asked.placement(place, rotate, scale)}
     if config and not load(config).simulated:
         raise UsageError(
-            f"{config} names real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
+            f"{config} has real devices; give the configuration of a simulated rig, or --config {BUILT_IN}"
         )
     rig_config = asked.configuration(config, None, simulation)
     if bool(lasers) != bool(pixels) or (lasers and grid):
         raise UsageError(
-            "an exhaustive capture has --lasers and --pixels, both, and no --grid; e.g. --lasers 16x16 "
+            "an exhaustive capture needs both --lasers and --pixels, and no --grid; e.g. --lasers 16x16 "
             "--pixels 64x64"
         )
     plan = asked.plan(rig_config, grid=grid, spacing=spacing)

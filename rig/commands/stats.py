@@ -18,7 +18,7 @@ def stats(
         typer.Option(
             "--from",
             metavar="TIME",
-            help="Count from this time after the pulse on the wall on. "
+            help="Count only photons from this time after the pulse is on the wall. "
             "[dim]\\[default: 3.332ns, bin 833][/dim]",
         ),
     ] = None,

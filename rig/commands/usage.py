@@ -25,7 +25,7 @@ def in_words(error: Any) -> str:
 
 def _problem(error: Any) -> str:
     if is_missing_verb(error):
-        return "it needs a verb, one of those listed"
+        return "it needs a verb, one of the list"
     if hasattr(error, "possibilities"):
         return _no_such_option(error)
     parameter = getattr(error, "param", None)

@@ -79,7 +79,7 @@ Quiet = Annotated[
         is_eager=True,
         expose_value=False,
         rich_help_panel=EVERY,
-        help="Say results, errors, and what concerns the light; nothing else.",
+        help="Show only results, errors, and messages about the light.",
     ),
 ]
 Verbose = Annotated[
@@ -91,7 +91,7 @@ Verbose = Annotated[
         is_eager=True,
         expose_value=False,
         rich_help_panel=EVERY,
-        help="Say what is done, too, with times.",
+        help="Also show each action, with its time.",
     ),
 ]
 Log = Annotated[
@@ -103,7 +103,7 @@ Log = Annotated[
         is_eager=True,
         expose_value=False,
         rich_help_panel=EVERY,
-        help="Append what is said to this file, with times.",
+        help="Append all messages to this file, with their times.",
     ),
 ]
 COMMON = (

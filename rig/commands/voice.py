@@ -65,7 +65,7 @@ class Voice:
         except OSError as problem:
             self._close()
             raise UsageError(
-                f"--log {path}: cannot be written ({problem.strerror}); name a file in a folder that is there"
+                f"--log {path}: cannot be written ({problem.strerror}); give a file in a folder that exists"
             ) from None
 
     def note(self, kind: str, text: str) -> None:
@@ -108,7 +108,7 @@ def _require_log(path: Path) -> None:
     except (OSError, ValueError) as problem:
         raise UsageError(f"--log {path}: cannot be written ({reason(problem)}); give another name") from None
     if foreign:
-        raise UsageError(f"--log {path}: exists and is no log of this program; give another name")
+        raise UsageError(f"--log {path}: exists and is not a log of this program; give another name")
 
 
 def _is_log(path: Path) -> bool:

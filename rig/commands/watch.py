@@ -49,10 +49,10 @@ def watch(
         else:
             print(address.url)
         sys.stdout.flush()
-        console.say("Watching; Ctrl-C ends it.")
+        console.say("Watching; press Ctrl-C to end.")
         if open_:
             import webbrowser
 
             if not webbrowser.open(address.url):
-                console.warn("no browser could be opened: type the address into one")
+                console.warn("no browser could be opened: open the address in a browser")
         watching.wait()

@@ -178,7 +178,7 @@ class LaserByHand:
     Parameters
     ----------
     model
-        What it is, for people.
+        Name of the product, for people to read.
     """
 
     def __init__(self, model: str) -> None:
@@ -229,7 +229,7 @@ class LaserByHand:
         return device_errors.RefusedError(
             f"laser ({self._model})",
             "be dark",
-            "it has no data interface, and no program can put it out",
+            "it has no data interface, and no program can switch it off",
             BEWARE,
         )
 
@@ -240,7 +240,7 @@ class UnseenLaser:
     Parameters
     ----------
     model
-        What it is, for people.
+        Name of the product, for people to read.
     """
 
     def __init__(self, model: str) -> None:
@@ -273,5 +273,5 @@ def somebody(operator: Operator | None, wanted: Request) -> Operator:
         If nobody is there.
     """
     if operator is None:
-        raise RefusedError(f"somebody has to be at the rig for this: {wanted.words}")
+        raise RefusedError(f"a person must be at the rig for this: {wanted.words}")
     return operator

@@ -47,8 +47,8 @@ class Playback:
         if has != channels or kind != "photons":
             self._scan.close()
             raise RefusedError(
-                f"{path} holds {has} channels of {kind}, the rig has {channels} of photons: play a scan with "
-                "as many"
+                f"{path} holds {has} channels of {kind}, but the rig has {channels} of photons: "
+                "play a scan with the same number"
             )
         self.bins, self.bin_width_s = self._scan.bins, self._scan.bin_width_s
         self.first_bin_s = self._scan.first_bin_s
@@ -113,8 +113,8 @@ class Playback:
         measured = np.flatnonzero(self._scan.done[self._next :])
         if not len(measured):
             raise RefusedError(
-                f"{self._scan.path} has no more measured steps to play after {self._next}: scan as many as "
-                "it holds, or play a longer one"
+                f"{self._scan.path} has no more measured steps to play after {self._next}: "
+                "plan a scan with as many steps as the file has, or play a longer one"
             )
         return self._next + int(measured[0])
 

@@ -44,6 +44,6 @@ def refuse_larger(path: Path, name: str, size_bytes: int) -> None:
     """Raise UsageError if a variable does not fit the layout."""
     if size_bytes > LARGEST_BYTES:
         raise UsageError(
-            f"{name} has {size_bytes / 2**30:.1f} GiB, and MATLAB v5 holds 4 GiB a variable; "
+            f"{name} has {size_bytes / 2**30:.1f} GiB, but MATLAB v5 holds at most 4 GiB a variable; "
             "MATLAB reads this program's own HDF5 files with h5read"
         )

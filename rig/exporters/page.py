@@ -226,13 +226,15 @@ def seen_in_words(volume: Volume, amplitude: NDArray) -> str:
 
 def _stored(volume: Volume, levels: NDArray, factor: tuple[int, ...]) -> str:
     nz, ny, nx = levels.shape
-    lifted = "" if volume.parameters.get("camera") == "photo" else ", its fall-off with depth undone"
+    lifted = "" if volume.parameters.get("camera") == "photo" else ", its fall-off with depth compensated"
     told = (
         f"This page holds {nx} x {ny} x {nz} voxels: the amplitude{lifted}, in 256 steps up to its maximum."
     )
     if max(factor) > 1:
         z, y, x = factor
-        told += f" {x} x {y} x {z} voxels of the volume file are one here, the brightest of them."
+        told += (
+            f" {x} x {y} x {z} voxels of the volume file are shown as one, with the brightest value of them."
+        )
     return told
 
 

@@ -65,13 +65,15 @@ def _check(scan: ScanFile, rectify: bool) -> None:
             "them. Leave it out"
         )
     if scan.expectation:
-        raise UsageError(f"{scan.path} holds expectations, not photons, of which records could be made")
+        raise UsageError(
+            f"{scan.path} holds expectation values, not photons, so records cannot be made of it"
+        )
     if scan.bins > MAX_DTIME + 1:
-        raise UsageError(f"{scan.path} has {scan.bins:,} bins; a record can tell {MAX_DTIME + 1:,}")
+        raise UsageError(f"{scan.path} has {scan.bins:,} bins; a record can hold {MAX_DTIME + 1:,}")
     inputs = [channel.input for channel in scan.channels]
     if len(set(inputs)) < len(inputs) or not all(0 <= one <= MAX_CHANNEL for one in inputs):
         raise UsageError(
-            f"{scan.path}: its channels have the inputs {inputs}, which a record cannot tell apart"
+            f"{scan.path}: its channels have the inputs {inputs}, which a record cannot distinguish"
         )
 
 

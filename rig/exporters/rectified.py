@@ -78,8 +78,8 @@ def rectified(capture: Capture) -> Capture:
     first_bin_s = np.broadcast_to(capture.first_bin_s, (capture.positions,))
     if first_bin_s.max() + capture.bins * capture.bin_width_s <= 0:
         raise UsageError(
-            "all records end before the pulse is on the wall, so that nothing of them is left in rectified "
-            "time; check the scan's delays"
+            "all records end before the pulse is on the wall, so nothing is left in rectified time; "
+            "check the scan's delays"
         )
     histograms = RectifiedHistograms(capture.histograms, first_bin_s / capture.bin_width_s)
     return replace(capture, histograms=histograms, first_bin_s=np.zeros(1))

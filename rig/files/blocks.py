@@ -69,8 +69,8 @@ def _bounded(dataset: h5py.Dataset, values: int) -> None:
     if claimed > most:
         raise DataFileError(
             f"{dataset.file.filename}: {dataset.name} claims {claimed / 1e9:.3g} GB to be read at once, in a "
-            f"file that can be worth {most / 1e9:.3g} GB; it is damaged, or packed as no measurement is: "
-            "unpack it (h5repack -f NONE)"
+            f"file that can be worth {most / 1e9:.3g} GB; it is damaged, "
+            "or compressed far more than a measurement can be: unpack it (h5repack -f NONE)"
         )
 
 

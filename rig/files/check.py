@@ -48,15 +48,17 @@ def open_hdf5(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r")
     except BlockingIOError:
-        raise DataFileError(f"{path} is being written by another program; wait for its end") from None
+        raise DataFileError(f"{path} is being written by another program; wait until it has ended") from None
     except OSError as error:
         if "unable to lock" in str(error):
-            raise DataFileError(f"{path} is being written by another program; wait for its end") from None
+            raise DataFileError(
+                f"{path} is being written by another program; wait until it has ended"
+            ) from None
         if "truncated" in str(error):
             raise DataFileError(
-                f"{path} is truncated: its end is missing, so nothing in it can be trusted; copy it again"
+                f"{path} is truncated: its end is missing, so its content is not reliable; copy it again"
             ) from None
-        what = "is not an HDF5 file, or its head is damaged" if os.path.getsize(path) else "is empty"
+        what = "is not an HDF5 file, or its header is damaged" if os.path.getsize(path) else "is empty"
         raise DataFileError(f"{path} {what}; copy it again, or give a file of this program") from None
 
 
@@ -75,7 +77,7 @@ def check_format(path: Path, file: h5py.File, name: str, versions: tuple[int, ..
     if found != name:
         if found in _OWN and name in _OWN:
             what, remedy = _OWN[found]
-            raise DataFileError(f"{path} is {what}, and {_OWN[name][0]} is wanted; {remedy}")
+            raise DataFileError(f"{path} is {what}, but {_OWN[name][0]} is needed; {remedy}")
         what = f"its format attribute is {found!r}" if found is not None else "it has no format attribute"
         held = ", ".join(sorted(file)) or "nothing"
         raise DataFileError(

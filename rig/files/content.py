@@ -84,7 +84,7 @@ def grow(file: h5py.File, plan: str) -> None:
     before, frames = (json.loads(one)["passes"][0]["frames"] for one in (start["plan"], plan))
     size = steps // before
     if not before < frames <= MAX_STEPS // size:
-        raise ValueError(f"{before} frames of {size} positions do not become {frames}")
+        raise ValueError(f"{before} frames of {size} positions cannot become {frames}")
     channels = (len(transients["photon_offset"]) - 1) // steps
     for name in ("laser_m", "mirror_rad"):
         positions = file["geometry"].get(name)

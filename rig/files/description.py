@@ -94,11 +94,11 @@ class ScanDescription:
         if self.bins < 1 or not self.bin_width_s > 0:
             raise ValueError(f"{self.bins} bins of {self.bin_width_s} s: both must be positive")
         if self.tagged and np.dtype(self.dtype).kind == "f":
-            raise ValueError("expectations are no photons that could be listed; take histograms")
+            raise ValueError("expectation values cannot be listed as photons; use histograms")
         if self.channels and len(self.channels) != self.channel_count:
             raise ValueError(f"{len(self.channels)} channels, but detector_m has {self.channel_count}")
         if self.delay_s is not None and self.delays is not None:
-            raise ValueError("delay_s stands in place of the path delays; give one of them")
+            raise ValueError("delay_s replaces the path delays; give only one of them")
         if self.delay_s is not None and self.delay_s.shape not in {(steps,), (steps, self.channel_count)}:
             raise ValueError(f"delay_s must be ({steps},) or ({steps}, {self.channel_count})")
 

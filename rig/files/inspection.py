@@ -108,7 +108,7 @@ def problem(path: str) -> None:
 
 
 def _refused(path: str, place: str, what: str) -> DataFileError:
-    return DataFileError(f"{path} is refused: {place} {what}. Nothing of it was read; see docs/threats.md")
+    return DataFileError(f"{path} is refused: {place} {what}. The file was not read; see docs/threats.md")
 
 
 def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]:
@@ -197,8 +197,8 @@ def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:
         raise _refused(
             path,
             place,
-            f"is packed by the filters {filters}; known are {', '.join(FILTERS.values())}, each once. "
-            "Pack it again with h5repack -f GZIP=1",
+            f"is compressed with the filters {filters}; known are {', '.join(FILTERS.values())}, each once. "
+            "Compress it again with h5repack -f GZIP=1",
         )
     whole_bytes = prod(dataset.shape) * dataset.get_type().get_size()
     text = any(map(dataset.get_type().detect_class, (h5py.h5t.VLEN, h5py.h5t.STRING, h5py.h5t.REFERENCE)))

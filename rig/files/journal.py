@@ -148,8 +148,8 @@ class Journal:
             self._descriptor = os.open(path, flags, 0o666)
         except FileExistsError:
             raise UsageError(
-                f"{path} exists: it holds what was measured into a scan file of this name, and is not "
-                "overwritten; give another name, or move it away"
+                f"{path} exists: it holds the measured data of a scan file of this name, "
+                "and is not overwritten; give another name, or move it away"
             ) from None
         self._lock(alone)
 
@@ -162,7 +162,9 @@ class Journal:
                 return
             self.close()
             scan = str(self.path).removesuffix(".journal")
-            raise DataFileError(f"{scan} is being written by another program; wait for its end") from None
+            raise DataFileError(
+                f"{scan} is being written by another program; wait until it has ended"
+            ) from None
         except OSError:
             pass  # a file system without locks
 

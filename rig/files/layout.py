@@ -66,18 +66,16 @@ _ROOT: Layout = {
 SCAN: Layout = {
     "/@format": Entry("text", "`rig-scan`", required=True),
     **_ROOT,
-    "/start": Entry("group", "what was asked for, written before the first photon"),
+    "/start": Entry("group", "the request, written before the first photon"),
     "/start@plan": Entry("json", "the scan plan: its passes, of which steps are made"),
     "/start@configuration": Entry(
         "json",
         "the configuration, absolute paths as names; with the calibrations below it is the rig's state",
     ),
-    "/start@doubts": Entry("json", "list of what speaks against the calibrations, as plain sentences"),
+    "/start@doubts": Entry("json", "list of doubts about the calibrations, as plain sentences"),
     "/start@simulated": Entry("flag", "whether the photons were computed rather than measured"),
     "/start@command": Entry("text", "the command that made the file"),
-    "/start@resumed": Entry(
-        "json", "list of the times (UTC) at which an interrupted scan was taken up again"
-    ),
+    "/start@resumed": Entry("json", "list of the times (UTC) at which an interrupted scan was resumed"),
     "/start@imported": Entry(
         "json",
         "file, sha256, layout of the file of another layout that was imported, what was assumed, and where "
@@ -85,11 +83,11 @@ SCAN: Layout = {
         "in that one; estimated: values that it lacked and that were estimated from its data, with quantity, "
         "value, low, high [s or m], how, and all of it in words",
     ),
-    "/notes": Entry("group", "what people said of the scan; nothing of it changes what is measured"),
+    "/notes": Entry("group", "notes of people on the scan; they do not change the measurement"),
     "/notes@operator": Entry("text", "who measured"),
     "/notes@sample": Entry("text", "what was measured: the hidden object, the wall"),
     "/notes@purpose": Entry("text", "what the scan is for"),
-    "/notes@note": Entry("text", "what else was worth keeping"),
+    "/notes@note": Entry("text", "other notes"),
     "/devices": Entry("group", "one group for each device, as read back before the scan"),
     "/devices/*": Entry("group", "settings of one device as attributes, read back from it"),
     "/devices/*@identity": Entry(
@@ -113,28 +111,27 @@ SCAN: Layout = {
     "/geometry/delay_s": Entry(
         "float",
         "measured delay of each step and channel [s], to be subtracted for rectified time; where time_origin "
-        "is laser, in place of the three attributes below and of /channels/delay_s",
+        "is laser, it replaces the three attributes below and /channels/delay_s",
         ("steps", "channels"),
     ),
     "/geometry@laser_head_m": Entry(
         "number",
-        "where the light leaves the laser head [m]; needed where time_origin is laser, unless there is "
-        "delay_s",
+        "where the light leaves the laser head [m]; required if time_origin is laser and delay_s is missing",
         (3,),
     ),
     "/geometry@detector_head_m": Entry(
         "number",
-        "where the light enters the detector [m]; needed where time_origin is laser, unless there is delay_s",
+        "where the light enters the detector [m]; required if time_origin is laser and delay_s is missing",
         (3,),
     ),
     "/geometry@electronics_delay_s": Entry(
         "number",
-        "delay of cables and electronics [s]; needed where time_origin is laser, unless there is delay_s",
+        "delay of cables and electronics [s]; required if time_origin is laser and delay_s is missing",
     ),
     "/geometry/mirror_rad": Entry(
         "float",
-        "commanded optical angles of the steering mirror, right and up [rad], from which a later calibration "
-        "can tell the spots again",
+        "commanded optical angles of the steering mirror, right and up [rad], "
+        "from which a later calibration can compute the spots again",
         ("steps", 2),
     ),
     "/channels": Entry("group", "the detector's pixels, one entry of each dataset for each of them"),
@@ -142,7 +139,7 @@ SCAN: Layout = {
     "/channels/input": Entry("integer", "its input of the timing instrument, counted from 0", ("channels",)),
     "/channels/delay_s": Entry(
         "float",
-        "by how much its pulses come later than the attributes of /geometry say [s]; subtracted for "
+        "extra delay of its pulses, added to that of the attributes of /geometry [s]; subtracted for "
         "rectified time where time_origin is laser",
         ("channels",),
     ),
@@ -150,14 +147,16 @@ SCAN: Layout = {
         "float", "full width at half maximum of its response to a pulse [s]", ("channels",)
     ),
     "/channels/dark_hz": Entry(
-        "float", "its counts a second in the dark [Hz]; NaN where they were never measured", ("channels",)
+        "float", "its dark counts a second [Hz]; NaN if they were never measured", ("channels",)
     ),
     "/passes": Entry(
-        "group", "for each pass of the plan but the first, what the devices said before it, as under /devices"
+        "group",
+        "for each pass of the plan except the first, the settings that were read back before it, "
+        "as under /devices",
     ),
     "/calibration": Entry("group", "the calibrations that the scan used, one dataset for each kind"),
     "/calibration/*": Entry("document", "the calibration as it was stored, with its own digest", ()),
-    "/calibration_data": Entry("group", "numbers of calibrations that are too many for text"),
+    "/calibration_data": Entry("group", "arrays of calibrations that are too large for text"),
     "/calibration_data/*": Entry(
         "float", "one field of a calibration, named KIND.FIELD; its digest is in the text", ("any",)
     ),
@@ -166,8 +165,9 @@ SCAN: Layout = {
     "/transients@first_bin_s": Entry("number", "left edge of bin 0 [s]", required=True),
     "/transients@time_origin": Entry(
         "text",
-        "what t = 0 is: `wall`, the pulse is on the wall and only wall, object, wall remains; or `laser`, "
-        "the pulse leaves the laser head, and the legs are in the time",
+        "what t = 0 is: `wall`, the pulse is on the wall and a time is that of the path wall, object, "
+        "wall; or `laser`, the pulse leaves the laser head, and the times contain the paths from laser "
+        "to wall and from wall to detector",
         required=True,
     ),
     "/transients@bins": Entry(
@@ -193,20 +193,20 @@ SCAN: Layout = {
     ),
     "/transients/photon_offset": Entry(
         "unsigned",
-        "time-tagged form: first photon of each step and channel, then the total; means nothing at steps "
-        "that are not measured",
+        "time-tagged form: first photon of each step and channel, then the total; "
+        "without meaning at steps that are not measured",
         ("steps*channels+1",),
     ),
     "/transients/done": Entry("bool", "whether the step has been measured", ("steps",)),
     "/transients/live_time_s": Entry(
         "float",
-        "measurement time of the step as the instrument reports it [s]; NaN where unknown",
+        "measurement time of the step as reported by the instrument [s]; NaN where unknown",
         ("steps",),
     ),
     "/transients/checksum": Entry(
         "unsigned",
-        "CRC-32 of each chunk of counts, or of photons, as it is stored; a chunk that differs was altered "
-        "since, and its steps count as not measured",
+        "CRC-32 of each chunk of counts, or of photons, as it is stored; "
+        "a chunk with another CRC-32 was changed later, and its steps count as not measured",
         ("chunks",),
     ),
     "/transients/step_checksum": Entry(
@@ -218,22 +218,23 @@ SCAN: Layout = {
     ),
     "/events": Entry(
         "table",
-        "what happened, as it happened: when (UTC, ISO 8601), the first and the last step that it concerns, "
+        "what happened during the scan: when (UTC, ISO 8601), the first and the last step that it concerns, "
         "its kind (`warning`, `light` or `by hand`), and a sentence",
         ("events",),
     ),
     "/unfinished": Entry(
         "group",
-        "exposures that a stop cut short, numbered from 0: (channels, bins) counts, with attributes `step` "
-        "and `live_time_s`. They are not part of `/transients`: the step is measured anew by rig resume",
+        "exposures that ended early because of a stop, numbered from 0: (channels, bins) counts, "
+        "with attributes `step` "
+        "and `live_time_s`. They are not part of `/transients`: rig resume measures the step again",
     ),
     "/stop": Entry("group", "how the run ended; a file without it was interrupted"),
     "/stop@status": Entry("text", "`complete`, `interrupted` or `failed`"),
-    "/stop@reason": Entry("text", "why it ended, in words"),
+    "/stop@reason": Entry("text", "the reason why it ended, in words"),
     "/stop@stopped": Entry("text", "when it ended, UTC, ISO 8601"),
     "/stop@photons": Entry("number", "sum of all counts"),
     "/stop@warnings": Entry(
-        "json", "list of what went less than well, as plain sentences; where it happened is in /events"
+        "json", "list of warnings, as plain sentences; /events has the steps that they concern"
     ),
 }
 
@@ -253,7 +254,7 @@ SCAN_1: Layout = {
     "/geometry/delay_s": Entry(
         "float",
         "measured delay of each position [s], to be subtracted for rectified time; where time_origin is "
-        "laser, in place of the three attributes below",
+        "laser, it replaces the three attributes below",
         ("steps",),
     ),
     "/transients/counts": Entry("counts", "photons in each bin", ("steps", "bins")),
@@ -291,7 +292,7 @@ VOLUME: Layout = {
     ),
     "/volume/confidence": Entry(
         "float",
-        "probability that noise alone stays below what is brightest at each pixel, 0 to 1",
+        "probability that noise alone stays below the brightest value at each pixel, 0 to 1",
         ("y", "x"),
     ),
 }

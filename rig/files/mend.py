@@ -130,7 +130,8 @@ def _grow(file: h5py.File, journal: Journal, records: list[Record]) -> None:
             content.grow(file, journal.said(grown[-1]))
         except (ArithmeticError, AttributeError, KeyError, LookupError, TypeError, ValueError) as error:
             raise DataFileError(
-                f"{journal.path} says of more frames what cannot be: {error}. It is damaged: copy it again "
+                f"{journal.path} holds an impossible record of added frames: {error}. It is damaged: "
+                "copy it again "
                 "from where it came from"
             ) from error
 
@@ -192,7 +193,7 @@ def require_room(path: Path, size: int) -> None:
     free = shutil.disk_usage(path.absolute().parent).free
     if free < size + RESERVE_BYTES:
         raise RefusedError(
-            f"{path} was not touched: to go on safely, {(size + RESERVE_BYTES) / 1e6:.0f} MB have to be free "
+            f"{path} was not changed: to go on safely, {(size + RESERVE_BYTES) / 1e6:.0f} MB have to be free "
             f"on its disk, and {free / 1e6:.0f} MB are. Free some space, and try again"
         )
 
@@ -211,7 +212,7 @@ def keep_as_it_is(path: Path, target: Path) -> bool:
     try:
         rebuild(journal, target)
     except (OSError, RuntimeError) as error:
-        raise DataFileError(f"cannot keep what {path} holds now as {target}: {error}") from error
+        raise DataFileError(f"cannot keep the content of {path} holds now as {target}: {error}") from error
     finally:
         journal.close()
     return True
@@ -233,6 +234,6 @@ def for_reading(journal: Journal, path: Path) -> h5py.File:
             return h5py.File(mended, "r")
     except (OSError, RuntimeError) as error:
         raise DataFileError(
-            f"cannot mend {path} from its journal in {tempfile.gettempdir()}: {error}. Free some space "
-            f"there, or set TMPDIR to another folder, or go on with {in_shell('rig', 'resume', path)}"
+            f"cannot repair {path} from its journal in {tempfile.gettempdir()}: {error}. Free some space "
+            f"there, or set TMPDIR to another folder, or continue with {in_shell('rig', 'resume', path)}"
         ) from error

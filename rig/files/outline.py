@@ -110,8 +110,8 @@ class ScanOutline(RecordedFile):
         wrong = np.flatnonzero(np.isinf(found) | (found < 0))
         if len(wrong):
             raise DataFileError(
-                f"{self.path}: /transients/live_time_s of step {wrong[0]} is {found[wrong[0]]:g}, which is "
-                "no time; the file is damaged: copy it again from where it came from"
+                f"{self.path}: /transients/live_time_s of step {wrong[0]} is {found[wrong[0]]:g}, "
+                "which is not a time; the file is damaged: copy it again from where it came from"
             )
         return found
 
@@ -206,10 +206,10 @@ class ScanOutline(RecordedFile):
 def why_mended(path: Path, journal: Journal) -> str:
     """Say why a scan file is read from its journal."""
     if journal.growing:
-        return f"{path} is being written by a scan: the lines that it has finished until now are read"
+        return f"{path} is being written by a scan: only the lines that are finished are read"
     told = (
         f"{path} was not closed by the program that wrote it: it is read from its journal, {journal.path}, "
-        f"and was not touched. {in_shell('rig', 'resume', path)} goes on with it"
+        f"and was not changed. {in_shell('rig', 'resume', path)} continues it"
     )
     torn = journal.torn_bytes
-    return told + (f". The journal's last {torn} bytes are torn and were left out" if torn else "")
+    return told + (f". The journal's last {torn} bytes are incomplete and were left out" if torn else "")

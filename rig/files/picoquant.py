@@ -77,7 +77,7 @@ class Head:
         if not isinstance(value, int | float) or not np.isfinite(value):
             what = "is missing" if value is None else f"is {value!r}, not a number"
             raise DataFileError(
-                f"{self.path}: the tag {name} of its head {what}; the file is damaged, or not finished"
+                f"{self.path}: the tag {name} of its header {what}; the file is damaged, or not finished"
             )
         return value
 
@@ -96,7 +96,7 @@ class Head:
             array = np.array([np.nan])
         if value is None or array.ndim > 1 or not np.isfinite(array).all():
             raise DataFileError(
-                f"{self.path}: the tag {name} of its head is missing, or is no list of numbers"
+                f"{self.path}: the tag {name} of its header is missing, or is not a list of numbers"
             )
         return array
 
@@ -128,14 +128,14 @@ def _tags(file: BinaryIO, path: Path, size: int) -> Iterator[tuple[str, int, Any
         raw = file.read(_TAG.size)
         if len(raw) < _TAG.size:
             raise DataFileError(
-                f"{path} ends within its head, after {size:,} bytes: it is cut off, or damaged"
+                f"{path} ends within its header, after {size:,} bytes: it is cut off, or damaged"
             )
         name_bytes, index, kind, value = _TAG.unpack(raw)
         name = printable(name_bytes.rstrip(b"\0").decode("latin-1"))
         if name == "Header_End":
             return
         yield name, index, _value(file, path, size, (name, kind, value))
-    raise DataFileError(f"{path}: its head has more than {_MOST_TAGS:,} tags; it is damaged")
+    raise DataFileError(f"{path}: its header has more than {_MOST_TAGS:,} tags; it is damaged")
 
 
 def _value(file: BinaryIO, path: Path, size: int, tag: tuple[str, int, bytes]) -> Any:
@@ -155,11 +155,11 @@ def _value(file: BinaryIO, path: Path, size: int, tag: tuple[str, int, bytes]) -
         return simple[kind]
     if kind not in {_INTS, _FLOATS, _TEXT, _WIDE, _BLOB}:
         raise DataFileError(
-            f"{path}: the tag {name} of its head has the unknown type {kind:#010x}; it is damaged"
+            f"{path}: the tag {name} of its header has the unknown type {kind:#010x}; it is damaged"
         )
     if not 0 <= whole <= min(_MOST_BYTES, size - file.tell()):
         raise DataFileError(
-            f"{path}: the tag {name} of its head says {whole:,} bytes, more than the file has; it is cut "
+            f"{path}: the tag {name} of its header claims {whole:,} bytes, more than the file has; it is cut "
             "off, or damaged"
         )
     data = file.read(whole)

@@ -122,7 +122,7 @@ class RecordedFile(ABC):
         except (ValueError, TypeError, RecursionError) as error:
             raise DataFileError(f"{self.path}: /{group}@{name} is not JSON: {error}") from None
         if not isinstance(found, kind):
-            raise DataFileError(f"{self.path}: /{group}@{name} holds no JSON {kind.__name__}; it is damaged")
+            raise DataFileError(f"{self.path}: /{group}@{name} is not a JSON {kind.__name__}; it is damaged")
         return found
 
     def _attribute(self, group: str, name: str, default: Any) -> Any:

@@ -235,7 +235,7 @@ class PtuRecorder:
 
     def _begin_sweep(self, step: int) -> None:
         if self._sweeps == self._room:
-            self._give_up(f"its head has room for {self._room} sweeps")
+            self._give_up(f"its header has room for {self._room} sweeps")
             return
         if self._sweeps:
             self._write(np.array([_OVERFLOW | 1], np.uint32))
@@ -278,7 +278,7 @@ class PtuRecorder:
             if not self._sweeps:
                 self.path.unlink()
         except OSError as error:
-            self.problem = f"{self.path.name} could not be closed in order: {error.strerror}"
+            self.problem = f"{self.path.name} could not be closed properly: {error.strerror}"
 
     def _shut(self, steps: int) -> None:
         """Complete the head and close the file; a record that was not wholly written is left out."""
@@ -308,7 +308,7 @@ def _recorded_tags(
     detector_m = description.detector_m.reshape(-1, description.channel_count, 3)
     delay_s = description.rectified_by_s()
     head = RecordsHead(
-        comment="as recorded; marker 1: point, 2: first point of a line, alone: its end, 3: frame",
+        comment="as recorded; marker 1: point, 2: first point of a line, without marker 1: its end, 3: frame",
         laser_m=description.laser_m[first:],
         detector_m=detector_m if len(detector_m) == 1 else detector_m[first:],
         inputs=tuple(one.input for one in description.channels) or tuple(range(description.channel_count)),

@@ -262,9 +262,9 @@ class ScanFile(ScanOutline):
             )
         if written > UNPACKED_BYTES and written > MOST_PACKED * packed:
             raise DataFileError(
-                f"{self.path}: its {what} claim {written / 1e9:.3g} GB and are packed into "
-                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, as measurements never are. Pack them "
-                "less: h5repack -f GZIP=1"
+                f"{self.path}: its {what} claim {written / 1e9:.3g} GB and are compressed into "
+                f"{packed / 1e6:.3g} MB, more than {MOST_PACKED}:1, which is impossible for measurements. "
+                "Compress them less: h5repack -f GZIP=1"
             )
 
     def _read_offsets(self, photons: h5py.Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -314,7 +314,7 @@ class ScanFile(ScanOutline):
         found = [self.mended] if self.mended else []
         if self.altered.any():
             found.append(
-                f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} are not as they were "
+                f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} changed after they were "
                 f"written, and are left out. {in_shell('rig', 'resume', self.path)} measures them again"
             )
         return found
@@ -477,15 +477,16 @@ class ScanFile(ScanOutline):
         done = np.flatnonzero(self.done)
         if not len(done):
             raise DataFileError(
-                f"{self.path} holds no measured position yet: a scan writes it, and has not finished a line"
+                f"{self.path} holds no measured position yet: a scan writes it, "
+                "and has not finished a line yet"
                 if self.growing
                 else f"{self.path} holds no measured position: the scan ended before the first; resume it"
             )
         passes = self.plan.passes if self.plan and len(self.plan) == self.steps else ()
         if not all(one.same_settings(passes[0]) and one.positions == passes[0].positions for one in passes):
             raise DataFileError(
-                f"{self.path} holds {len(passes)} passes with other settings or positions each: they are no "
-                "one picture. It is raw data of a calibration"
+                f"{self.path} holds {len(passes)} passes that differ in settings or positions, "
+                "so they do not form one image. It is raw data of a calibration"
             )
         frames = self.frames
         size = self.steps // frames

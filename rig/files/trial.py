@@ -38,8 +38,8 @@ def tried(path: Path, function: Callable[..., Any], *arguments: str) -> Any:
     answer = _told(_run(Trial(function, [str(path), *arguments], path.stat().st_size)))
     if isinstance(answer, str):
         raise DataFileError(
-            f"{path} cannot be read: a trial in a process of its own {answer}. The file is damaged, or made "
-            "to do so: copy it again from where it came from"
+            f"{path} cannot be read: a trial in a separate process {answer}. The file is damaged, "
+            "or was made to cause this: copy it again from where it came from"
         )
     if "error" in answer:
         raise DataFileError(str(answer["error"]))
@@ -65,12 +65,12 @@ def _can_fork() -> bool:
 def _told(outcome: Outcome) -> dict[str, Any] | str:
     """Return a child's answer, or in words why there is none."""
     if outcome.text is None or outcome.code in STOPPED:
-        return "did not come to an end"
+        return "did not end"
     with suppress(ValueError, RecursionError):
         answer = json.loads(outcome.text)
         if isinstance(answer, dict) and outcome.code == 0:
             if answer.get("memory"):
-                return "needed more memory than such a file can be worth"
+                return "needed far more memory than such a file can need"
             if "error" in answer or "result" in answer:
                 return answer
     return f"crashed (exit status {outcome.code})"

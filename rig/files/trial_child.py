@@ -98,7 +98,7 @@ def forked(trial: Trial, asker: int | None = None) -> Outcome:
         A pipe or socket that closes when nobody wants the answer any more; the trial ends then.
     """
     if sys.platform == "win32":
-        raise OSError("Windows copies no process")
+        raise OSError("Windows cannot copy a process")
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of native threads: the child has none

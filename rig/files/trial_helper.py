@@ -53,7 +53,7 @@ class Helper:
     def run(self, trial: Trial) -> Outcome | None:
         """Run a trial; None where no answer came."""
         if sys.platform == "win32":
-            raise OSError("Windows copies no process")
+            raise OSError("Windows cannot copy a process")
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:
@@ -145,7 +145,7 @@ def _received(connection: socket.socket, wait_s: float) -> bytes:
 def serve(number: int) -> None:
     """Be the helper: copy this process for each connection that comes, until no more can come."""
     if sys.platform == "win32":
-        raise OSError("Windows copies no process")
+        raise OSError("Windows cannot copy a process")
     import rig.files.inspection  # noqa: F401  what trials need: copies have it already
 
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system clears away copies that have ended

@@ -190,7 +190,7 @@ def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]
 @contextmanager
 def _creating(path: Path) -> Iterator[h5py.File]:
     if path.exists() and not is_volume(path):
-        raise UsageError(f"{path} exists and is no volume file; it is not overwritten. Give another name")
+        raise UsageError(f"{path} exists and is not a volume file; it is not overwritten. Give another name")
     try:
         with appearing(path) as partial, h5py.File(partial, "x") as file:
             yield file
@@ -223,7 +223,7 @@ def read_volume(path: str | Path) -> Volume:
             command=str(plain(file.attrs.get("command", ""))),
         )
     if problem := volume.problem() or _uneven(volume) or _no_intensity(volume):
-        raise DataFileError(f"{path} does not fit together: {problem}; make it again with 'rig recon'")
+        raise DataFileError(f"{path} is not consistent: {problem}; make it again with 'rig recon'")
     return volume
 
 
@@ -234,15 +234,17 @@ def _uneven(volume: Volume) -> str:
         axes["t_s"] = volume.t_s
     for name, values in axes.items():
         if not values.size or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            return f"{name} is empty, or its values are no finite numbers that rise"
+            return f"{name} is empty, or its values are not finite and increasing"
         if len(values) > 1 and np.abs(values).max() > FINEST_STEP * np.diff(values).min():
-            return f"{name} has a step of {np.diff(values).min():g}, which is nothing beside its values"
+            return (
+                f"{name} has a step of {np.diff(values).min():g}, which is too small compared with its values"
+            )
     return ""
 
 
 def _no_intensity(volume: Volume) -> str:
     """Return why values cannot be intensities, empty if they can."""
-    return "" if np.isfinite(volume.intensity).all() else "intensity has values that are no finite numbers"
+    return "" if np.isfinite(volume.intensity).all() else "intensity has values that are not finite"
 
 
 def _maybe(group: h5py.Group, name: str) -> NDArray[np.float32] | None:

@@ -84,8 +84,8 @@ class ScanWriter:
         path = Path(path)
         if os.path.exists(journal_of(path)):  # which says no, too, of a name that is too long
             raise UsageError(
-                f"{journal_of(path)} exists: it holds what was measured into a scan file of this name. "
-                f"Go on with {in_shell('rig', 'resume', path)}, or move it away"
+                f"{journal_of(path)} exists: it holds the measured data of a scan file of this name. "
+                f"Continue with {in_shell('rig', 'resume', path)}, or move it away"
             )
         head = start_of(description)
         try:
@@ -205,7 +205,7 @@ class ScanWriter:
             If the file cannot be written, e.g. on a full disk; nothing more will be written then.
         """
         if not isinstance(self._form, PhotonForm):
-            raise ValueError(f"{self.path} is of histograms: it takes counts, not photons")
+            raise ValueError(f"{self.path} holds histograms: it accepts counts, not photons")
         self._make_room()
         self._form.put_photons(self.appended, photon_bins, of_channel)
         self._live[self.appended] = live_time_s
@@ -214,7 +214,7 @@ class ScanWriter:
     def _make_room(self) -> None:
         """Write what is gathered if it is enough, so that a further step can come."""
         if self.appended == self.steps:
-            raise ValueError(f"{self.path} has all its {self.steps} steps")
+            raise ValueError(f"{self.path} already has all its {self.steps} steps")
         if self._form.full(self.appended):
             self._require_space()
             self._keep()
@@ -469,7 +469,8 @@ class ScanWriter:
             right = marked[: self.appended].all() and not marked[self.appended :].any()
             if not right or self._form.altered(file, self._form.sums).any():
                 raise DataFileError(
-                    f"{self.path} is not what was written to it: is its disk failing? All that was measured "
+                    f"{self.path} differs from what was written to it: its disk may be failing. "
+                    "All that was measured "
                     f"is in {journal_of(self.path)}. Copy both to another disk; rig reads them together"
                 )
 
@@ -479,7 +480,7 @@ class ScanWriter:
         if free < RESERVE_BYTES + self._form.room_bytes:
             raise DataFileError(
                 f"the disk of {self.path} has only {free / 1e6:.0f} MB free: the scan ends here, what was "
-                "measured is in the file. Free some space, and go on with rig resume"
+                "measured is in the file. Free some space, and continue with rig resume"
             )
 
     def _look_for_files(self) -> None:
@@ -494,18 +495,19 @@ class ScanWriter:
             self._saved_as = _fresh_name(self.path, "saved")
             self._lost = (
                 f"{self.path} was deleted while the scan ran: the scan ends here. What was measured is saved "
-                f"as {self._saved_as}; go on with {in_shell('rig', 'resume', self._saved_as)}"
+                f"as {self._saved_as}; continue with {in_shell('rig', 'resume', self._saved_as)}"
             )
         elif now != self.path:
             self._lost = (
                 f"{self.path} was moved to {now} while the scan ran: the scan ends here. What was measured "
-                f"is there; go on with {in_shell('rig', 'resume', now)}"
+                f"is there; continue with {in_shell('rig', 'resume', now)}"
             )
             self.path = now
         elif present_name(self._journal.path, self._journal.descriptor) != self._journal.path:
             self._lost = (
-                f"{self._journal.path} was moved or deleted while the scan ran: without it nothing is safe, "
-                f"and the scan ends here. What was measured is in {self.path}; go on with "
+                f"{self._journal.path} was moved or deleted while the scan ran: "
+                "without it the data are not safe, and the scan ends here. "
+                f"What was measured is in {self.path}; continue with "
                 f"{in_shell('rig', 'resume', self.path)}"
             )
 
@@ -517,9 +519,9 @@ class ScanWriter:
         except (OSError, RuntimeError) as error:
             self._broken = True
             raise DataFileError(
-                f"cannot write {self.path}: {_reason(error)}. Nothing more is written to it; its first "
-                f"{self.safe} of {self.steps} positions are safe. Look after free space, quota and "
-                f"permissions, and go on with {in_shell('rig', 'resume', self.path)}"
+                f"cannot write {self.path}: {_reason(error)}. Writing has stopped; its first "
+                f"{self.safe} of {self.steps} positions are safe. Check free space, "
+                f"quota and permissions, and continue with {in_shell('rig', 'resume', self.path)}"
             ) from error
         except Exception:
             self._broken = True
@@ -607,8 +609,8 @@ def _journal_of(path: Path) -> Journal:
             aside = _fresh_name(path, "as-found")
             shutil.copy2(path, aside)
             told = (
-                f"{path.name} was altered since it was measured; what is measured again replaces it, and the "
-                f"file as it was found is kept as {aside.name}"
+                f"{path.name} was changed after it was measured; the new measurement replaces the "
+                f"changed part, and the file as it was found is kept as {aside.name}"
             )
             notes.append(Note(utc_now(), measured, scan.steps - 1, "warning", told))
         journal = Journal(journal_of(path), new=True)

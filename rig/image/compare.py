@@ -212,7 +212,7 @@ def compare(
         truth = truth or known_truth(scan.path if _is_scan(file) else file, scan)
         work, reason = _matched(scan, request)
         if not any(counts.any() for _, counts in work.capture.histograms.blocks()):
-            raise UsageError(f"{file}: the record is dark throughout; there is nothing to compare")
+            raise UsageError(f"{file}: the record has no counts; there is nothing to compare")
         grid = work.grid
         truth_m = true_depth(truth, grid.x_m, grid.y_m) if truth else None
         sigma_s = low_pass_sigma_s(work.pulse)
@@ -258,7 +258,7 @@ def check_comparable(file: Path, tell: Callable[[str], None] = lambda sentence: 
         raise DataFileError(no_file(file, "give scans, e.g. of 'rig scan'"))
     if is_volume(file):
         raise UsageError(
-            f"{file} is a volume, imaged by one method already; give the scan that it was made from, "
+            f"{file} is a volume, already imaged by one method; give the scan that it was made from, "
             f"{read_volume(file).scan or 'which it does not name'}"
         )
     if _is_scan(file):
@@ -340,9 +340,9 @@ def _in_a_process(job: _Job) -> _Done | str:
         process.join()
         if process.exitcode is None or process.exitcode > 0:
             raise RuntimeError(
-                f"the process of {name_of(job.request.solver)} failed; what it said is above"
+                f"the process of {name_of(job.request.solver)} failed; its messages are above"
             ) from None
-        return "its process was ended from outside, as happens where memory is too small"
+        return "its process was ended by the system, probably because of too little memory"
     finally:
         process.terminate()
         process.join()

@@ -59,14 +59,14 @@ class OnWorkers:
     __pydantic_config__ = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     workers: int
-    """How many, of one thread each."""
+    """Number of workers, of one thread each."""
     parts: int
     memory_bytes: int
-    """What the largest part takes."""
+    """Memory that the largest part needs."""
     traffic_bytes: int
-    """Spectra and fields that are sent."""
+    """Size of the spectra and fields that are sent."""
     clock_s: float
-    """Estimated, with a core for each worker."""
+    """Estimated duration, with one core for each worker."""
 
 
 @dataclass(frozen=True)
@@ -235,9 +235,9 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
         return
     room = computer_bytes()
     if found.on_workers is None and not bounded and counted.memory_bytes > room:
-        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in turns, or "
+        in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in several steps, or "
         raise RefusedError(
-            f"imaging takes {_size(counted.memory_bytes)} of memory, and this computer has {_size(room)}; "
+            f"imaging takes {_size(counted.memory_bytes)} of memory, but this computer has {_size(room)}; "
             f"{in_turns if counted.least_bytes < 0.8 * room else ''}image fewer voxels: a larger --voxel, or "
             "a larger step of --depth"
         )
@@ -245,8 +245,8 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
     if clock_s > LONGEST_S and not however_long:
         raise RefusedError(
             f"imaging takes about {show_duration(clock_s)}, more than {show_duration(LONGEST_S)}, for "
-            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it all the same, --cluster "
-            "shares it out, and a larger --voxel or step of --depth takes less"
+            f"{counted.pairs:,} pairs of plane and frequency; --yes computes it anyway, "
+            "--cluster divides it among workers, and a larger --voxel or step of --depth needs less"
         )
 
 

@@ -40,8 +40,8 @@ def check_frames(scan: ScanFile) -> None:
     whole = len(scan.whole_frames) if scan.frames > 1 else 1
     if whole < 2:
         raise UsageError(
-            f"{scan.path} holds {'one whole frame' if whole else 'no whole frame'}, so that there is nothing "
-            "to film; scan with --frames, or leave --each-frame out"
+            f"{scan.path} holds {'one whole frame' if whole else 'no whole frame'}, "
+            "so a film is not possible; scan with --frames, or leave --each-frame out"
         )
 
 

@@ -146,9 +146,9 @@ def measure(
         If the volume has a time axis, or is dark throughout.
     """
     if volume.t_s is not None:
-        raise UsageError("a volume with a time axis has no one depth or peak; measure a confocal image")
+        raise UsageError("a volume with a time axis has no single depth or peak; measure a confocal image")
     if not volume.intensity.max() > 0:
-        raise UsageError("the volume is dark throughout: there is nothing to measure; choose other depths")
+        raise UsageError("the volume is zero everywhere: there is nothing to measure; choose other depths")
     compensated = compensate_falloff(volume.intensity, volume.z_m, power=falloff)
     depth_m = volume.depth_m
     if threshold is not None or depth_m is None:

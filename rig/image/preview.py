@@ -126,7 +126,7 @@ def _wavelength(asked_m: float | None, copy: Copy) -> tuple[float, str]:
     if wanted_m >= least_m * (1 - 1e-9):
         return wanted_m, reason
     side = show_length(copy.found.side_m)
-    return least_m, f"not {show_length(wanted_m)}, since a preview's cells of {side} bear no shorter wave"
+    return least_m, f"not {show_length(wanted_m)}, since a preview's cells of {side} need a longer wavelength"
 
 
 def _check(request: Request) -> None:

@@ -82,11 +82,11 @@ def relit(scan: ScanFile, point_m: tuple[float, float, float]) -> Seen:
     seen = by_lasers(scan)
     if seen is None or seen.exhaustive is None:
         raise UsageError(
-            f"{scan.path} cannot be relit: that takes an exhaustive capture, many laser spots, each with as "
+            f"{scan.path} cannot be relit: that needs an exhaustive capture, many laser spots, each with as "
             "many or more pixels (docs/exhaustive.md); leave --relight out"
         )
     if not point_m[2] > 0:
-        raise UsageError(f"--relight names a point {point_m[2]:g} m from the wall; it must be in front of it")
+        raise UsageError(f"--relight gives a point {point_m[2]:g} m from the wall; it must be in front of it")
     found = Relit(seen.exhaustive, np.array(point_m))
     return dataclasses.replace(seen, capture=found.outline(), relit=found)
 
@@ -137,8 +137,8 @@ def recalibrated(scan: ScanFile, calibrations: Calibrations) -> Seen:
         delays = calibrations.time_zero.legs if calibrations.time_zero else scan.delays
         if delays is None or scan.delays is None:
             raise DataFileError(
-                f"{scan.path} holds rectified time, or a measured delay of each position: its legs cannot be "
-                "calibrated again"
+                f"{scan.path} holds rectified time, or a measured delay of each position: "
+                "its path delays cannot be calibrated again"
             )
         before_s = scan.rectified_by_s()
         delay_s = scan.rectified_by_s(delays, laser_m)
@@ -166,8 +166,8 @@ def with_even_bins(seen: Seen, scan: ScanFile, calibrations: Calibrations) -> Se
     widths = calibrations.bin_widths
     if widths is None:
         raise UsageError(
-            f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, and "
-            "name the folder with --calibrations"
+            f"{scan.path}: the widths of its bins are not known. Measure them with rig calibrate dnl, "
+            "and give the folder with --calibrations"
         )
     histograms = corrected(
         seen.capture.histograms, widths, bin_width_s=scan.bin_width_s, first_bin_s=scan.first_bin_s

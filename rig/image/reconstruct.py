@@ -160,6 +160,6 @@ def _signal(volume: Volume) -> tuple[str, ...]:
     if volume.parameters.get("signal", True):
         return ()
     return (
-        "no signal above noise: what the image shows, photons that know nothing of a hidden object give as "
-        "well; measure longer, or check that the laser reaches the wall and the record holds the scene",
+        "no signal above noise: photons without any hidden object would give an image like this; "
+        "measure longer, or check that the laser reaches the wall and the record holds the scene",
     )

@@ -138,7 +138,7 @@ def _check_relight(request: Request) -> None:
         return
     if request.solver != "rsd" or request.camera == "photo":
         raise UsageError(
-            "--relight goes with the solver rsd and the confocal or the transient camera, not with "
+            "--relight needs the solver rsd and the confocal or the transient camera, not "
             f"{request.camera} and {request.solver}; leave these out"
         )
     others = {
@@ -161,7 +161,8 @@ def check_elsewhere(request: Request) -> None:
     if entry_of(request.solver).way is None:
         able = " or ".join(name for name, entry in SOLVERS.items() if entry.way)
         raise UsageError(
-            f"solver {name_of(request.solver)} images as a whole, on one computer; use {able}, or leave "
+            f"solver {name_of(request.solver)} computes only whole images, on one computer; use {able}, "
+            "or leave "
             "--cluster out"
         )
     if request.relight_m is not None:

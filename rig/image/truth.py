@@ -55,7 +55,7 @@ def true_depth(source: str, x_m: NDArray[np.float64], y_m: NDArray[np.float64]) 
     if h5py.is_hdf5(path):
         return _from_hdf5(path, x_m, y_m)
     raise UsageError(
-        f"{path} is no truth that can be read: give HDF5, .npz, {', '.join(MESH_ENDINGS)}, or scene:NAME"
+        f"{path} is not a truth that can be read: give HDF5, .npz, {', '.join(MESH_ENDINGS)}, or scene:NAME"
     )
 
 
@@ -103,7 +103,7 @@ def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
         _needed(path, arrays, "occupied", "z_m")
         occupied, z_m = arrays["occupied"].astype(bool), arrays["z_m"]
         if occupied.ndim != 3 or len(occupied) != len(z_m):
-            raise DataFileError(f"{path}: occupied {occupied.shape} and z_m {z_m.shape} do not fit together")
+            raise DataFileError(f"{path}: occupied {occupied.shape} and z_m {z_m.shape} are not consistent")
         depth_m = surface_of_voxels(occupied, z_m)
     return _sampled(path, depth_m, arrays["x_m"], arrays["y_m"], x_m, y_m)
 
@@ -136,9 +136,7 @@ def _of_scan(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
         config = scan.config if scan.simulated else None
     simulation = config.simulation if config else None
     if config is None or simulation is None or simulation.motion is not None:
-        raise DataFileError(
-            f"{path} is no scan of a simulated scene that stood still; it cannot serve as a truth"
-        )
+        raise DataFileError(f"{path} is not a scan of a simulated scene at rest; it cannot serve as a truth")
     return hidden_scene(config).depth_map(x_m, y_m)
 
 

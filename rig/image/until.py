@@ -68,8 +68,8 @@ class Rule:
             raise _no_rule(text)
         if kind != "time" and len(rounds_of(plan)) < 2:
             raise UsageError(
-                f"--until '{text}' judges the pictures of rounds that each see the whole wall, and this scan "
-                "has only one; add --order progressive"
+                f"--until '{text}' compares the pictures of rounds that each see the whole wall, "
+                "but this scan has only one; add --order progressive"
             )
         return rule
 
@@ -86,7 +86,7 @@ def _number(text: str, value: str, most: float) -> float:
 
 def _no_rule(text: str) -> UsageError:
     return UsageError(
-        f"--until '{text}' is no rule; write 'likeness 0.99' (below 1), 'contrast 30' or 'time 60s'"
+        f"--until '{text}' is not a rule; write 'likeness 0.99' (below 1), 'contrast 30' or 'time 60s'"
     )
 
 
@@ -122,7 +122,7 @@ class Until:
         if self._rule.kind == "time" and not self._reason and self._began_s is not None:
             passed_s = time.monotonic() - self._began_s
             if passed_s >= self._rule.value:
-                self._reason = f"time {passed_s:.1f} s of the {show(self._rule.value, 's')} asked for"
+                self._reason = f"time {passed_s:.1f} s of the {show(self._rule.value, 's')} requested"
         return self._reason
 
     def take_up(self, scan: ScanFile) -> None:
@@ -161,13 +161,13 @@ class Until:
 
     def _send(self, first: int, counts: NDArray) -> None:
         if self._lines.qsize() * counts.nbytes > WAITING_BYTES:
-            self._give_up("pictures were not made as fast as the scan went")
+            self._give_up("pictures were slower than the scan")
         else:
             self._lines.put((first, counts))
 
     def _give_up(self, why: str) -> None:
         """Leave the scan to itself; it is told at its end."""
-        self.trouble = f"{why}: the scan went on without its rule"
+        self.trouble = f"{why}: the scan continued without its rule"
         self._thread = None
         self._lines.put(None)
 
@@ -223,7 +223,7 @@ class _Judge:
         if value < self._rule.value:
             return ""
         return (
-            f"{self._rule.kind} {value:.4g} of the {self._rule.value:g} asked for, after the round of "
+            f"{self._rule.kind} {value:.4g} of the {self._rule.value:g} requested, after the round of "
             f"{positions:,} positions"
         )
 

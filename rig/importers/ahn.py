@@ -31,12 +31,12 @@ def read(source: Source, options: Options) -> Content:
     Raises
     ------
     DataFileError
-        If the struct lacks a field, or its arrays do not fit together.
+        If the struct lacks a field, or its arrays are not consistent.
     """
     needed = ("transient", "l", "s", "times", "delta")
     if missing := [name for name in needed if not source.has(f"NLOSDATA/{name}")]:
         raise DataFileError(
-            f"{source.path}: NLOSDATA lacks {', '.join(missing)}, or is no struct of one element"
+            f"{source.path}: NLOSDATA lacks {', '.join(missing)}, or is not a struct of one element"
         )
     transient, laser, sensor, times_m, delta_m = (
         _numbers(source, name, finite=name not in {"l", "s"}) for name in needed
@@ -46,7 +46,7 @@ def read(source: Source, options: Options) -> Content:
     if not fits or transient.shape[2] != bins or laser.shape != (spots, 3) or sensor.shape != laser.shape:
         raise DataFileError(
             f"{source.path}: transient {transient.shape}, l {laser.shape}, s {sensor.shape} and times "
-            f"{times_m.shape} do not fit together"
+            f"{times_m.shape} are not consistent"
         )
     step_m = float(delta_m.ravel()[0])
     if not step_m > 0:
@@ -62,7 +62,7 @@ def read(source: Source, options: Options) -> Content:
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            "the first coordinate points up and the second to the left, for one who faces the wall",
+            "the first coordinate points up and the second to the left, for a person who faces the wall",
             *unmeasured,
         ),
     )

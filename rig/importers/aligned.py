@@ -32,7 +32,7 @@ def read(source: Source, options: Options) -> Content:
         If it holds both arrays, or no cube.
     """
     if source.has("final_meas", "measlr"):
-        raise DataFileError(f"{source.path} holds both final_meas and measlr; keep the one that is meant")
+        raise DataFileError(f"{source.path} holds both final_meas and measlr; keep only the right one")
     bin_width_s = options.asked(
         "bin_width_s", source.path, "how wide its bins are", "the published scans have 32ps"
     )
@@ -45,5 +45,5 @@ def read(source: Source, options: Options) -> Content:
         size_m=size_m,
         bin_width_s=bin_width_s,
         y_down=True,
-        assumed=("which way the axes point is not in the file: the picture may be mirrored or turned",),
+        assumed=("the directions of the axes are not in the file: the picture may be mirrored or turned",),
     )

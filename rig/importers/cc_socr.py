@@ -57,7 +57,8 @@ def read(source: Source, options: Options) -> Content:
     low, high = scanned[:, :2].min(axis=0), scanned[:, :2].max(axis=0)
     if (high == low).all():
         raise DataFileError(
-            f"{source.path}: C_i and C_d hold a single spot each, so that the wall's size gives no pitch"
+            f"{source.path}: C_i and C_d hold a single spot each, so the wall's size does not give the "
+            "spacing"
         )
     pitch_m = size_m / (high - low).max()
     depth_pitch_m, told = _depth_pitch(source, options, lit, seen)
@@ -76,7 +77,7 @@ def read(source: Source, options: Options) -> Content:
         assumed=(
             f"the lit spots span {size_m:g} m, one index is {pitch_m * 100:g} cm; their middle is the origin",
             told,
-            "rectified: bin 0 begins when the pulse is on the wall",
+            "rectified: bin 0 starts when the pulse is on the wall",
         ),
     )
 

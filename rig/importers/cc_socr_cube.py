@@ -59,7 +59,7 @@ def read(source: Source, options: Options) -> Content:
     counts = as_counts(signal.reshape(len(lit_m), -1))
     filled = counts.any(axis=1)
     if not filled.any():
-        raise DataFileError(f"{source.path}: data is zero throughout; there is nothing to import")
+        raise DataFileError(f"{source.path}: data is zero everywhere; there is nothing to import")
     counts, lit_m, seen_m = counts[filled], lit_m[filled], seen_m[filled]
     (lit_m, seen_m), unmeasured = zeros_as_missing(lit_m, seen_m)
     lit_m, seen_m = paired(lit_m, seen_m)
@@ -76,9 +76,9 @@ def read(source: Source, options: Options) -> Content:
         blocks=[counts],
         delay_s=None if delay_s is None else delay_s[filled],
         assumed=(
-            *([f"{empty} signals that are zero throughout are left out, as not measured"] if empty else []),
+            *([f"{empty} signals that are zero everywhere are left out, as not measured"] if empty else []),
             *unmeasured,
-            "rectified: bin 0 begins when the pulse is on the wall"
+            "rectified: bin 0 starts when the pulse is on the wall"
             if delay_s is None
             else "the flight to each position, given with --tof, is subtracted from its time",
             "z grows into the room: that is not in the file",

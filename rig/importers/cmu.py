@@ -39,9 +39,7 @@ def read(source: Source, options: Options) -> Content:
         If arrays do not fit together.
     """
     if source.has("transient", "gt_transient"):
-        raise DataFileError(
-            f"{source.path} holds both transient and gt_transient; keep the one that is meant"
-        )
+        raise DataFileError(f"{source.path} holds both transient and gt_transient; keep only the right one")
     simulated = source.has("gt_transient")
     signal = source.matlab_array("gt_transient" if simulated else "transient")
     lit_m = source.matlab_places("lighting")
@@ -74,8 +72,12 @@ def read(source: Source, options: Options) -> Content:
         simulated=simulated,
         assumed=(
             "y is kept as it is" if simulated else "y is counted downwards in the file: its sign was changed",
-            "confocal where there is no sensor; rectified: bin 0 begins when the pulse is on the wall",
-            *([f"its first {begins} bins were cleared: they held the wall's own light"] if begins else []),
+            "confocal if there is no sensor; rectified: bin 0 starts when the pulse is on the wall",
+            *(
+                [f"its first {begins} bins were cleared: they held light of the wall itself"]
+                if begins
+                else []
+            ),
             *unmeasured,
         ),
     )

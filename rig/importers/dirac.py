@@ -62,7 +62,7 @@ def read(source: Source, options: Options) -> Content:
         delay_s=delay_s,
         assumed=(
             "confocal; xg and yg are x and y of this program's frame; da holds the left edges of the bins: "
-            "all of that is not in the file",
+            "the file does not contain any of this",
         ),
     )
 
@@ -74,8 +74,9 @@ def _delays(source: Source, options: Options, positions: int) -> NDArray[np.floa
     told = options.optional("time_origin")
     if told is None:
         raise UsageError(
-            f"{source.path} does not say whether its time includes the ways from laser to wall and from wall "
-            "to detector (offset_laser is zero or missing); say --time-origin wall if not, or --time-origin "
+            f"{source.path} does not contain whether its time includes the paths from laser to wall and "
+            "from wall "
+            "to detector (offset_laser is zero or missing); use --time-origin wall if not, or --time-origin "
             "laser with --tof"
         )
     if told == "wall":
@@ -83,7 +84,7 @@ def _delays(source: Source, options: Options, positions: int) -> NDArray[np.floa
     delay_s = given_flights(options, positions)
     if delay_s is None:
         raise UsageError(
-            f"{source.path} does not say how long light flies to each position; give the file that holds "
+            f"{source.path} does not contain the time of flight to each position; give the file that holds "
             "tofgrid with --tof"
         )
     return delay_s

@@ -52,10 +52,10 @@ def read(source: Source, options: Options) -> Content:
         dtype=counts.dtype,
         blocks=[counts],
         assumed=(
-            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: that is not in "
-            "the file, the picture may be mirrored or turned",
+            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: "
+            "the file does not contain this, so the picture may be mirrored or turned",
             "DeltaT is metres of optical path",
-            "confocal, rectified: bin 0 begins when the pulse is on the wall",
+            "confocal, rectified: bin 0 starts when the pulse is on the wall",
         ),
     )
 

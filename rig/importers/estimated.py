@@ -110,20 +110,20 @@ def completed(read: Read, given: Given, wanted: Sequence[str], path: Path) -> Co
 def _check(wanted: Sequence[str], given: Given) -> None:
     for name in wanted:
         if name not in NAMES:
-            raise UsageError(f"--estimate {name}: what can be estimated is {', '.join(NAMES)}")
+            raise UsageError(f"--estimate {name}: only {', '.join(NAMES)} can be estimated")
         option = _TRIAL.get(name, ("",))[0]
         if given.get(option) is not None:
             raise UsageError(f"{SPELLING[option]} is given; leave {name} out of --estimate")
     if {"bin-width", "wall-size"} <= set(wanted):
         raise UsageError(
             "bin width and wall size cannot be estimated together: with all times and the wall twice as "
-            "large the record is the same, of a scene twice as large. Give one, with --bin-width or "
+            "large a scene twice as large gives the same record. Give one, with --bin-width or "
             "--wall-size"
         )
     if {"time-origin", "bin-width"} <= set(wanted):
         raise UsageError(
-            "time zero and bin width cannot be estimated together: a later and a longer record are sharp "
-            "alike. Give the bin width with --bin-width"
+            "time zero and bin width cannot be estimated together: a later record and a longer record "
+            "are equally sharp. Give the bin width with --bin-width"
         )
 
 
@@ -145,7 +145,7 @@ def _read(read: Read, trial: Given, wanted: Sequence[str], path: Path) -> Conten
     content = read(options)
     for name in wanted:
         if name in _TRIAL and _TRIAL[name][0] in options.not_taken():
-            raise UsageError(f"{path} says its {name.replace('-', ' ')} itself; leave it out of --estimate")
+            raise UsageError(f"{path} contains its {name.replace('-', ' ')}; leave it out of --estimate")
     return with_places(content, path)
 
 
@@ -161,8 +161,8 @@ def _capture(again: Callable[[], Content], wanted: Sequence[str], path: Path) ->
         return _as_read(content, again, np.zeros(1)), None
     if "bin-width" in wanted:
         raise UsageError(
-            f"{path}: its time includes flights to the wall, which are known in seconds and not in bins, so "
-            "that no bin width can be estimated; give it with --bin-width"
+            f"{path}: its time includes flights to the wall, which are known in seconds, not in bins, "
+            "so the bin width cannot be estimated; give it with --bin-width"
         )
     return _as_read(content, again, first_s), content.fade_from_s
 

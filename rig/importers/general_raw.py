@@ -72,8 +72,8 @@ def read(source: Source, options: Options) -> Content:
         fade_from_s=WALL_LIGHT_S,
         frame=frame,
         assumed=(
-            "each position's time begins half way between the first bounces of its two spots (peak1, peak2)",
-            f"the first {WALL_LIGHT_S * 1e9:g} ns after the first bounce hold the wall's own light",
+            "each position's time starts half way between the first bounces of its two spots (peak1, peak2)",
+            f"the first {WALL_LIGHT_S * 1e9:g} ns after the first bounce hold light of the wall itself",
             "every other line was measured backwards; z grows into the room",
             *([f"{more} records after the last pair are left out"] if more else []),
             *unmeasured,

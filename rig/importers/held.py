@@ -33,10 +33,10 @@ def hold_against(content: Content, options: Options, path: Path, layout: str) ->
         said, agrees = _said(name, given, content)
         if not agrees:
             raise UsageError(
-                f"{SPELLING[name]} {_shown(name, given)} is not what {path} ({layout}) says: {said}. "
+                f"{SPELLING[name]} {_shown(name, given)} contradicts {path} ({layout}): {said}. "
                 f"Leave {SPELLING[name]} out"
             )
-        agreed.append(f"{SPELLING[name]} {_shown(name, given)} is what the file says itself")
+        agreed.append(f"{SPELLING[name]} {_shown(name, given)} agrees with the file")
     return replace(content, assumed=(*content.assumed, *agreed))
 
 
@@ -46,18 +46,21 @@ def _faded(content: Content, given_s: float | None, path: Path) -> Content:
         if content.fade_from_s is None or content.fade_from_s < last_s:
             return content
         told = (
-            f"all of the record is faded out: it ends at {show(last_s, 's')}, and the wall's own light at "
-            f"{show(content.fade_from_s, 's')}; check --bin-width, or give --fade-from"
+            f"all of the record is faded out: it ends at {show(last_s, 's')}, "
+            f"and the light of the wall itself at {show(content.fade_from_s, 's')}; check --bin-width, "
+            "or give --fade-from"
         )
         return replace(content, assumed=(*content.assumed, told))
     if not 0 <= given_s < last_s:
         raise UsageError(
-            f"--fade-from {show(given_s, 's')} would leave nothing of {path}: its record ends at "
+            f"--fade-from {show(given_s, 's')} would fade out all of {path}: its record ends at "
             f"{show(last_s, 's')}; give a time within it"
         )
-    told = f"what comes before {show(given_s, 's', 4)} is faded out, as --fade-from asks"
+    told = f"what comes before {show(given_s, 's', 4)} is faded out, as set by --fade-from"
     if content.fade_from_s is not None and not isclose(content.fade_from_s, given_s, rel_tol=_SAME):
-        told += f", not what comes before {show(content.fade_from_s, 's', 4)}, as the file or its layout says"
+        told += (
+            f", not what comes before {show(content.fade_from_s, 's', 4)}, as set by the file or its layout"
+        )
     return replace(content, fade_from_s=given_s, assumed=(*content.assumed, told))
 
 
@@ -78,7 +81,10 @@ def _said(name: str, given: Any, content: Content) -> tuple[str, bool]:
         width_s = content.bin_width_s
         return f"its bins are {show(width_s, 's', 7)} wide", isclose(given, width_s, rel_tol=_SAME)
     if name == "time_origin":
-        origins = {"wall": "its time is rectified (wall)", "laser": "its time includes the legs (laser)"}
+        origins = {
+            "wall": "its time is rectified (wall)",
+            "laser": "its time includes the paths to and from the wall (laser)",
+        }
         return origins[content.time_origin], given == content.time_origin
     if name in {"wall_size_m", "depth_pitch_m"}:
         spots_m = np.concatenate([content.laser_m, content.detector_m])
@@ -89,11 +95,11 @@ def _said(name: str, given: Any, content: Content) -> tuple[str, bool]:
             return said, isclose(given, across_m, rel_tol=_SAME)
         return f"the places of its spots are known, and their depths differ by {show_length(deep_m)}", False
     if name in OF_PLAN:
-        return "it holds the places of its spots, or a grid of them, itself", False
+        return "it holds the places of its spots, or a grid of them", False
     if name == "time_zero_s":
-        return "it says itself what its time zero is", False
+        return "it contains what its time zero is", False
     if name == "bounces":
-        return "it does not keep bounces apart", False
+        return "it does not separate bounces", False
     if content.time_origin == "wall":
         return "its time is rectified, and no flight to the wall is left in it", False
     return "the flight to the wall is known from the file itself", False

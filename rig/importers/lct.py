@@ -45,5 +45,5 @@ def read(source: Source, options: Options) -> Content:
         bin_width_s=bin_width_s,
         y_down=True,
         fade_from_s=WALL_LIGHT_S,
-        assumed=(f"the first {WALL_LIGHT_S * 1e9:g} ns hold the wall's own light",),
+        assumed=(f"the first {WALL_LIGHT_S * 1e9:g} ns hold light of the wall itself",),
     )

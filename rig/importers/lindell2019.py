@@ -67,8 +67,8 @@ def read(source: Source, options: Options) -> Content:
         blocks=blocks,
         delay_s=tof_s.ravel(),
         assumed=(
-            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: that is not in "
-            "the file, the picture may be mirrored or turned",
+            f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y falling: "
+            "the file does not contain this, so the picture may be mirrored or turned",
             f"confocal; tofgrid of {where} is in picoseconds, and subtracted exactly, not in whole bins",
             *depth_told,
         ),
@@ -80,14 +80,14 @@ def _tof_path(source: Source, options: Options) -> Path:
     given = options.optional("delays")
     if given is not None and source.has("tofgrid"):
         raise UsageError(
-            f"{source.path} holds tofgrid itself; leave --tof {given} out, or take tofgrid out of the file"
+            f"{source.path} holds tofgrid itself; leave --tof {given} out, or remove tofgrid from the file"
         )
     if source.has("tofgrid"):
         return source.path
     path = source.path.with_name("tof.mat") if given is None else Path(given)
     if given is None and not path.is_file():
         raise UsageError(
-            f"{source.path} does not say how long light flies to each position, and there is no tof.mat "
+            f"{source.path} does not contain the time of flight to each position, and there is no tof.mat "
             "beside it; give the file that holds tofgrid with --tof"
         )
     return path
@@ -119,8 +119,9 @@ def _depths(
             not_flat = path if held.has("pos") else not_flat
     if not_flat is not None:
         raise DataFileError(
-            f"{not_flat} holds 'pos': the wall is not flat, and how its points lie in this program's frame "
-            "is not known; put calibration.mat with z_offset beside it, or write it as neutral HDF5, with "
+            f"{not_flat} holds 'pos': the wall is not flat, and the places of its points in this "
+            "program's frame are not known; put calibration.mat with z_offset beside it, "
+            "or write it as neutral HDF5, with "
             "laser_position_m and time_s"
         )
     return None, []

@@ -44,7 +44,7 @@ def read(source: Source, options: Options) -> Content:
     if source.has("sampling_spacing"):
         pitch_m = positive(source.numbers("sampling_spacing", 1)[0], f"{source.path}: sampling_spacing")
     else:
-        size_m = options.asked("wall_size_m", source.path, "how far its spots are apart")
+        size_m = options.asked("wall_size_m", source.path, "how far apart its spots are")
         pitch_m = size_m / max(1, rows - 1, columns - 1)
     x_m = (np.arange(columns) - (columns - 1) / 2) * pitch_m
     y_m = ((rows - 1) / 2 - np.arange(rows)) * pitch_m
@@ -60,9 +60,9 @@ def read(source: Source, options: Options) -> Content:
         dtype=dtype,
         blocks=blocks,
         assumed=(
-            "y falls along the first axis in MATLAB's order and x rises along the second: that is not in the "
-            "file, the picture may be mirrored or turned",
+            "y falls along the first axis in MATLAB's order and x rises along the second: "
+            "the file does not contain this, so the picture may be mirrored or turned",
             "SPAD_index is (row, column), counted from one; the middle of the grid is the origin",
-            "rectified: bin 0 begins when the pulse is on the wall",
+            "rectified: bin 0 starts when the pulse is on the wall",
         ),
     )

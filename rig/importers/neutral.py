@@ -58,7 +58,7 @@ def read(source: Source, options: Options) -> Content:
     """
     assert source.hdf5 is not None
     if source.has("counts", "transient"):
-        raise DataFileError(f"{source.path} holds both counts and transient; keep the one that is meant")
+        raise DataFileError(f"{source.path} holds both counts and transient; keep only the right one")
     name = "counts" if source.has("counts") else "transient"
     laser_m, detector_m = source.places("laser_position_m"), source.places("detector_position_m")
     time_s = source.numbers("time_s", -1)
@@ -126,7 +126,8 @@ def _legs(
     if heads_m[0] is None or heads_m[1] is None:
         raise DataFileError(
             f"{source.path}: its time origin is laser, so the flight to the wall and back is in its time, "
-            "but nothing says how long that is: add delay_s (positions,), or the attributes laser_head_m and "
+            "but the file does not contain how long that is: add delay_s (positions,), "
+            "or the attributes laser_head_m and "
             "detector_head_m [m], or give --tof, or subtract it from time_s and set time_origin to wall"
         )
     electronics_s = source.attribute_number("electronics_delay_s", 0.0)
@@ -141,23 +142,23 @@ def _contradictions(source: Source, laser_m: NDArray, detector_m: NDArray) -> li
     )
     if said is None or said == confocal:
         return []
-    return [f"its attribute confocal is {said}, but its places say otherwise, and those count"]
+    return [f"its attribute confocal is {said}, but its places show the opposite, and those are used"]
 
 
 def _time_origin(source: Source, options: Options) -> tuple[str, tuple[str, ...]]:
     text = source.attribute("time_origin")
     if text is None:
         told = options.optional("time_origin")
-        return told or "wall", () if told else ("rectified: the file does not say what its t = 0 is",)
+        return told or "wall", () if told else ("rectified: the file does not contain what its t = 0 is",)
     at_wall, at_laser = (re.search(pattern, str(text), re.IGNORECASE) for pattern in _ORIGINS)
     if bool(at_wall) == bool(at_laser):
         told = options.optional("time_origin")
         if told is None:
             raise UsageError(
-                f"{source.path} says of its time origin '{text}', which is neither wall nor laser; say which "
-                "with --time-origin"
+                f"{source.path} has the time origin '{text}', which is neither wall nor laser; "
+                "give it with --time-origin"
             )
-        return told, (f"its time origin, '{text}', was taken as {told}, as told",)
+        return told, (f"its time origin, '{text}', was used as {told}, as requested",)
     return "wall" if at_wall else "laser", ()
 
 

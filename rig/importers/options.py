@@ -142,7 +142,7 @@ class Options:
         value = self.optional(name)
         if value is None:
             raise UsageError(
-                f"{path} does not say {what}; give it with {SPELLING[name]}{hint and f' ({hint})'}"
+                f"{path} does not contain {what}; give it with {SPELLING[name]}{hint and f' ({hint})'}"
             )
         return value
 

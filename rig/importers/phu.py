@@ -69,21 +69,22 @@ def _curves(head: Head) -> tuple[NDArray[np.int64], int, float, tuple[str, ...]]
         )
     if len(np.unique(bins)) > 1 or len(np.unique(width_s)) > 1 or not bins[0] > 0 or not width_s[0] > 0:
         raise DataFileError(
-            f"{head.path}: its curves differ in number or width of bins; they are no one scan"
+            f"{head.path}: its curves differ in number or width of bins; they are not from one scan"
         )
     if head.number("HistoResult_BitsPerBin", 32) != 32:
         raise DataFileError(f"{head.path}: bins of other than 32 bits are not known")
     if (offset < head.end).any() or (np.diff(np.sort(offset)) < 4 * bins[0]).any():
-        raise DataFileError(f"{head.path}: its curves lie in its head, or on one another; it is damaged")
+        raise DataFileError(f"{head.path}: its curves overlap its header, or each other; it is damaged")
     missing = np.flatnonzero(offset + 4 * bins > head.size)
     told: tuple[str, ...] = ()
     if len(missing):
         whole = int(missing[0])
         told = (
-            f"the file is cut off: {whole} of its {curves} curves are whole, those before curve {whole + 1}",
+            f"the file is cut off: {whole} of its {curves} curves are complete, "
+            f"those before curve {whole + 1}",
         )
         if not whole:
-            raise DataFileError(f"{head.path} is cut off: none of its {curves} curves is whole")
+            raise DataFileError(f"{head.path} is cut off: none of its {curves} curves is complete")
         offset = offset[:whole]
     return offset.astype(np.int64), int(bins[0]), float(width_s[0]), told
 
@@ -92,11 +93,11 @@ def _begin_s(head: Head) -> tuple[float, tuple[str, ...]]:
     """Return when after a sync pulse the first bin begins, and what is to be said."""
     late_ns = np.unique(head.numbers(_OFFSET)) if _OFFSET in head.values else np.zeros(1)
     if len(late_ns) > 1:
-        raise DataFileError(f"{head.path}: its curves begin at different times; they are no one scan")
+        raise DataFileError(f"{head.path}: its curves begin at different times; they are not from one scan")
     if not late_ns[0]:
         return 0.0, ()
     return late_ns[0] * 1e-9, (
-        f"the first bin begins {late_ns[0]:g} ns after a sync pulse, as the file says",
+        f"the first bin begins {late_ns[0]:g} ns after a sync pulse, as given in the file",
     )
 
 

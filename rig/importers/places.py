@@ -35,8 +35,8 @@ def zeros_as_missing(*sides_m: NDArray[np.float64]) -> tuple[list[NDArray[np.flo
     if not missing.any():
         return list(sides_m), []
     return [np.where(missing[:, None], np.nan, side) for side in sides_m], [
-        f"{np.count_nonzero(missing)} of {len(rows)} places are (0, 0, 0), as arrays have it where nothing "
-        "was measured: they are left out"
+        f"{np.count_nonzero(missing)} of {len(rows)} places are (0, 0, 0), "
+        "which usually means not measured: they are left out"
     ]
 
 
@@ -90,8 +90,8 @@ def with_places(content: Content, path: Path) -> Content:
     lost = positions - np.count_nonzero(here)
     if lost == positions:
         raise DataFileError(
-            f"{path}: none of its {positions} positions has a place: their laser or detector spots are no "
-            "finite numbers (NaN); the rays missed the wall, or the places were not written"
+            f"{path}: none of its {positions} positions has a place: their laser or detector spots are "
+            "not finite numbers (NaN); the rays missed the wall, or the places were not written"
         )
     told = (
         f"{lost} of {positions} positions have no place on the wall (NaN: a ray missed it, or nothing was "

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from rig.importers.tagged import Records, Survey
 
 NAME = "PicoQuant records"
-SIGN = ".ptu, .ht2, .ht3, .pt2 or .pt3 with records (T2 or T3) of a HydraHarp, its kin, or a PicoHarp 300"
+SIGN = (
+    ".ptu, .ht2, .ht3, .pt2 or .pt3 with records (T2 or T3) of a HydraHarp, a similar instrument, "
+    "or a PicoHarp 300"
+)
 PARTS = ("TTResultFormat_TTTRRecType", "TTResult_NumberOfRecords")
 
 #: A gap between markers of so many usual ones lacks some.
@@ -48,8 +51,9 @@ def read(source: Source, options: Options) -> Content:
     seen = Survey.of(records, width_s)
     if not seen.photons or not len(seen.mask):
         raise DataFileError(
-            f"{source.path} is no scan: it holds {seen.in_words()}. Without "
-            f"{'photons' if len(seen.mask) else 'markers'} nothing tells which photons belong to which point"
+            f"{source.path} is not a scan: it holds {seen.in_words()}. Without "
+            f"{'photons' if len(seen.mask) else 'markers'} it is not known which photons belong to "
+            "which point"
         )
     plan = visits(source.head, options)
     inputs = _inputs(seen, plan, options, source.path)
@@ -85,15 +89,17 @@ def _bin_width_s(records: "Records", options: Options) -> float:
         width_s = float(records.head.number("MeasDesc_Resolution"))
     else:
         width_s = float(
-            options.asked("bin_width_s", records.head.path, "how wide bins are to be", "T2 records have none")
+            options.asked("bin_width_s", records.head.path, "how wide bins must be", "T2 records have none")
         )
         unit_s = float(records.head.number("MeasDesc_GlobalResolution"))
         if not 1e-15 < unit_s < 1:
-            raise DataFileError(f"{records.head.path}: its times count {unit_s:g} s, as no instrument does")
+            raise DataFileError(
+                f"{records.head.path}: its times count {unit_s:g} s, which is impossible for an instrument"
+            )
         width_s = max(1, round(width_s / unit_s)) * unit_s
     if not 1e-15 < width_s < 1:
         raise DataFileError(
-            f"{records.head.path}: bins of {width_s:g} s are none of a photon counter; it is damaged"
+            f"{records.head.path}: bins of {width_s:g} s are impossible for a photon counter; it is damaged"
         )
     return width_s
 
@@ -155,8 +161,8 @@ class Marks:
                 raise UsageError(f"{name} {number}: markers are 1 to 4")
         if point == line:
             raise UsageError(
-                f"--line-marker {line} and --point-marker {point} are the same; give the line's own, or "
-                "leave it out"
+                f"--line-marker {line} and --point-marker {point} are the same; "
+                "give another one for lines, or leave it out"
             )
         return cls(point, line)
 
@@ -177,7 +183,7 @@ def _points(
         If there are more, or no such markers.
     """
     path = records.head.path
-    told = [f"{seen.unknown:,} records are of no known kind, and were passed over"] if seen.unknown else []
+    told = [f"{seen.unknown:,} records have an unknown kind, and were skipped"] if seen.unknown else []
     is_point = seen.mask & 1 << marks.point - 1 != 0
     is_line = marked = np.zeros_like(is_point)
     if marks.line is not None:
@@ -186,7 +192,7 @@ def _points(
             is_line = is_line & is_point
         _check_lines(seen, is_point, is_line, plan, records)
         told.append(
-            f"{np.count_nonzero(is_line):,} lines begin at markers, as --line-marker {marks.line} says"
+            f"{np.count_nonzero(is_line):,} lines begin at markers, as set by --line-marker {marks.line}"
         )
     edges = is_point | marked
     ends = np.append(seen.photon[edges][1:], seen.photons)[is_point[edges]]
@@ -195,11 +201,11 @@ def _points(
         whole = len(begins) - 1
         where = plan.place(whole)
         told.append(
-            f"the last whole of {plan.points:,} points is the one before {where}; the rest is missing"
+            f"the last complete one of {plan.points:,} points is the one before {where}; the rest is missing"
         )
         begins, ends = begins[:whole], ends[:whole]
         if not whole:
-            raise DataFileError(f"{path} is cut off within its first point: nothing in it is whole")
+            raise DataFileError(f"{path} is cut off within its first point: it holds no complete point")
     elif len(begins) != plan.points:
         said = (
             f"{path} holds {len(begins):,} markers of points (--point-marker {marks.point}), but the plan "
@@ -230,8 +236,8 @@ def _check_lines(
         late = np.flatnonzero(gaps > _GAP * np.median(gaps))
         after = f" After point {late[0] + 1} of it there is a gap." if len(late) else ""
         raise DataFileError(
-            f"{path}: line {line + 1} has {in_line[line]} markers of points of {columns}.{after} Its photons "
-            "cannot be told apart; check --point-marker, --line-marker and --grid"
+            f"{path}: line {line + 1} has {in_line[line]} markers of points of {columns}.{after} Its "
+            "photons cannot be assigned to points; check --point-marker, --line-marker and --grid"
         )
     if not records.truncated and lines != rows:
         raise UsageError(

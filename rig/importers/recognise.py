@@ -46,10 +46,10 @@ def recognise(source: Source, layouts: Sequence[ModuleType]) -> ModuleType:
         looks, more = f"looks most like {told[0]}", f" Next, it looks like {told[1]}." if told[1:] else ""
     else:
         known = "; ".join(f"{layout.PARTS[0]} ({layout.NAME})" for layout in layouts)
-        looks, more = "looks like nothing that this program knows", f" Layouts are told by {known}."
+        looks, more = "has no layout that this program knows", f" Layouts are recognised by {known}."
     raise DataFileError(
         f"{source.path} {looks}: it has no known layout; it holds {source.contents(_NAMED)}.{more} "
-        "All that each layout needs: docs/importing.md"
+        "What each layout needs: docs/importing.md"
     )
 
 

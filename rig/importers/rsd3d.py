@@ -53,7 +53,7 @@ def read(source: Source, options: Options) -> Content:
         assumed=(
             "camera_pos holds the scanned laser spots and laser_pos the detector's: the published names are "
             "exchanged",
-            "rectified: bin 0 begins when the pulse is on the wall; z grows into the room",
+            "rectified: bin 0 starts when the pulse is on the wall; z grows into the room",
             *unmeasured,
         ),
     )

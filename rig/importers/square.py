@@ -58,7 +58,7 @@ def confocal_square(
         assumed=(
             f"the {nx} x {ny} spots span {size_m:g} m with both edges, x rising, y "
             + ("falling" if y_down else "rising"),
-            "confocal, rectified: bin 0 begins when the pulse is on the wall",
+            "confocal, rectified: bin 0 starts when the pulse is on the wall",
             *assumed,
         ),
     )

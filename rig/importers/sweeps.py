@@ -63,15 +63,17 @@ class Sweeps:
         exposure_s = head.numbers(EXPOSURE)
         sane = (pairs < _MOST).all() and unit_s > 0 and abs(lag_s) < _MOST * unit_s
         if not sane or not ((exposure_s >= 0) & (exposure_s < _MOST * unit_s)).all():
-            raise DataFileError(f"{head.path}: its head has times that no scan has; it is damaged")
+            raise DataFileError(
+                f"{head.path}: its header has times that are impossible in a scan; it is damaged"
+            )
         tag, step = pairs.T.astype(np.int64)
         if (np.diff(step) < 0).any() or (np.diff(tag) <= 0).any() or ((step < 0) | (step > points)).any():
             raise DataFileError(
-                f"{head.path}: the sweeps in its head do not follow one another; it is damaged"
+                f"{head.path}: the sweeps in its header do not follow one another; it is damaged"
             )
         if len(exposure_s) not in {0, points}:
             raise DataFileError(
-                f"{head.path}: its head has {len(exposure_s)} exposures for {points} points; it is damaged"
+                f"{head.path}: its header has {len(exposure_s)} exposures for {points} points; it is damaged"
             )
         steps = int(head.number(STEPS))
         return cls(
@@ -101,13 +103,11 @@ class Sweeps:
             start, stop = start[whole], stop[whole]
         points, told = len(self.exposure), []
         if not len(start):
-            raise DataFileError(f"{records.head.path} holds no whole point of {points:,}")
+            raise DataFileError(f"{records.head.path} holds no complete point of {points:,}")
         if len(start) < points:
-            told.append(f"the first {len(start):,} of {points:,} points are there")
+            told.append(f"the first {len(start):,} of {points:,} points are in the file")
         if self.trusted is None:
-            told.append(
-                "these records did not see the scan's end: the last points may be such as do not count"
-            )
+            told.append("these records ended before the scan did: the last points may be invalid")
         return start, stop, told
 
     def _edges(self, seen: "Survey", records: "Records") -> NDArray[np.int64]:

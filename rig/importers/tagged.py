@@ -107,7 +107,7 @@ class Records:
         if 0 < said <= there:
             more = f"behind its {said:,} records the file has {there - said:,} more, which are left out"
             return cls(head, _FORMATS[kind], said, False, (more,) if there > said else ())
-        of = f"{said:,}" if said > 0 else "a number that it does not say"
+        of = f"{said:,}" if said > 0 else "an unknown number"
         told = f"the file is cut off: it holds {there:,} whole records of {of}"
         return cls(head, _FORMATS[kind], there, True, (told,))
 
@@ -200,7 +200,7 @@ class Survey:
                 there += batch.markers
                 if there > _MOST_MARKERS:
                     raise DataFileError(
-                        f"{records.head.path} holds more than {_MOST_MARKERS:,} markers: no scan"
+                        f"{records.head.path} holds more than {_MOST_MARKERS:,} markers: it is not a scan"
                     )
             timeless += _survey(batch.channel, bins, counts, lowest, highest)
             photons, syncs, unknown = photons + batch.photons, syncs + pulses, unknown + batch.unknown

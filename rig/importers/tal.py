@@ -35,7 +35,7 @@ _EXHAUSTIVE = {2, 4}
 _LX_LY_SX_SY = 2
 #: Stokes components of each bin in a polarised render, on an axis after all others; the first is intensity.
 _STOKES = 4
-_INTENSITY = "polarised: of the Stokes components on the last axis of H, the first, intensity, is taken"
+_INTENSITY = "polarised: of the Stokes components on the last axis of H, the first, intensity, is used"
 #: Codes from here on are in the frequency domain.
 _FREQUENCIES = 10
 #: Bytes of H read at once.
@@ -80,7 +80,8 @@ def read(source: Source, options: Options) -> Content:
     sensor_head_m, laser_head_m = _optional(source, "sensor_xyz", 3), _optional(source, "laser_xyz", 3)
     if legs_inside and (sensor_head_m is None or laser_head_m is None):
         raise DataFileError(
-            f"{source.path}: its time includes the legs, but sensor_xyz or laser_xyz is missing"
+            f"{source.path}: its time includes the paths to and from the wall, "
+            "but sensor_xyz or laser_xyz is missing"
         )
     normals = None
     if source.shapes.get("sensor_grid_normals") is not None:
@@ -135,7 +136,7 @@ def _check_shape(source: Source, code: int, sensors: int, lasers: int) -> bool:
     if more not in {(), (1,)} and not polarised:
         raise DataFileError(
             f"{source.path}: H has shape {shape} with {points}; of a last axis more, only {_STOKES} Stokes "
-            "components of a polarised render are known: write the intensity alone"
+            "components of a polarised render are known: write only the intensity"
         )
     for name, on in (("sensor_grid_xyz", axes[-2:]), ("laser_grid_xyz", axes[1:3])):
         grid = source.shapes[name] or ()
@@ -162,8 +163,9 @@ def _legs_inside(source: Source, options: Options) -> bool:
     told = options.optional("time_origin")
     if told is None:
         raise UsageError(
-            f"{source.path} does not say whether its time includes the ways from laser to wall and from wall "
-            "to sensor (t_accounts_first_and_last_bounces); say --time-origin laser if it does, wall if not"
+            f"{source.path} does not contain whether its time includes the paths from laser to wall and "
+            "from wall "
+            "to sensor (t_accounts_first_and_last_bounces); use --time-origin laser if it does, wall if not"
         )
     return bool(told == "laser")
 

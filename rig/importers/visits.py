@@ -107,7 +107,7 @@ def visits(head: Head, options: Options) -> Visits:
     like = options.optional("places")
     if like is not None:
         if options.optional("grid") is not None:
-            raise UsageError("--places and --grid both say where the laser was; leave one of them out")
+            raise UsageError("--places and --grid both give the places of the laser; leave one of them out")
         return _of_scan(Path(like), options)
     return _of_grid(head.path, options)
 
@@ -122,12 +122,14 @@ def _own(head: Head) -> Visits:
         or not points
     ):
         raise DataFileError(
-            f"{head.path}: its head has {len(laser_m)} numbers of laser spots and {len(detector_m)} of "
+            f"{head.path}: its header has {len(laser_m)} numbers of laser spots and {len(detector_m)} of "
             f"detector spots, which are not three for each of {points} points and {channels} channels"
         )
     delay_s = head.numbers(DELAY) if DELAY in head.values else None
     if delay_s is not None and len(delay_s) != points * channels:
-        raise DataFileError(f"{head.path}: its head has {len(delay_s)} delays for {points * channels} pairs")
+        raise DataFileError(
+            f"{head.path}: its header has {len(delay_s)} delays for {points * channels} pairs"
+        )
     return Visits(
         laser_m.reshape(points, 3),
         detector_m.reshape(-1, channels, 3),
@@ -157,7 +159,9 @@ def _of_grid(path: Path, options: Options) -> Visits:
         "grid", path, "where the laser was", "or the scan file of the same plan with --places"
     )
     if columns * rows > _MOST_POINTS:
-        raise UsageError(f"--grid {columns}x{rows} has more than {_MOST_POINTS:,} points, which no plan has")
+        raise UsageError(
+            f"--grid {columns}x{rows} has more than {_MOST_POINTS:,} points, more than a plan can have"
+        )
     spacing_m = positive(options.asked("spacing_m", path, "how far apart the spots are"), "--spacing")
     seen = options.asked("detector", path, "where the detector looks", "confocal, or its spot, e.g. 10cm,0cm")
     laser_m, told = _grid(columns, rows, spacing_m, options)
@@ -197,6 +201,6 @@ def _said_of_zero(options: Options) -> tuple[str, ...]:
     if options.optional("time_zero_s") is not None:
         return ()
     return (
-        "the pulse is on the wall when the instrument's time is zero: neither the file nor --time-zero says "
-        "otherwise",
+        "the pulse is on the wall when the instrument's time is zero: "
+        "neither the file nor --time-zero gives another time",
     )

@@ -78,7 +78,7 @@ class WallFrame:
             return cls(np.zeros(3), np.eye(3))
         up = np.array([0.0, 1.0, 0.0]) - z[1] * z
         if np.linalg.norm(up) < 0.1:
-            raise DataFileError("the relay wall is a floor or a ceiling, so that no direction on it is up")
+            raise DataFileError("the relay wall is a floor or a ceiling, so it has no upward direction")
         y = up / np.linalg.norm(up)
         return cls(middle_m, np.stack([np.cross(y, z), y, z]))
 
@@ -144,7 +144,7 @@ def _there(spots_m: NDArray) -> NDArray:
     there = np.isfinite(spots_m).all(axis=1)
     if not there.any():
         raise DataFileError(
-            f"none of the wall's {len(spots_m)} spots has a place: all are no finite numbers (NaN); the rays "
+            f"none of the wall's {len(spots_m)} spots has a place: none is a finite number (NaN); the rays "
             "missed the wall, or the places were not written"
         )
     return spots_m[there]

@@ -34,5 +34,5 @@ def read(source: Source, options: Options) -> Content:
         size_m=2 * source.numbers("width", 1)[0],
         bin_width_s=positive(source.numbers("timeRes", 1)[0], f"{source.path}: timeRes"),
         instrument_response_s=response_s,
-        assumed=("which way the axes point is not in the file: the picture may be mirrored or turned",),
+        assumed=("the directions of the axes are not in the file: the picture may be mirrored or turned",),
     )

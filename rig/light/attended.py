@@ -79,7 +79,11 @@ class Attended:
 
     def settings(self) -> Settings:
         """Return what is known, the person's answer, and what speaks for it."""
-        evidence = "the sync pulses came with it" if self._tells else "none: sync pulses came before, too"
+        evidence = (
+            "there were sync pulses only with the light"
+            if self._tells
+            else "none: there were sync pulses before, too"
+        )
         return {**self._guarded.settings(), "answer": self._answer, "evidence": evidence}
 
     def emitting(self) -> bool:
@@ -143,7 +147,7 @@ class SwitchedByHand(Attended):
         RigError
             The person says no, or nobody can answer.
         """
-        wanted = Request("laser", f"Make the laser ready, and leave it dark: {self._what}", {})
+        wanted = Request("laser", f"Make the laser ready, and keep it dark: {self._what}", {})
         somebody(self._operator, wanted).set_by_hand(wanted)
         self._guarded.arm()
 
@@ -232,8 +236,8 @@ class BehindItsShutter(Attended):
     ) -> None:
         if self._operator is not None:
             self._operator.tell(
-                "The laser itself was not switched off: only its shutter keeps the light in. Switch it off "
-                "by hand when you leave."
+                "The laser itself was not switched off: only its shutter blocks the light. "
+                "Switch it off by hand when you leave."
             )
 
     def arm(self) -> None:

@@ -45,7 +45,7 @@ class Light(Enum):
     DARK = "dark"
     ARMED = "armed"
     LIT = "lit"
-    ALARM = "emitting, or not to be asked"
+    ALARM = "emitting, or not answering"
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class Guard:
             If the laser can be asked itself.
         """
         if not isinstance(self._laser, LaserByHand):
-            raise RefusedError("laser", "be taken as dark", "it can be asked itself", "Ask it.")
+            raise RefusedError("laser", "count as dark", "it can report its own state", "Ask the laser.")
         self._laser.take_word()
         if self.light is Light.ALARM:
             self._try_again(at_once=True)
@@ -205,7 +205,7 @@ class Guard:
         elif self.light is Light.LIT:
             now_s = self._clock.now_s()
             if now_s > self._until_s:
-                self.lose("the program did not say in time that all is well", trip=False)
+                self.lose("the program did not report in time that all is well", trip=False)
             elif now_s - self._looked_s >= LOOK_S:
                 self._look()
 
@@ -234,7 +234,8 @@ class Guard:
 
     def _gone(self) -> None:
         self.lose(
-            "the laser went dark by itself: check interlock and key, and that nobody is in the beam's way",
+            "the laser went dark without a command: check interlock and key, "
+            "and that nobody is in the path of the beam",
             trip=True,
         )
 
@@ -244,7 +245,7 @@ class Guard:
             return
         self._looked_s = now_s
         if self._put_out() is None:
-            self._tell(Lost(f"{self._alarm}. It is dark at last", True, True, self._known_dark_by))
+            self._tell(Lost(f"{self._alarm}. It is dark now", True, True, self._known_dark_by))
 
     def _put_out(self) -> DeviceError | None:
         """Make the laser dark; return why that is not confirmed, if it is not."""
@@ -270,7 +271,7 @@ class Guard:
                 "laser",
                 "be dark",
                 "its line cannot be opened any more",
-                "Treat the laser as EMITTING: turn its key off by hand, and look at its cable.",
+                "Treat the laser as EMITTING: turn its key off by hand, and check its cable.",
             )
 
     def _not_in_alarm(self, asked: str) -> None:

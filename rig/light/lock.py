@@ -23,15 +23,15 @@ def locked(config: RigConfig) -> Iterator[None]:
     Raises
     ------
     RefusedError
-        If another program has it, which is named.
+        If another program uses it, which is named.
     """
     path = folder() / f"rig-{key(config)}.lock"
     with path.open("ab+", buffering=0) as file:
         if not _lock(file):
             holder = _holder(path)
             raise RefusedError(
-                f"{config.name} is in use by {holder}. Wait for its end, or stop it; rig laser off puts its "
-                "light out"
+                f"{config.name} is in use by {holder}. Wait until it has ended, or stop it; "
+                "rig laser off switches its light off"
             )
         with suppress(OSError):  # a full disk; the lock holds without words, too
             _write(file, f"{command_line() or 'a Python program'!r}, process {os.getpid()}, since {now()}")

@@ -97,7 +97,7 @@ class AbandonedError(Exception):
 
 
 class GuardClock(SystemClock):
-    """The time a guarded laser waits by; a wait for light ends when darkness is wanted.
+    """The time a guarded laser waits by; a wait for light ends when the laser must stay dark.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class GuardClock(SystemClock):
             time.sleep(duration_s)
         elif self._urgent.wait(duration_s):
             self.lighting = False
-            raise AbandonedError("darkness is wanted")
+            raise AbandonedError("the laser must stay dark")
 
 
 class GuardProcess:
@@ -202,7 +202,7 @@ class GuardProcess:
             self._guard.emit(until_s)
         except AbandonedError:
             raise DeviceError(
-                "laser", "emit", "darkness was wanted", "It has been told to stay dark."
+                "laser", "emit", "the laser had to stay dark", "It was ordered to stay dark."
             ) from None
         finally:
             self._clock.lighting = False
@@ -244,7 +244,7 @@ class GuardProcess:
         """Put the light out, and take the bias from the detector that nobody holds any more."""
         self._alone = True
         if self._guard.light is Light.LIT:
-            self._guard.lose("the program ended without putting the light out", trip=False)
+            self._guard.lose("the program ended without switching the light off", trip=False)
         elif self._guard.light is Light.ARMED:
             with suppress(DeviceError):
                 self._guard.stop()
@@ -316,7 +316,7 @@ def cannot_begin(problem: OSError) -> DeviceError:
         "guard of the laser",
         "begin",
         f"{problem.filename or 'the system'} says: {problem.strerror}",
-        "Nothing was lit. Free space or memory, and scan again.",
+        "The laser was not switched on. Free space or memory, and scan again.",
     )
 
 

@@ -75,8 +75,8 @@ class GuardedElsewhere:
             raise LinkError(
                 "guard of the laser",
                 "start its process",
-                f"the system says: {problem.strerror}",
-                "Nothing was lit. End other programs, and scan again.",
+                f"the system reports: {problem.strerror}",
+                "The laser was not switched on. End other programs, and scan again.",
             ) from None
         self._hearing = threading.Thread(target=self._hear, daemon=True)
         self._hearing.start()
@@ -228,7 +228,7 @@ class GuardedElsewhere:
             dark, found = True, make_dark(self._config)
         except DeviceError as problem:
             dark, found = False, str(problem)
-        reason = f"the guard of the laser has ended, which it never should: {found}"
+        reason = f"the guard of the laser has ended unexpectedly: {found}"
         return Lost(reason, dark, trip=False, how=self._config.known_dark_by)
 
     def _mind(self) -> None:
@@ -252,8 +252,8 @@ class GuardedElsewhere:
             _in_time(safe, 3.0)
         sentence = (
             f"\nrig: a device's library, a disk or the terminal has not returned for {HANGS_S:.0f} s. "
-            f"{_what_the_guard_did(self._config)}, and the program ends here. Lines that were finished are "
-            "safe; switch the timing instrument off and on, and go on with rig resume.\n"
+            f"{_what_the_guard_did(self._config)}, and the program ends here. Finished lines are safe; "
+            "switch the timing instrument off and on, and continue with rig resume.\n"
         )
         _in_time(lambda: os.write(2, sentence.encode()), 1.0)  # the terminal may be what hangs
         os._exit(3)
@@ -271,8 +271,8 @@ class GuardedElsewhere:
 def _what_the_guard_did(config: RigConfig) -> str:
     """Return what is true of the light when the program has not said in time that all is well."""
     if isinstance(config.laser, ExternalLaserConfig) and config.shutter is None:
-        return "No program can put this laser out: TREAT IT AS EMITTING, switch it off by hand, now"
-    return "The guard has put the laser out"
+        return "No program can switch this laser off: TREAT IT AS EMITTING, switch it off by hand, now"
+    return "The guard has switched the laser off"
 
 
 def start_guard() -> "subprocess.Popen[str]":

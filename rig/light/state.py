@@ -79,8 +79,9 @@ def require_no_trip(config: RigConfig) -> None:
     """
     if trip := trip_of(config):
         raise RefusedError(
-            f"at {trip.when} the light of {trip.rig} was lost: {trip.reason.removesuffix('.')}. Go and look "
-            "at the rig; when all is in order, a person says so with: rig laser acknowledge --config FILE"
+            f"at {trip.when} the light of {trip.rig} was lost: {trip.reason.removesuffix('.')}. "
+            "Go and check the rig; when all is in order, acknowledge it with: "
+            "rig laser acknowledge --config FILE"
         )
 
 

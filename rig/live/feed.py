@@ -259,7 +259,7 @@ class LiveFeed:
             self._outbox.put(noticed)
         self._noticed.clear()
         if self._outbox.full and not self._trouble:
-            self._trouble = "it does not keep up; what it left out will be read from the scan file"
+            self._trouble = "it is too slow; the missing part will be read from the scan file"
 
     def _send(self, pipe: IO[bytes]) -> None:
         """Write messages to the view, in a thread of its own."""
@@ -269,7 +269,7 @@ class LiveFeed:
                     pipe.write(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
                     pipe.flush()
         except OSError:
-            self._fail("its process is gone")
+            self._fail("its process has ended")
         while self._outbox.take() is not None:  # nobody reads any more
             pass
 
@@ -289,7 +289,7 @@ class LiveFeed:
                 elif word == "stop" and self._page is not None:
                     self._page.stop(f"stopped by a viewer of the page in a browser, at {rest}")
         if not self._pictured.is_set():
-            self._fail("its process is gone")
+            self._fail("its process has ended")
         self._pictured.set()
 
     def _fail(self, why: str) -> None:
@@ -309,7 +309,7 @@ class LiveFeed:
             return
         try:
             if not self._pictured.wait(LAST_PICTURE_S if self._film.video is None else LAST_VIDEO_S):
-                self._fail("its last picture was not there in time")
+                self._fail("its last picture was not ready in time")
                 self._end(process)
             self._tell_once()
             for sentence in self._facts:

@@ -248,7 +248,7 @@ def _how_far(seen: Seen, subject: Subject) -> str:
     if subject.endless:
         told = [f"{seen.measured:,} positions, {seen.measured // subject.frame_steps:,} frames until stopped"]
     if seen.lost:
-        told.append("the program that scans is gone")
+        told.append("the scanning program has ended")
     elif seen.ended is not None:
         told.append(f"{seen.ended.outcome.value}: {seen.ended.reason}")
     elif seen.left_s is not None and seen.ends_s is not None:

@@ -220,7 +220,7 @@ class Filming:
         self._write_video([one for one in self._fronts if one[0] < whole])
         if shown := len(self._late_s):
             come = max(whole - self._first, shown)
-            skipped = f"; for {come - shown} there was no time" if come > shown else ""
+            skipped = f"; there was no time for {come - shown}" if come > shown else ""
             late = f"{show_duration(float(np.median(self._late_s)))} after its last photon in the median, "
             self._tell(f"fact {shown} of {come} frames were shown{skipped}: each {late}"
                 f"{show_duration(max(self._late_s))} at most")  # fmt: skip

@@ -49,7 +49,7 @@ class Follower:
         if self._following.scan.plan is None:
             self.close()
             raise UsageError(
-                f"{path} does not say how it was scanned: there is nothing to watch. "
+                f"{path} does not hold a scan plan: there is nothing to watch. "
                 f"{in_shell('rig', 'report', path)} shows what it holds"
             )
         self.description = described(self._following.scan)

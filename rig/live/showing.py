@@ -127,7 +127,7 @@ class Showing:
             return True
         except (DataFileError, UsageError, OSError) as error:
             if not self._failed:
-                say(f"trouble {error}; pictures are missed")
+                say(f"trouble {error}; pictures are left out")
             self._failed = True
             return False
 

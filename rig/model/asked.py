@@ -54,7 +54,7 @@ def configuration(
         option = "preset" if preset else next(iter(given))
         named = source if isinstance(source, Path) else "the configuration"
         raise UsageError(
-            f"--{option} is for the simulated rig, and {named} names real devices; leave it out, or use "
+            f"--{option} is only for the simulated rig, but {named} has real devices; leave it out, or use "
             "--config simulated"
         )
     changes = merged(overlay, {"simulation": given} if given else {})
@@ -176,7 +176,7 @@ def _frames(asked: str | int | None, mode: str) -> dict[str, object]:
     if text.strip() != UNTIL_STOPPED:
         if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
             raise UsageError(
-                f"'{text}' is no number of frames; write one from 1 on, e.g. --frames 10, or "
+                f"'{text}' is not a number of frames; write a number from 1 on, e.g. --frames 10, or "
                 f"--frames {UNTIL_STOPPED}"
             )
         return {"frames": int(text)}

@@ -386,13 +386,14 @@ class Preparation(Enum):
 
 
 _WORDS = {
-    Preparation.MEASURE: "Take filter, beam stop and cover away, the lamp off: the rig as for a scan",
-    Preparation.ATTENUATE: "Take beam stop and cover away, and put the filter (optical density 1 or more) "
+    Preparation.MEASURE: "Remove filter, beam stop and cover, and switch the lamp off: "
+    "the rig is then as for a scan",
+    Preparation.ATTENUATE: "Remove beam stop and cover, and put the filter (optical density 1 or more) "
     "into the beam",
-    Preparation.BLOCK: "Take filter and cover away, and put the beam stop before the laser; its sync pulses "
-    "go on",
-    Preparation.COVER: "Put the beam stop before the laser, and cover the detector's lens",
-    Preparation.LAMP: "Put the beam stop before the laser, uncover the lens, and light the wall with a "
+    Preparation.BLOCK: "Remove filter and cover, and put the beam stop in front of the laser; its sync "
+    "pulses go on",
+    Preparation.COVER: "Put the beam stop in front of the laser, and cover the detector's lens",
+    Preparation.LAMP: "Put the beam stop in front of the laser, uncover the lens, and light the wall with a "
     "steady lamp",
 }
 

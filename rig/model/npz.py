@@ -47,7 +47,7 @@ def _check(packed: ZipFile, most_bytes: int) -> None:
             raise ValueError(f"{member.filename} holds Python objects, which are never loaded")
         array_bytes = prod(shape) * dtype.itemsize
         if min(shape, default=0) < 0 or array_bytes > member.file_size:
-            raise ValueError(f"{member.filename} claims {array_bytes} bytes of {member.file_size}")
+            raise ValueError(f"{member.filename} claims {array_bytes} bytes, but has {member.file_size}")
         claimed += array_bytes
     if claimed > most_bytes:
         raise ValueError(f"it claims {claimed} bytes; at most {most_bytes} are read from a file of its size")

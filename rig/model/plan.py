@@ -66,9 +66,10 @@ class Grid(_Part):
     """snake: lines alternate in direction, so that the mirror never jumps. unidirectional: all lines run to
     the right. progressive: from coarse to fine, in rounds, each of them a snake (`_rounds`)."""
     seed: int = 0
-    """Of the random order."""
+    """Seed of the random order."""
     without: tuple[Square, ...] = ()
-    """What is left out, e.g. around a detector's spot, where the first bounce drowns the rest."""
+    """What is left out, e.g. around a detector's spot, where the first bounce is much brighter than all
+    else."""
 
     @property
     def places(self) -> int:
@@ -176,7 +177,7 @@ class Spots(_Part):
 
     kind: Literal["spots"] = "spots"
     spots: tuple[Point, ...] = Field(min_length=1)
-    """On the wall [m]."""
+    """Positions on the wall [m]."""
 
     @property
     def places(self) -> int:
@@ -207,13 +208,13 @@ class Pass(_Part):
     frames: int = Field(1, ge=1)
     """How often all positions are visited."""
     until_stopped: bool = False
-    """Whether more frames are added when these are measured, until somebody stops the scan."""
+    """Whether more frames are added when these are measured, until a person stops the scan."""
     gate_s: tuple[float, float] | None = None
     """Opening edge of the gate after the sync pulse, and its width."""
     hold_off_s: float | None = None
     """Time after a detection during which the detector stays off."""
     preparation: Preparation | None = None
-    """What the person at the rig is asked before it."""
+    """What the person at the rig is asked to do before it."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -266,9 +267,9 @@ class ScanPlan(_Part):
         if places > MAX_STEPS:
             raise ValueError(f"{places:,} positions are more than the {MAX_STEPS:,} that a plan can have")
         if any(one.until_stopped for one in self.passes) and not (len(self.passes) == 1 and self.continuous):
-            raise ValueError("frames go on until they are stopped in a continuous scan of one pass alone")
+            raise ValueError("frames without an end need a continuous scan of one pass only")
         if len({one.motion for one in self.passes}) > 1:
-            raise ValueError("the mirror stops at each position in all passes or in none")
+            raise ValueError("all passes must have the same motion: step or continuous")
         return self
 
     @property

@@ -29,7 +29,7 @@ def preset(name: str) -> Table:
     if name not in known:
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'? " if near else ""
-        raise UsageError(f"no preset '{name}'; {hint}'rig scan --preset list' names all")
+        raise UsageError(f"no preset '{name}'; {hint}'rig scan --preset list' shows all")
     own = dict(known[name])
     own.pop("about")
     base = own.pop("based_on", None)

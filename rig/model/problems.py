@@ -6,7 +6,7 @@ from typing import Any
 #: For each kind of problem: what the value should be, from the bounds that the problem has.
 _WANTED: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "int_parsing": lambda _: "a whole number",
-    "int_parsing_size": lambda _: "a whole number that is not so long",
+    "int_parsing_size": lambda _: "a shorter whole number",
     "int_type": lambda _: "a whole number",
     "int_from_float": lambda _: "a whole number",
     "float_parsing": lambda _: "a number",
@@ -46,7 +46,7 @@ def in_words(problem: Mapping[str, Any]) -> str:
     """
     kind = problem["type"]
     if kind == "missing":
-        return "is missing; write it"
+        return "is missing; add it"
     wanted = _WANTED.get(kind)
     if wanted is None:
         return str(problem["msg"]).removeprefix("Value error, ")

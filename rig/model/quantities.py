@@ -140,7 +140,7 @@ def depths(value: str | tuple[float, float, float] | None) -> tuple[float, float
     start_m, stop_m, step_m = found
     if not (0 < start_m <= stop_m and step_m > 0):
         raise UsageError(
-            f"'{value}': depths begin in front of the wall (above 0) and go away from it in steps above 0"
+            f"'{value}': depths must start in front of the wall (above 0) and increase in steps above 0"
         )
     return found
 

@@ -70,7 +70,7 @@ def sort_photons(
             f"photons have {len(tag)} tags, {len(dtime)} bins and {len(channel)} inputs: not one of each"
         )
     if len(edges) == 0 or (np.diff(edges) < 0).any():
-        raise ValueError("edges of windows are at least one, and do not fall")
+        raise ValueError("edges of windows must be one or more, and must not decrease")
     table = _table(inputs)
     counts = np.zeros((len(edges) - 1, len(inputs)), np.int64)
     photon_bins = np.empty(len(tag), dtime.dtype)
@@ -81,7 +81,7 @@ def sort_photons(
 def _table(inputs: Sequence[int]) -> NDArray[np.int64]:
     """Return the channel of each input as an unsigned byte, so that no input lies beyond the table."""
     if len(set(inputs)) != len(inputs) or not all(0 <= one < 128 for one in inputs):
-        raise ValueError(f"inputs {list(inputs)} of channels are to differ, and to be 0 to 127")
+        raise ValueError(f"inputs {list(inputs)} of channels must differ, and be 0 to 127")
     table = np.full(256, _NO_CHANNEL)
     table[list(inputs)] = np.arange(len(inputs))
     return table

@@ -125,8 +125,8 @@ class Trajectories:
                 isinstance(one.positions, Grid) and one.positions.order != "random"
             ):
                 raise RefusedError(
-                    "a mirror that never stops follows lines: positions in random order, or from a list, "
-                    "can only be measured with --mode step"
+                    "a mirror that never stops needs lines: measure positions in random order, or from a "
+                    "list, with --mode step"
                 )
         self._plan = plan
         self._angles_rad = angles_rad
@@ -309,6 +309,4 @@ def planned_duration_s(plan: ScanPlan, state: RigState) -> float:
 
 def loading_in_words(positions: int, duration_s: float) -> str:
     """Say how long a mirror is told its way."""
-    return (
-        f"{positions:,} positions are loaded into the mirror, which takes about {show_duration(duration_s)}"
-    )
+    return f"{positions:,} positions are loaded into the mirror; this takes about {show_duration(duration_s)}"

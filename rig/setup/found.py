@@ -13,7 +13,7 @@ from rig.model.config.kinds import ROLES
 #: Linux keeps a name here for each serial port that says who it is; it follows the device, not the socket.
 BY_ID = Path("/dev/serial/by-id")
 #: What is said of a port that says nothing of what is behind it.
-SILENT = "says nothing of itself"
+SILENT = "reports no identity"
 #: Class of hubs, which are no instruments.
 _HUB = 9
 #: Words by which makers name what is behind a port, for a first guess. Adapters name themselves alone.
@@ -84,9 +84,7 @@ def _instruments() -> Iterator[Connected]:
         if (one.idVendor, one.idProduct) == ID120:
             yield Connected(address, "ID Quantique ID120", "usb", ("detector", "id120"))
         else:
-            said = (
-                "a PicoQuant instrument" if one.idVendor == PICOQUANT else "an instrument that is not known"
-            )
+            said = "a PicoQuant instrument" if one.idVendor == PICOQUANT else "an unknown instrument"
             yield Connected(address, said, "usb")
 
 

@@ -146,7 +146,7 @@ class Interview:
         kinds = {kind: headline(section) for kind, section in ROLES[role].kinds.items()}
         kinds |= dict.fromkeys(names(role), "from an installed package")
         if role in OPTIONAL:
-            kinds = {NONE: "there is none", **kinds}
+            kinds = {NONE: "none", **kinds}
         guesses = (one.guess[1] for one in self.found if one.guess and one.guess[0] == role)
         default = next(guesses, next(iter(kinds)))
         return Question(f"{role}.kind", f"Which {DEVICES[role]}?", default, list(kinds.items()))
@@ -198,7 +198,7 @@ class Interview:
                 length_m = parse(text, "length")
                 if length_m > 0:
                     return length_m
-                self.say("it stands in front of the wall: a length above 0, e.g. 2.5m")
+                self.say("it must be in front of the wall: a length above 0, e.g. 2.5m")
             except UsageError as problem:
                 self.say(str(problem))
 
@@ -210,7 +210,7 @@ class Interview:
             given = self._answer(question)
             allowed = [choice for choice, _ in question.choices]
             if allowed and not question.free and given not in allowed:
-                self.say(f"'{given}' is none of {', '.join(allowed)}")
+                self.say(f"'{given}' is not one of {', '.join(allowed)}")
                 continue
             changed = merged(self.table, _nested(place, _read(given)))
             wrong = "" if given == NONE else self._wrong(changed)
@@ -224,7 +224,7 @@ class Interview:
         if given.isdecimal() and question.choices and 0 < int(given) <= len(question.choices):
             given = question.choices[int(given) - 1][0]
         if not given:
-            raise UsageError(f"{question.key} has no default: answer it ({question.words})")
+            raise UsageError(f"{question.key} has no default: it needs an answer ({question.words})")
         return given
 
     def _wrong(self, table: Table) -> str:

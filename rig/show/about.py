@@ -141,7 +141,7 @@ def calibration_document(found: Calibration, then: datetime) -> dict[str, Any]:
 def calibration_in_words(document: dict[str, Any]) -> str:
     """Return a calibration's document as a line."""
     age = age_in_words(timedelta(days=document["age_days"]))
-    return f"{document['found']}; {age} old" + ("" if document["was_good"] else ", NO LONGER GOOD")
+    return f"{document['found']}; {age} old" + ("" if document["was_good"] else ", NO LONGER VALID")
 
 
 def age_in_words(age: timedelta) -> str:
@@ -263,12 +263,16 @@ def _plainly(value: Any) -> str:
 def _where_scan_is(path: Path, name: str, digest: str) -> str:
     """Say of which scan a volume is, and whether that lies beside it."""
     if not name:
-        return "it does not say"
+        return "not in the file"
     beside = path.with_name(Path(name).name)
     if not beside.is_file():
-        return f"{name}, which is not beside it"
+        return f"{name}, which is not in the same folder"
     same = digest_of_file(beside) == digest
-    return f"{name}, beside it" if same else f"{name}; the file of this name beside it is another, or went on"
+    return (
+        f"{name}, in the same folder"
+        if same
+        else f"{name}; the file of this name in the same folder is another, or has changed since"
+    )
 
 
 def _calibration(path: Path) -> About:
@@ -279,7 +283,7 @@ def _calibration(path: Path) -> About:
         "found": headline(found),
         "created": f"{found.created:%Y-%m-%d %H:%M} UTC, {age_in_words(utc_now() - found.created)} ago, by "
         f"{found.software}",
-        "good until": f"{found.expires:%Y-%m-%d}" + ("" if told["was_good"] else ": no longer good"),
+        "good until": f"{found.expires:%Y-%m-%d}" + ("" if told["was_good"] else ": no longer valid"),
         "of": ", ".join(f"{name} '{identity}'" for name, identity in found.devices.items())
         or "no particular device",
         "measured from": ", ".join(found.measured_from) or "no file",
@@ -339,7 +343,7 @@ def _foreign(path: Path) -> About:
         document |= {"kind": "records", **told}
     else:
         facts |= {} if head is None else _instrument(head)
-        facts["next"] = "rig import turns it into a scan file; docs/importing.md says what it may lack"
+        facts["next"] = "rig import turns it into a scan file; docs/importing.md explains what may be missing"
     return About({**facts, "sha256": digest}, document)
 
 
@@ -352,10 +356,9 @@ def _instrument(head: Head) -> dict[str, str]:
         of = f", the first of {int(bins[0]):,} bins of {show(width_s[0], 's', 4)}" if width_s.size else ""
         return {"holds": f"{int(head.number('HistoResult_NumberOfCurves')):,} histograms (curves){of}"}
     t3 = int(head.number("TTResultFormat_TTTRRecType")) >> 8 & 0xFF == 3  # 0x00010304 is a HydraHarp's T3
-    kind = (
-        f"T3 records, bins of {show(head.number('MeasDesc_Resolution', 0), 's', 4)}" if t3 else "T2 records"
-    )
-    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {kind}"}
+    width = show(head.number("MeasDesc_Resolution", 0), "s", 4)
+    records = f"T3 records, bins of {width}" if t3 else "T2 records"
+    return {"holds": f"{int(head.number('TTResult_NumberOfRecords', 0)):,} {records}"}
 
 
 def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:
@@ -366,7 +369,7 @@ def _records(path: Path, head: Head) -> tuple[dict[str, str], dict[str, Any]]:
     comment = printable(str(head.values.get("File_Comment", "")))
     facts = {
         "what": "the timing instrument's records of a scan, in PicoQuant's layout, kept by this program",
-        "of scan": f"{scan}, beside it" if scan.is_file() else "not beside it",
+        "of scan": f"{scan}, in the same folder" if scan.is_file() else "not in the same folder",
         "records": f"{records:,}" if records else "the file was not closed: it is read up to its end",
         "bins": f"of {show(width_s, 's', 4)}",
         "sync": show(sync_hz, "Hz"),

@@ -86,7 +86,7 @@ def _of_another(scan: ScanFile, found: About | None) -> list[str]:
     if found is None or found.document["scan_sha256"] == scan.digest:
         return []
     return [
-        f"{found.document['file']} was not made of {scan.path} as it is now, but of "
+        f"{found.document['file']} was not made from the present {scan.path}, but from "
         f"{found.document['scan'] or 'a scan that it does not name'}: image it again with "
         f"{in_shell('rig', 'recon', scan.path)}"
     ]
@@ -141,7 +141,7 @@ def _image(page_path: Path, image: Imaged | None, found: About | None) -> Iterat
     if image is None or found is None:
         return
     told = {name: text for name, text in found.facts.items() if name not in ("sha256", "made by")}
-    parts = [picture(image.figure, "the hidden scene as it was imaged"), facts(told)]
+    parts = [picture(image.figure, "the image of the hidden scene"), facts(told)]
     turned = image.path.with_suffix(".html")  # a page that shows it in three dimensions, if somebody made one
     if turned.is_file() and turned != page_path:
         name = turned.name if turned.parent == page_path.parent else turned.absolute().as_uri()
@@ -189,7 +189,7 @@ def _settings(scan: ScanFile) -> Iterator[Html]:
         rows = [(one["kind"], calibration_in_words(one), _date(one["created"])) for one in told]
         yield section("Calibrations", table(("kind", "found, and its age at the scan", "of"), rows))
     elif scan.config:
-        yield section("Calibrations", element("p", "None: the rig is taken as it is configured."))
+        yield section("Calibrations", element("p", "None: the values of the configuration are used."))
     if scan.events:
         happened = [
             (_date(one.utc), f"{one.first:,}" + (f" to {one.last:,}" if one.last > one.first else ""),
@@ -197,8 +197,8 @@ def _settings(scan: ScanFile) -> Iterator[Html]:
             for one in scan.events[:_EVENTS]
         ]  # fmt: skip
         more = len(scan.events) - len(happened)
-        rest = [element("p", f"And {more:,} more; the log beside the scan has all.")] if more else []
-        yield section("What happened", table(("when", "positions", "kind", "what"), happened), *rest)
+        rest = [element("p", f"And {more:,} more; the log next to the scan file has all.")] if more else []
+        yield section("Events", table(("when", "positions", "kind", "what"), happened), *rest)
 
 
 def _again(scan: ScanFile, found: About | None) -> Iterator[Html]:
@@ -209,14 +209,14 @@ def _again(scan: ScanFile, found: About | None) -> Iterator[Html]:
     programs = {"scan made by": scan.software, "page made by": f"nlos-rig {rig.__version__}"}
     if found:
         programs["image made by"] = str(found.document["software"])
-    parts.append(facts({name: text or "not said" for name, text in programs.items()}))
+    parts.append(facts({name: text or "unknown" for name, text in programs.items()}))
     if scan.config:
         parts += [
             element("h3", "Configuration"),
-            element("p", "What differs from the defaults, as a file that rig reads."),
+            element("p", "The values that differ from the defaults, as a configuration file."),
             element("pre", element("code", as_toml(scan.config))),
         ]
-    yield section("To do it again", *parts)
+    yield section("How to repeat it", *parts)
     digests = {scan.path.name: "the scan is still being written" if scan.growing else scan.digest}
     if found:
         digests[Path(found.document["file"]).name] = found.document["sha256"]

@@ -96,7 +96,7 @@ def tally(capture: Capture, from_s: float = FIRST_USEFUL_S) -> Tally:
     bins = int((capture.bins - first).sum())
     if bins == 0:
         raise DataFileError(
-            f"the record ends before {from_s * 1e9:.3g} ns: nothing is to be counted; count from earlier"
+            f"the record ends before {from_s * 1e9:.3g} ns: there is nothing to count; give an earlier time"
         )
     start = int(first.min())
     photons, largest = np.zeros((2, capture.positions))

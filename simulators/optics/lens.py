@@ -46,7 +46,7 @@ class Pose:
         forward = np.subtract(target_m, position_m)
         right = np.cross(forward, up)
         if not np.linalg.norm(right) > 0:
-            raise ValueError(f"a camera at {position_m} that looks at {target_m} has no side that is up")
+            raise ValueError(f"a camera at {position_m} that looks at {target_m} has no upward direction")
         axes = np.array([right, np.cross(forward, right), forward])
         return cls(axes / np.linalg.norm(axes, axis=1)[:, None], np.array(position_m, dtype=np.float64))
 

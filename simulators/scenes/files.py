@@ -100,7 +100,7 @@ def from_file(path: Path, albedo: float = 0.8, placement: Placement | None = Non
     for part in parts:
         if part.faces.min() < 0 or part.faces.max() >= len(part.vertices):
             raise ValueError(
-                f"{path}: a triangle has a corner that is none of its {len(part.vertices)} vertices"
+                f"{path}: a triangle has a corner that is not among its {len(part.vertices)} vertices"
             )
     meshes = tuple(
         Mesh(

@@ -67,7 +67,7 @@ class Mesh:
         if np.any(np.asarray(self.albedo) < 0) or np.any(np.asarray(self.albedo) > 1):
             raise ValueError(f"{self.name}: albedo is not between 0 and 1")
         if self.gloss not in get_args(Gloss):
-            raise ValueError(f"{self.name}: there is no gloss {self.gloss!r}, choose ward or ggx")
+            raise ValueError(f"{self.name}: there is no gloss {self.gloss!r}; choose ward or ggx")
 
     @property
     def triangles_m(self) -> NDArray[np.float64]:

@@ -69,7 +69,7 @@ def test_what_is_wrong_is_said_as_at_the_command_line(letters):
         rig.plan(grid="12")
     with pytest.raises(ConfigError, match=r"unknown key 'scan.colums'; did you mean 'columns'\?"):
         rig.plan({"scan": {"colums": 3}, "simulation": {}})
-    with pytest.raises(UsageError, match=r"spacing would have no effect; say it to rig\.plan"):
+    with pytest.raises(UsageError, match=r"spacing would have no effect; give it to rig\.plan"):
         rig.scan("a.h5", rig.plan(), spacing="1cm")
     with pytest.raises(UsageError, match=r"letters\.h5 is a scan, and is not overwritten"):
         rig.scan(letters, **SMALL)

@@ -88,7 +88,7 @@ def endless(file):
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        (endless, "live_time_s of step 3 is inf, which is no time"),
+        (endless, "live_time_s of step 3 is inf, which is not a time"),
         (external_link, "is a link to another file"),
         (external_storage, "keeps its values in another file"),
         (virtual, "put together from other files"),
@@ -112,7 +112,7 @@ def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):
     for function, said in (
         (doing.die, "crashed"),
         (doing.swallow, "memory"),
-        (doing.turn, "did not come to an end"),
+        (doing.turn, "did not end"),
     ):
         with pytest.raises(DataFileError, match=said):
             tried(path, function)

@@ -198,7 +198,7 @@ def test_files_of_another_measurement_are_refused(tmp_path):
     files = files_of(tmp_path, config)
     with pytest.raises(CalibrationError, match="first the one with the lens covered"):
         DarkRoutine().fit(files[:2], RigState(config))
-    with pytest.raises(CalibrationError, match="no light of the laser stands out"):
+    with pytest.raises(CalibrationError, match="no light of the laser is seen"):
         DarkRoutine().fit([*files[:2], files[1]], RigState(config))
     gated = config.model_copy(update={"detector": config.detector.model_copy(update={"gated": True})})
     through = write_counts(tmp_path / "gated.h5", np.ones((10, BINS)), gated)

@@ -212,7 +212,7 @@ def test_widths_that_are_missing_or_others_are_noticed(tmp_path):
     path = CalibrationStore(tmp_path / "store").add(found)
     beside = path.with_suffix(".npz")
     np.savez(beside, measured=np.ones(BINS))
-    with pytest.raises(DataFileError, match="'measured' is missing, or another one"):
+    with pytest.raises(DataFileError, match="'measured' is missing, or differs"):
         read(path)
     beside.write_bytes(b"PK damaged")
     with pytest.raises(DataFileError, match="damaged"):

@@ -115,7 +115,7 @@ def test_marks_are_asked_for_and_looked_at(tmp_path):
     small = FlightRoutine(columns=4, rows=3)
     with open_station(small.setup(built_in()), None) as station:
         files = small.measure(station, RigState(small.setup(built_in())), scan, Watch())
-    for text, reason in (("{", "is no file of marks"), ('{"format": "other"}', "is no file of marks")):
+    for text, reason in (("{", "is not a file of marks"), ('{"format": "other"}', "is not a file of marks")):
         marks.write_text(text)
         with pytest.raises(DataFileError, match=reason):
             small.fit([files[0], marks], RigState(built_in()))

@@ -120,7 +120,7 @@ def test_spots_that_no_mirror_makes_are_refused():
     angles = np.array(mirror_angles_rad(config, 7, 5))
     seen = true_spots_m(config, angles)
     seen[::2, 0] += 0.02
-    with pytest.raises(CalibrationError, match="from where any mirror as configured could send them"):
+    with pytest.raises(CalibrationError, match="from all places that the configured mirror can reach"):
         fit_mirror(Spots(angles, seen, 1e-3**2 * np.eye(70)), config)
 
 
@@ -166,7 +166,7 @@ def test_flight_refuses_too_little_and_what_does_not_fit():
         (few, marks, "arrivals are too few"),
         (arrivals, Spots(steered[:3], place_m[:3], AIMED_TO_M), "3 marks are too few"),
         (arrivals, Spots(steered, place_m * (1, 0.01), AIMED_TO_M), "nearly on one line"),
-        (arrivals, Spots(steered, place_m[[0, 2, 1, 3, 4]], AIMED_TO_M), "no rig as configured fits"),
+        (arrivals, Spots(steered, place_m[[0, 2, 1, 3, 4]], AIMED_TO_M), "the configured rig does not fit"),
     ):
         with pytest.raises(CalibrationError, match=reason):
             fit_flight(data, steered_to, config)

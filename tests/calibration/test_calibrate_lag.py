@@ -82,7 +82,7 @@ def test_what_the_turn_leaves_is_not_fitted():
 def test_refusals_name_the_reason():
     rng = np.random.default_rng(2)
     for seen, reason in (
-        (drawn(1e-3, rng, back=False), "a lag shows only where lines run there and back"),
+        (drawn(1e-3, rng, back=False), "a lag is seen only if lines run in both directions"),
         (drawn(1e-3, rng, rows=2, columns=12), "positions at which the mirror moves evenly are too few"),
         (drawn(0.5e-3, rng, error_s=200e-12), "the lag is known to .* only: measure more rows"),
         (drawn(-0.5e-3, rng), "ahead of its command"),

@@ -44,7 +44,7 @@ def test_each_preparation_is_asked_for_once(typed, capsys):
     assert terminal.read() == ""
     told = " ".join(capsys.readouterr().err.split())
     assert told.count("cover the detector's lens") == 1
-    assert told.count("the rig as for a scan") == 1
+    assert told.count("the rig is then as for a scan") == 1
 
 
 def test_the_beam_goes_where_the_person_says(typed, capsys):
@@ -65,7 +65,7 @@ def test_the_board_is_asked_for_with_its_place(typed, capsys):
     told = " ".join(capsys.readouterr().err.split())
     assert "9 x 6 inner corners at 8 cm flat on the wall" in told
     assert "x = -32 cm, y = 20 cm" in told
-    assert "freely before the cameras" in told
+    assert "freely in front of the cameras" in told
 
 
 def test_without_a_terminal_nothing_waits_for_ever(monkeypatch):
@@ -107,13 +107,13 @@ def test_what_is_set_by_hand_is_asked_for_until_there_is_an_answer(typed, capsys
 
 def test_a_no_is_a_refusal(typed):
     typed("n\n")
-    with pytest.raises(RefusedError, match="you said no to this: Set the detector: bias on"):
+    with pytest.raises(RefusedError, match="you answered no to this: Set the detector: bias on"):
         ConsoleOperator().set_by_hand(BIAS)
 
 
 def test_the_end_of_what_is_typed_is_nobody(typed, capsys):
     typed("")
-    with pytest.raises(UsageError, match=r"nobody answered.*--yes answers for scripts"):
+    with pytest.raises(UsageError, match=r"there was no answer to.*--yes answers in scripts"):
         ConsoleOperator().set_by_hand(BIAS)
     assert "Traceback" not in capsys.readouterr().err
 
@@ -140,7 +140,7 @@ def test_yes_answers_what_is_set_and_says_that_it_was_no_person(typed, capsys):
     assert terminal.read() == "n\n"
     assert answer.startswith("--yes, at ")
     assert answer.endswith("and no person")
-    assert "Set the detector: bias on: taken as done (--yes)." in capsys.readouterr().err
+    assert "Set the detector: bias on: assumed to be done (--yes)." in capsys.readouterr().err
 
 
 def test_yes_never_says_that_a_laser_is_off(monkeypatch):

@@ -75,7 +75,7 @@ def test_one_detector_point_is_found_by_normal_moveout(name, solver):
     assert np.all(np.abs(found(capture, solver) - POINT) <= VOXEL)
     result = baseline_image(capture, GRID, solver=solver)
     assert "approximation" in result.notes[0]
-    assert ("taken as dark" in result.notes[-1]) == (name == "square skipped")
+    assert ("treated as dark" in result.notes[-1]) == (name == "square skipped")
 
 
 @pytest.mark.parametrize("solver", FILTERED + TRANSFORMS)

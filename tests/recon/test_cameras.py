@@ -230,7 +230,7 @@ def test_a_surface_picks_one_depth_for_each_pixel():
     wanted = np.zeros_like(film.intensity)
     wanted[:, 2, 3], wanted[:, 4, 5] = planes[0][:, 2, 3], planes[2][:, 4, 5]
     np.testing.assert_array_equal(film.intensity, wanted)
-    with pytest.raises(ParameterError, match="a surface goes with 'surface' only"):
+    with pytest.raises(ParameterError, match="a surface is used with 'surface' only"):
         video(capture, PULSE, GRID, camera, over="surface")
 
 

@@ -72,7 +72,7 @@ def test_points_tell_the_walls_size_as_they_tell_the_bin_width(confocal):
 @pytest.mark.parametrize("estimate", [time_origin, bin_width, wall_size])
 def test_noise_tells_nothing(estimate):
     counts = np.random.default_rng(0).poisson(0.3, (576, BINS)).astype(np.uint32)
-    with pytest.raises(EstimateError, match="The data cannot tell"):
+    with pytest.raises(EstimateError, match="The data do not determine it"):
         estimate(_capture(counts))
 
 
@@ -81,7 +81,7 @@ def test_a_plane_parallel_to_the_wall_tells_no_time():
     delay_s = (np.arange(BINS) + 0.5) * BIN_S
     mean = np.where(delay_s > 4e-9, (4e-9 / delay_s) ** 5, 0) * 20
     counts = np.random.default_rng(0).poisson(np.broadcast_to(mean, (576, BINS))).astype(np.uint32)
-    with pytest.raises(EstimateError, match="The data cannot tell"):
+    with pytest.raises(EstimateError, match="The data do not determine it"):
         time_origin(_capture(counts))
 
 

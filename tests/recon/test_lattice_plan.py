@@ -124,7 +124,7 @@ def test_a_wave_is_interpolated_as_well_as_it_should_be(count, spacing_m, near_m
     found = LatticePropagator(recognise(laser_m), emitted[None], band, grid, 1).fields(near_m)[0]
     r = np.sqrt((grid.x_m[:, None] - x) ** 2 + (grid.y_m[:, None, None] - y) ** 2 + near_m**2)
     wanted = (np.exp(2j * np.pi * r / wavelength_m) / r) @ emitted
-    # 3e-4 of each term along each of two axes; by chance, the terms' errors add up to no more than three
-    # times the root of their squares.
+    # 3e-4 of each term along each of two axes; by chance, the errors add up to no more than three times
+    # the root of their squares.
     scale = np.sqrt((1 / r**2).sum(axis=-1).max())
     assert np.abs(found - wanted).max() < 3 * 2 * 3e-4 * scale

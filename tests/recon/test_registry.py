@@ -83,5 +83,5 @@ def test_a_bound_on_memory_is_kept_where_the_registry_says_so(confocal, name):
     if registry.SOLVERS[name].needs:
         assert bounded().intensity.max() > 0
     else:
-        with pytest.raises(ReconError, match="cannot keep to a bound"):
+        with pytest.raises(ReconError, match="has no limit of memory"):
             bounded()

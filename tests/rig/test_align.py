@@ -77,7 +77,7 @@ def test_the_rate_shown_is_that_of_the_bench():
     assert levels.dark_hz is None  # the gate opens with the laser's pulses: before them nothing is counted
     assert levels.live_time_s == pytest.approx(2.0, abs=0.2)
     assert (found.light.emitting, found.light.triggered) == (False, False)
-    assert "time asked for is over" in found.all(Ended)[0].reason
+    assert "the requested time is over" in found.all(Ended)[0].reason
 
 
 def test_a_circle_is_lit_spot_by_spot_and_summed_over_a_lap():
@@ -160,9 +160,9 @@ def test_the_peak_of_a_histogram_and_its_background():
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(UsageError, match="radius is above 0"):
+    with pytest.raises(UsageError, match="radius must be above 0"):
         circle(0.0, 0.0, 0.0)
-    with pytest.raises(UsageError, match="exposure is above 0"):
+    with pytest.raises(UsageError, match="exposure must be above 0"):
         lap((SPOT,), 0.0)
     with pytest.raises(UsageError, match="above 0 with --for"):
         laps(lap((SPOT,), 0.1), 0.0)

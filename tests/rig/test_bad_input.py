@@ -68,7 +68,7 @@ def test_a_file_that_is_not_there_is_named(rig, tmp_path, verb):
     [
         (("--wavelength", "4"), 2, "4cm"),
         (("--depth", "1m:2m"), 2, "--depth 0.5m:3m:2cm"),
-        (("--depth", "2m:1m:1cm"), 2, "depths begin in front of the wall"),
+        (("--depth", "2m:1m:1cm"), 2, "depths must start in front of the wall"),
         (("--depth", "20m:21m:1cm"), 2, "the record holds"),
         (("--solver", "guess"), 2, "guess"),
         (("--out", "nowhere/v.h5"), 2, "nowhere"),

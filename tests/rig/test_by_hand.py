@@ -125,14 +125,14 @@ def test_the_file_says_what_was_set_by_hand_and_who_says_so(rig):
     scanned(rig, DETECTOR + LASER + SIMULATION)
     with ScanFile(Path("s.h5")) as scan:
         told = [note.sentence for note in scan.events if note.kind == "by hand"]
-        assert any("no program can put it out" in sentence for sentence in told)
+        assert any("no program can switch it off" in sentence for sentence in told)
         assert any("bias, gate and hold-off of the detector" in sentence for sentence in told)
         assert scan.devices["spad"]["answer"] == "the simulated person"
         assert scan.devices["spad"]["gate_delay_s"] == pytest.approx(31.5e-9)
         assert scan.devices["laser"]["switched"] == "by hand"
-        assert scan.devices["laser"]["evidence"] == "the sync pulses came with it"
+        assert scan.devices["laser"]["evidence"] == "there were sync pulses only with the light"
         dark = [note.sentence for note in scan.events if note.kind == "light"][-1]
-    assert "as far as a person has said" in dark
+    assert "as reported by a person" in dark
     assert "read back" not in dark
 
 
@@ -140,7 +140,7 @@ def test_the_dry_run_and_json_say_what_cannot_be_verified(rig):
     Path("rig.toml").write_text(DETECTOR + LASER + DAQ_SHUTTER + SIMULATION)
     plan = rig("scan", "--config", "rig.toml", "--dry-run")
     assert "not verified" in plan.out
-    assert "light is taken" in plan.out
+    assert "the light counts as on" in plan.out
     plan = json.loads(rig("scan", "--config", "rig.toml", "--dry-run", "--json").out)
     assert len(plan["unverified"]) == 2
     done = scanned(rig, DETECTOR + LASER + DAQ_SHUTTER + SIMULATION, "--json")
@@ -304,7 +304,7 @@ def test_behind_a_shutter_the_person_is_asked_once_while_it_is_closed(folder):
             assert not devices.laser.emitting()
         assert len(person.asked) == 1
     assert bench.light.emitting  # the laser itself goes on, and that is told
-    assert any("only its shutter keeps the light in" in words for words in person.told)
+    assert any("only its shutter blocks the light" in words for words in person.told)
 
 
 def test_a_laser_with_an_interface_is_made_dark_by_both(folder):
@@ -353,10 +353,10 @@ def test_without_anybody_there_a_real_rig_refuses(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     with (
         DetectorByHand(config.detector, ConsoleOperator()) as detector,
-        pytest.raises(UsageError, match=r"somebody has to be at the rig.*--yes answers for scripts"),
+        pytest.raises(UsageError, match=r"a person must be at the rig.*--yes answers in scripts"),
     ):
         detector.enable()
-    with DetectorByHand(config.detector, None) as detector, pytest.raises(RefusedError, match="has to be at"):
+    with DetectorByHand(config.detector, None) as detector, pytest.raises(RefusedError, match="must be at"):
         detector.enable()
 
 

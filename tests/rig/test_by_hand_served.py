@@ -107,7 +107,7 @@ def test_a_person_at_a_terminal_scans_behind_a_shutter(external, tmp_path):
         program.until("LASER ON")
         program.until("laser dark, by its shutter")
         program.until("stays BIASED")
-        program.until("only its shutter keeps")
+        program.until("only its shutter blocks")
         assert program.process.wait(20) == 0
     assert external.values("shutter open") == ["1", "0"]
     with ScanFile(scan) as file:
@@ -185,7 +185,7 @@ def test_without_yes_a_script_is_refused_before_the_shutter_moves(external, tmp_
         check=False,
     )
     assert done.returncode == 2
-    assert "somebody has to be at the rig" in done.stderr
+    assert "a person must be at the rig" in done.stderr
     assert "Traceback" not in done.stderr
     assert external.values("shutter open") == []
     assert not (tmp_path / "s.h5").exists()
@@ -205,7 +205,7 @@ def test_a_laser_by_hand_is_said_to_emit_when_nobody_says_otherwise(by_hand, tmp
         program.type("n\n")
         program.until("Treat the laser as EMITTING: switch it off by hand, now")
         assert program.process.wait(30) in (3, 4)
-    assert any("no program can put it out" in trip.reason for trip in trips())
+    assert any("no program can switch it off" in trip.reason for trip in trips())
     forget_trip(load(by_hand.config))
     for guard in watchmen():  # it would shout for ten minutes
         with suppress(ProcessLookupError):  # the file of one that was killed before
@@ -217,5 +217,5 @@ def test_rig_laser_off_cannot_reach_a_laser_by_hand(by_hand):
         rig_command("laser", "off", "--config", by_hand.config), capture_output=True, text=True, check=False
     )
     assert off.returncode == 4
-    assert "no program can put it out" in off.stderr
+    assert "no program can switch it off" in off.stderr
     assert "as EMITTING" in off.stderr

@@ -216,7 +216,7 @@ def test_what_names_no_cluster_is_refused(rig, address):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--solver", "lct"), "solver lct images as a whole"),
+        (("--solver", "lct"), "solver lct computes only whole images"),
         (("--camera", "transient"), "a film is computed on one computer"),
         (("--each-frame",), "a film is computed on one computer"),
     ],

@@ -218,7 +218,7 @@ def test_sheets_have_a_place_before_anything_is_imaged(rig, tmp_path):
     write_point(tmp_path / "a.h5", "confocal")
     one = rig("compare", "a.h5", "a.h5", "--out", "one.png")
     assert one.code == 2
-    assert "name a folder" in one.err
+    assert "give a folder" in one.err
     nowhere = rig("compare", "a.h5", "--out", "gone/one.png")
     assert nowhere.code == 2
     assert "does not exist" in nowhere.err

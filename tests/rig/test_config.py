@@ -92,7 +92,7 @@ def test_all_problems_are_named_at_once(tmp_path):
         ('[simulation]\n[laser]\nkind = "katana-08hp"\npower = "3.2W"\n', "laser.power"),
         (
             '[simulation]\n[laser]\nkind = "katana-08hp"\npower = "2W"\nmax_power = "1W"\n',
-            "power 2 is above the rig's ceiling max_power 1",
+            "power 2 is above the rig's limit max_power 1",
         ),
         ('[simulation]\n[laser]\nkind = "katana-08hp"\nrepetition = "10MHz"\n', "laser.repetition"),
         (

@@ -79,13 +79,13 @@ def test_a_path_begins_at_the_file_that_says_it(tmp_path, monkeypatch):
     [
         (
             {"a": 'extends = "b.toml"', "b": 'extends = "a.toml"'},
-            r"a\.toml -> .*b\.toml -> .*a\.toml: .*circle",
+            r"a\.toml -> .*b\.toml -> .*a\.toml: .*loop",
         ),
-        ({"a": 'extends = "a.toml"'}, "circle"),
-        ({"a": 'extends = "none.toml"'}, r"none\.toml: cannot be read .* Mend extends in .*a\.toml"),
+        ({"a": 'extends = "a.toml"'}, "loop"),
+        ({"a": 'extends = "none.toml"'}, r"none\.toml: cannot be read .* Correct extends in .*a\.toml"),
         ({"a": "extends = 3"}, "extends: write the path"),
         ({"a": 'extends = [""]'}, "extends: write the path"),
-        ({"a": f"extends = {['x'] * 11}"}, "names 11 files, 10 are the limit"),
+        ({"a": f"extends = {['x'] * 11}"}, "names 11 files; the limit is 10"),
         ({"a": 'extends = "b.toml"', "b": "[galvo"}, r"b\.toml: is not valid TOML"),
         ({"a": "[simulation]\n[galvo]\nextends = 'x'"}, r"unknown key 'galvo\.extends'"),
         (

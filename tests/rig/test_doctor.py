@@ -107,11 +107,11 @@ def real(**sections) -> RigConfig:
 def test_the_simulated_rig_needs_nothing(rig):
     done = rig("doctor")
     assert done.code == 0, done.out
-    assert done.out.splitlines()[0].startswith("Simulated rig: all is there")
+    assert done.out.splitlines()[0].startswith("Simulated rig: nothing is missing")
     assert "Traceback" not in done.err
     absent = rig("doctor", "--out", "none")
     assert absent.code == 2
-    assert "none is no folder" in absent.err
+    assert "none is not a folder" in absent.err
 
 
 def test_a_real_rig_is_named_with_how_much_is_missing(rig):

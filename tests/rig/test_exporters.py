@@ -281,5 +281,5 @@ def test_what_cannot_be_rectified_is_refused(rig, tmp_path):
     assert (done.code, "--rectified is for scans" in done.err) == (2, True)
     delayed(tmp_path / "a.h5", np.full(12, 1000.0))
     done = rig("export", "a.h5", "a.mat", "--rectified")
-    assert (done.code, "nothing of them is left" in done.err) == (2, True)
+    assert (done.code, "nothing is left" in done.err) == (2, True)
     assert not (tmp_path / "a.mat").exists()

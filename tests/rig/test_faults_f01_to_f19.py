@@ -280,7 +280,7 @@ def test_f14_too_much_light_closes_the_detector_and_bias_left_on_is_said(tmp_pat
         shine = after(2, lambda: rig.bench.change_light(lamp_hz=1e9))
         end = scan(rig, CONFIG, plan, tmp_path / "a.h5", [shine])
     assert (end.code, end.sensitive) == (4, False)
-    assert "ITS BIAS IT CANNOT: SWITCH IT OFF BY HAND, NOW" in end.said
+    assert "IT CANNOT SWITCH OFF THE BIAS: SWITCH IT OFF BY HAND, NOW" in end.said
     with attacked_rig(CONFIG) as rig:
         end = scan(rig, CONFIG, PLAN, tmp_path / "b.h5", [after(2, lambda: rig.unplug("spad"))])
     assert not end.sensitive  # the delayer no longer opens its gate

@@ -95,7 +95,7 @@ def test_what_takes_very_long_is_said_and_needs_a_yes(rig, scan, tmp_path, monke
 def test_what_does_not_fit_beside_its_spectra_is_refused():
     huge = Effort(10, 10, 10, 10, True, 1.0, 1.0, 1.0, 10**15, 10**15, 10**8)
     found = forecast.Forecast((1, 1, 1), huge, 1.0, 1.0, 2, 1)
-    with pytest.raises(RefusedError, match=r"--memory .*GB computes it in turns"):
+    with pytest.raises(RefusedError, match=r"--memory .*GB computes it in several steps"):
         forecast.require_possible(found, bounded=False, however_long=True)
     forecast.require_possible(found, bounded=True, however_long=True)
     hopeless = replace(found, effort=replace(huge, least_bytes=10**15))

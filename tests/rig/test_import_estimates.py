@@ -103,7 +103,7 @@ def test_a_first_bounce_leaves_the_walls_size_to_the_image(cube, tmp_path):
 @pytest.mark.parametrize(
     ("wanted", "given", "said"),
     [
-        (["depth"], {}, "what can be estimated is time-origin, bin-width, wall-size"),
+        (["depth"], {}, "only time-origin, bin-width, wall-size can be estimated"),
         (["bin-width", "wall-size"], {}, "twice as large"),
         (["time-origin", "bin-width", "wall-size"], {}, "twice as large"),
         (["time-origin", "bin-width"], {"wall_size_m": 0.8}, "sharp alike"),
@@ -127,5 +127,5 @@ def test_noise_is_refused_and_leaves_no_file(tmp_path, rig):
     scipy.io.savemat(tmp_path / "noise.mat", {"sig": noise})
     done = rig("import", "noise.mat", "scan.h5", "--bin-width", "16ps", "--estimate", "wall-size")
     assert done.code == 2
-    assert "The data cannot tell" in done.err
+    assert "The data do not determine it" in done.err
     assert not (tmp_path / "scan.h5").exists()

@@ -227,7 +227,7 @@ def test_znlos_that_does_not_fit_is_refused(tmp_path):
     with h5py.File(tmp_path / "a.hdf5", "r+") as file:
         del file["cameraGridPositions"]
         file["cameraGridPositions"] = np.zeros((3, 5, 2))
-    with pytest.raises(DataFileError, match="do not fit together"):
+    with pytest.raises(DataFileError, match="are not consistent"):
         imported(tmp_path / "a.hdf5")
 
 

@@ -76,14 +76,14 @@ def test_what_agrees_with_the_file_is_taken_and_told(tmp_path):
     report = import_scan(
         _neutral(tmp_path), tmp_path / "b.h5", bin_width_s=32e-12, time_origin="wall", wall_size_m=0.4
     )
-    assert sum("is what the file says itself" in line for line in report.assumed) == 3
+    assert sum("agrees with the file" in line for line in report.assumed) == 3
     with pytest.raises(UsageError, match=r"--bin-width 33 ps is not what .*a.h5.*its bins are 32 ps wide"):
         import_scan(tmp_path / "a.h5", tmp_path / "c.h5", bin_width_s=33e-12)
 
 
 def test_a_fade_must_leave_something_and_says_what_it_replaces(tmp_path):
     source = _neutral(tmp_path)
-    with pytest.raises(UsageError, match=r"--fade-from 300 ps would leave nothing of .*ends at 256 ps"):
+    with pytest.raises(UsageError, match=r"--fade-from 300 ps would fade out all of .*ends at 256 ps"):
         import_scan(source, tmp_path / "b.h5", fade_from_s=300e-12)
     with h5py.File(source, "r+") as file:
         file.attrs["gate_start_s"] = 40e-12
@@ -150,12 +150,12 @@ def test_a_time_origin_that_says_neither_is_asked_for(tmp_path):
     with pytest.raises(UsageError, match=r"'trigger of the scope'.*--time-origin"):
         import_scan(source, tmp_path / "b.h5")
     report = import_scan(source, tmp_path / "b.h5", time_origin="wall")
-    assert any("'trigger of the scope', was taken as wall" in line for line in report.assumed)
+    assert any("'trigger of the scope', was used as wall" in line for line in report.assumed)
 
 
 def test_a_file_without_its_time_origin_is_said_to_be_rectified(tmp_path):
     report = import_scan(with_origin(tmp_path, None), tmp_path / "b.h5")
-    assert any("does not say what its t = 0 is" in line for line in report.assumed)
+    assert any("does not contain what its t = 0 is" in line for line in report.assumed)
 
 
 def test_times_of_flight_from_two_places_are_refused(tmp_path):
@@ -170,7 +170,7 @@ def test_times_of_flight_from_two_places_are_refused(tmp_path):
 def test_a_neutral_file_that_is_not_as_confocal_as_it_says_is_told_of(tmp_path):
     source = with_origin(tmp_path, "wall", confocal=True)
     report = import_scan(source, tmp_path / "b.h5")
-    assert any("confocal is True, but its places say otherwise" in line for line in report.assumed)
+    assert any("confocal is True, but its places show the opposite" in line for line in report.assumed)
 
 
 def test_a_fade_is_held_against_rectified_time(tmp_path):

@@ -238,7 +238,7 @@ def test_an_unknown_file_is_told_what_it_looks_like_and_lacks(tmp_path, variable
 
 def test_the_refusal_of_a_file_with_many_arrays_stays_short(tmp_path):
     path = mat(tmp_path / "a.mat", **{f"array_{number}": np.zeros(2) for number in range(300)})
-    with pytest.raises(DataFileError, match=r"and 288 more\. Layouts are told by") as caught:
+    with pytest.raises(DataFileError, match=r"and 288 more\. Layouts are recognised by") as caught:
         import_scan(path, tmp_path / "b.h5")
     assert len(str(caught.value)) < 1100
 

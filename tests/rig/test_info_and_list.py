@@ -68,7 +68,7 @@ def test_a_scan_is_told(rig):
     assert dark["age_days"] > 300  # it is of January 2026, the scan is of now
     assert not dark["was_good"]
     text = rig("info", "a.h5").out
-    for words in ("6 x 4 positions 10 cm apart, 10 ms each, step", "a first try", "NO LONGER GOOD", "72"):
+    for words in ("6 x 4 positions 10 cm apart, 10 ms each, step", "a first try", "NO LONGER VALID", "72"):
         assert words in text
 
 
@@ -120,7 +120,7 @@ def test_a_volume_is_told_and_whether_its_scan_is_beside_it(rig):
         file.attrs["software"] = "another"
     assert "is another" in rig("info", "a-volume.h5").out
     Path("a.h5").unlink()
-    assert "not beside it" in rig("info", "a-volume.h5").out
+    assert "not in the same folder" in rig("info", "a-volume.h5").out
 
 
 def test_calibrations_and_configurations_are_told(rig):

@@ -125,7 +125,7 @@ def test_a_real_rig_is_asked_for_and_answers_are_checked_at_once(rig, answering)
 def test_the_end_of_the_answers_leaves_nothing_behind(answering):
     done = answering(LAB[:7])
     assert done.code == 2
-    assert "nobody answered" in done.err
+    assert "there was no answer to" in done.err
     assert not list(Path().iterdir())
 
 

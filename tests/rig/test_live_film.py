@@ -147,7 +147,7 @@ def test_the_command_shows_frames_and_makes_their_video(rig, tmp_path):
     [
         (("--video", "a.gif", "--frames", "2"), "--video would have no effect without --live and --frames"),
         (("--fresh-to", "1m", "--live"), "--fresh-to would have no effect without --live and --frames"),
-        (("--fresh-to", "0m", "--live", "--frames", "2"), "from a depth above 0 on"),
+        (("--fresh-to", "0m", "--live", "--frames", "2"), "the depth must be above 0"),
         (("--video", "a.png", "--live", "--frames", "2"), "its ending must be .gif or .mp4"),
     ],
 )

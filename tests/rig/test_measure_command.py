@@ -142,7 +142,7 @@ def test_a_built_in_scene_is_a_truth():
         ("t.npz", None, DataFileError, "cannot be read"),
         ("t.h5", {"depth_m": np.ones(3)}, DataFileError, "no group 'truth'"),
         ("t.obj", None, DataFileError, "mesh|triangles"),
-        ("t.png", None, UsageError, "no truth that can be read"),
+        ("t.png", None, UsageError, "not a truth that can be read"),
         ("gone.npz", False, DataFileError, "does not exist"),
     ],
 )

@@ -90,7 +90,7 @@ def test_detector_and_delayer_are_one_gated_detector(tmp_path):
         assert light.biased
         assert not light.sensitive
         assert rig.told("bias") == [
-            "the detector stays BIASED, as a person has set it: its bias can only be switched off by hand"
+            "the detector stays BIASED, as set by a person: its bias can only be switched off by hand"
         ]
         assert rig.told("warning") == []
 
@@ -185,7 +185,7 @@ def test_what_a_person_has_not_set_ends_the_scan_before_there_is_light(tmp_path,
 def test_a_gate_that_does_not_follow_the_laser_is_noticed_in_the_light(tmp_path):
     with opened() as rig:
         rig.instruments.detector.gate_hz = 0.0
-        with pytest.raises(RigRefusedError, match=r"gate opens at 0 Hz, and the laser is set to 10 MHz"):
+        with pytest.raises(RigRefusedError, match=r"gate opens at 0 Hz, but the laser is set to 10 MHz"):
             rig.scan(tmp_path)
         assert not rig.bench.light.emitting
 
@@ -268,7 +268,7 @@ def test_what_changes_while_a_scan_runs_ends_it_and_is_taken_back(tmp_path, happ
 
 def test_too_much_light_closes_what_can_be_closed_and_calls_for_a_hand(tmp_path):
     with opened(detector={"kind": "mpd", "max_count_rate": "1kHz"}) as rig:
-        with pytest.raises(DoubtError, match="ITS BIAS IT CANNOT: SWITCH IT OFF BY HAND, NOW"):
+        with pytest.raises(DoubtError, match="IT CANNOT SWITCH OFF THE BIAS: SWITCH IT OFF BY HAND, NOW"):
             rig.scan(tmp_path)
         light = rig.bench.light
         assert (light.emitting, light.triggered, light.gate_width_s) == (False, False, 10e-9)

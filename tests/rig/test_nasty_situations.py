@@ -119,8 +119,8 @@ def test_one_answer_that_is_lost_during_a_long_exposure_ends_no_scan_and_is_told
 @pytest.mark.parametrize(
     ("level", "code", "words"),
     [
-        ("350mV", 4, "sees no sync pulses although the laser says that it emits"),
-        ("5mV", 0, "at a level that is too low noise is counted"),
+        ("350mV", 4, "sees no sync pulses although the laser reports that it emits"),
+        ("5mV", 0, "if the level is too low, noise is counted"),
     ],
 )
 def test_a_wrong_level_of_the_sync_is_told_with_the_level(tmp_path, level, code, words):

@@ -96,7 +96,7 @@ def test_a_resumed_sweep_is_set_as_its_pass_asks():
 
 def test_nobody_to_ask_means_no_light():
     rig = GatedRig()
-    with pytest.raises(RefusedError, match="somebody has to be at the rig"):
+    with pytest.raises(RefusedError, match="a person must be at the rig"):
         run(rig, SWEEP, first=9)
     assert "emit" not in rig.log
 

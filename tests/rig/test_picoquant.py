@@ -181,7 +181,7 @@ def test_t2_photons_are_counted_after_the_last_sync_pulse(tmp_path):
     ("spoil", "said"),
     [
         (lambda path: put_tag(path, "TTResultFormat_TTTRRecType", 0x00010308), "type 0x00010308"),
-        (lambda path: path.write_bytes(path.read_bytes()[:100]), "ends within its head"),
+        (lambda path: path.write_bytes(path.read_bytes()[:100]), "ends within its header"),
         (
             lambda path: path.write_bytes(path.read_bytes().replace(b"MeasDesc_Reso", b"MeasDesc_Redo")),
             "is missing",
@@ -245,10 +245,10 @@ def test_curves_are_the_points_of_a_grid(tmp_path):
         import_scan(source, tmp_path / "b.h5", **given | {"grid": (3, 3)})
     source.write_bytes(source.read_bytes()[:-10])
     report = import_scan(source, tmp_path / "b.h5", **given)
-    assert any("cut off: 5 of its 6 curves are whole" in line for line in report.assumed)
+    assert any("cut off: 5 of its 6 curves are complete" in line for line in report.assumed)
     np.testing.assert_array_equal(load(tmp_path / "b.h5")[1], counts[:5])
     source.write_bytes(source.read_bytes()[:-400])
-    with pytest.raises(DataFileError, match="none of its 6 curves is whole"):
+    with pytest.raises(DataFileError, match="none of its 6 curves is complete"):
         import_scan(source, tmp_path / "c.h5", **given)
 
 

@@ -83,7 +83,7 @@ def test_scan_resume_and_truth_agree(rig, plate):
     [
         ("0cm,0cm,-1m", ConfigError, r"all of it is on or behind the relay wall \(z from -1 to -1 m\)"),
         ("0cm,0cm,0cm", ConfigError, r"all of it is on or behind the relay wall \(z from 0 to 0 m\)"),
-        ("0cm,0cm,20m", RefusedError, r"nothing of plate\.obj would be measured: .* --place 0cm,0cm,"),
+        ("0cm,0cm,20m", RefusedError, r"plate\.obj would not be measured at all: .* --place 0cm,0cm,"),
         ("50m,0cm,1m", RefusedError, r"the record holds 0\.00 to 8\.99 m"),
     ],
 )
@@ -112,7 +112,7 @@ def test_wrong_placements_are_named(rig, plate):
     assert "'0' has no unit" in rig("scan", "--scene", plate, "--place", "0,0,1m").err
     built_in = rig("scan", "--place", "0cm,0cm,1m", "--dry-run")
     assert built_in.code == 2
-    assert "place, rotate and scale are for a mesh file, and the scene 'letters' is built in" in built_in.err
+    assert "place, rotate and scale are for a mesh file, but the scene 'letters' is built in" in built_in.err
 
 
 def test_a_rendering_says_where_the_mesh_is_and_python_places_it_too(rig, plate):

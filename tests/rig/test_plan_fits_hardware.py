@@ -30,11 +30,11 @@ MISFITS = {
     ),
     "a record that is longer than the period": (
         "[tcspc]\nbins = 65536\n",
-        r"65536 bins of 4 ps is 262\.14 ns long, and sync pulses come every 100 ns.*tcspc\.bins to 25000",
+        r"65536 bins of 4 ps is 262\.14 ns long, but sync pulses come every 100 ns.*tcspc\.bins to 25000",
     ),
     "an offset after the period": (
         '[tcspc]\noffset = "100ns"\n[detector]\ngated = false\n',
-        r"histogram begins 100 ns after a sync pulse, and the next pulse comes after 100 ns",
+        r"histogram starts 100 ns after a sync pulse, but the next pulse comes after 100 ns",
     ),
     "an offset that is not whole": (
         '[tcspc]\noffset = "28.5ns"\n',
@@ -56,7 +56,7 @@ MISFITS = {
     ),
     "a hold-off longer than the exposure": (
         '[detector]\nhold_off = "20ms"\n',
-        r"holds off for 20 ms after a detection, and an exposure is 10 ms",
+        r"holds off for 20 ms after a detection, but an exposure is 10 ms",
     ),
     "an exposure of half milliseconds": (
         '[scan]\nexposure = "1.5ms"\n',

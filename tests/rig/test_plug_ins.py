@@ -69,10 +69,10 @@ def test_the_laser_of_a_package_lights_a_scan(target, rig_with, tmp_path):
 @pytest.mark.parametrize(
     ("config", "told"),
     [
-        (CONFIG + "[laser.more]\n", "laser.more: is no key"),
+        (CONFIG + "[laser.more]\n", "laser.more: is not a key"),
         (
             CONFIG.replace("address", "adress"),
-            r"laser\.adress: is no key of kind 'acme', which has .*address",
+            r"laser\.adress: is not a key of kind 'acme', which has .*address",
         ),
         (CONFIG.replace("acme", "maser"), "no kind maser; choose among 'katana', .*'acme'"),
         (CONFIG.replace('address = "/dev/acme"\n', 'repetition = "10"\n'), "laser.repetition"),
@@ -97,7 +97,7 @@ def test_a_wrong_section_is_refused_in_words(target, rig_with, config, told):
         (
             "from rig.devices.kinds import Kind\nfrom rig.model.config import GalvoConfig\n"
             "ACME = Kind(GalvoConfig, None)",
-            "its section is no LaserConfig",
+            "its section is not a LaserConfig",
         ),
         (blocks("python")[0].replace(", simulated=simulated", ""), "has no simulator"),
     ],

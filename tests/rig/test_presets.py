@@ -75,7 +75,7 @@ def test_presets_are_listed_and_misspellings_helped(rig):
     wrong = rig("scan", "--preset", "offce-1s")
     assert wrong.code == 2
     assert "did you mean 'office-1s'?" in wrong.err
-    with pytest.raises(UsageError, match="names all"):
+    with pytest.raises(UsageError, match="shows all"):
         preset("nothing like it")
 
 
@@ -93,7 +93,7 @@ def test_the_command_line_has_the_last_word_and_real_rigs_have_no_presets(rig, t
     )
     refused = rig("scan", "--config", real, "--preset", "office-1s", "--dry-run")
     assert refused.code == 2
-    assert "names real devices" in refused.err
+    assert "has real devices" in refused.err
 
 
 def test_merging_leaves_both_tables_as_they_were():

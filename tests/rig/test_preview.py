@@ -43,7 +43,7 @@ def test_another_wavelength_needs_no_reading(preview, tmp_path):
     assert second["voxels"] == [24, 18, 19]
     third = preview("--wavelength", "4cm")
     assert third["wavelength_m"] == pytest.approx(0.16)
-    assert third["wavelength_reason"] == "not 4 cm, since a preview's cells of 8 cm bear no shorter wave"
+    assert third["wavelength_reason"] == "not 4 cm, since a preview's cells of 8 cm need a longer wavelength"
 
 
 def test_what_is_kept_is_data_of_this_scan_alone(preview, tmp_path):
@@ -84,7 +84,7 @@ def test_what_is_kept_is_bounded(tmp_path, monkeypatch):
         (("--camera", "photo"), "so that --camera would have no effect"),
         (("--solver", "lct", "--snr", "1"), "so that --solver and --snr would have no effect"),
         (("--memory", "1GB"), "so that --memory would have no effect"),
-        (("--out", "v.h5"), "a preview is a picture alone: leave --out out, or --preview"),
+        (("--out", "v.h5"), "a preview is only a picture: leave --out out, or --preview"),
         (("--image", "p.doc"), "cannot write the picture p.doc"),
         (("--depth", "90m:91m:1m"), "the record holds"),
     ],

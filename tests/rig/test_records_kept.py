@@ -128,7 +128,7 @@ def test_records_are_kept_as_they_came_and_import_to_what_the_scan_holds(tmp_pat
     np.testing.assert_array_equal(capture.laser_m[:: len(INPUTS)], PLAN.spots_m)
     delay_s = description.rectified_by_s()
     np.testing.assert_allclose(capture.first_bin_s, 30e-9 - delay_s.ravel(), rtol=0, atol=1e-18)
-    assert "points are there" not in told
+    assert "points are in the file" not in told
 
 
 def test_a_line_that_failed_counts_once(tmp_path, description):
@@ -157,7 +157,7 @@ def test_a_scan_that_was_stopped_and_taken_up_has_two_files(tmp_path, descriptio
     assert beside(tmp_path / "scan.h5", again=True).name == "scan-3.ptu"
     _, counts, told = imported(path, tmp_path)
     np.testing.assert_array_equal(counts, counts_of(first))
-    assert "the first 12 of 24 points are there" in told
+    assert "the first 12 of 24 points are in the file" in told
     capture, counts, _ = imported(again, tmp_path)
     np.testing.assert_array_equal(counts, counts_of(second))
     np.testing.assert_array_equal(capture.laser_m[:: len(INPUTS)], PLAN.spots_m[2 * COLUMNS :])
@@ -183,7 +183,7 @@ def test_after_a_kill_at_any_byte_whole_points_are_read(tmp_path, description):
         _, counts, told = imported(cut, tmp_path)
         np.testing.assert_array_equal(counts, counts_of(exposures[: seen[-1]]))
         assert "the file is cut off" in told
-        assert "did not see the scan's end" in told
+        assert "ended before the scan did" in told
     recorder.close(None)
     assert seen[0] == len(PLAN)
     assert len(set(seen)) > 5
@@ -252,10 +252,10 @@ def test_time_goes_on_between_sweeps(tmp_path, description):
 @pytest.mark.parametrize(
     ("tag", "number", "value", "said"),
     [
-        (SWEEPS, 0, 1e18, "times that no scan has"),
+        (SWEEPS, 0, 1e18, "times that are impossible in a scan"),
         (SWEEPS, 1, 25.0, "do not follow one another"),
-        (SWEEPS, 1, float("nan"), "is no list of numbers"),
-        (SWEEPS, 0, -1.0, "no whole point of 24"),
+        (SWEEPS, 1, float("nan"), "is not a list of numbers"),
+        (SWEEPS, 0, -1.0, "no complete point of 24"),
     ],
 )
 def test_damaged_sweeps_are_named(tmp_path, description, tag, number, value, said):

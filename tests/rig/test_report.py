@@ -135,7 +135,7 @@ def test_an_image_of_another_scan_is_named_as_that(rig):
     done = rig("report", "a.h5", "v.h5", "--out", "page.html", "--json")
     assert done.code == 0, done.err
     (doubt,) = json.loads(done.out)["doubts"]
-    assert "v.h5 was not made of a.h5 as it is now" in doubt
+    assert "v.h5 was not made from the present a.h5, but" in doubt
     assert doubt in Read(Path("page.html").read_text(encoding="utf-8")).text
 
 

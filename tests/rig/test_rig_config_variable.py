@@ -81,4 +81,4 @@ def test_the_verb_for_panic_does_not_go_by_it(rig, named):
     named(REAL)
     done = rig("laser", "off")
     assert done.code == 0
-    assert "No program here has a laser in its hands" in done.err
+    assert "No program on this computer controls a laser" in done.err

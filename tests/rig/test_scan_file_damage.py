@@ -176,7 +176,7 @@ def test_a_damaged_chunk_is_noticed(healthy, tmp_path):
     content[chunk.byte_offset + chunk.size // 2] ^= 0x10
     path.write_bytes(content)
     with ScanFile(path) as scan:
-        assert "positions 16 to 31 are not as they were written" in scan.doubts[0]
+        assert "positions 16 to 31 changed after they were written" in scan.doubts[0]
         assert np.flatnonzero(~scan.done).tolist() == list(range(16, 32))
     others = [row(position) for position in (*range(16), *range(32, 40))]
     np.testing.assert_array_equal(read_all(path)[0], others)
@@ -193,7 +193,7 @@ def test_other_files_are_refused_by_what_they_are(tmp_path):
         ScanFile(text)
     with pytest.raises(DataFileError, match="does not exist"):
         ScanFile(tmp_path / "none.h5")
-    with pytest.raises(DataFileError, match="is a folder, and no file"):
+    with pytest.raises(DataFileError, match="is a folder, not a file"):
         ScanFile(tmp_path)
     foreign = tmp_path / "b.h5"
     with h5py.File(foreign, "w") as file:
@@ -232,7 +232,7 @@ def replace(path, value):
         (drop_attribute("transients", "time_origin"), "/transients@time_origin is missing"),
         (drop_attribute("/", "version"), "version None"),
         (set_attribute("/", "version", 3), "reads version 1 and 2"),
-        (set_attribute("/", "format", "rig-volume"), "is a volume, and a scan is wanted"),
+        (set_attribute("/", "format", "rig-volume"), "is a volume, but a scan is needed"),
         (set_attribute("transients", "time_origin", "moon"), "must be 'wall' or 'laser'"),
         (set_attribute("transients", "time_origin", "laser"), "lacks the attributes laser_head_m"),
         (set_attribute("transients", "bin_width_s", -1.0), "must be positive"),

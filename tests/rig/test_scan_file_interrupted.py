@@ -332,7 +332,7 @@ def test_an_altered_chunk_is_not_measured_and_is_measured_again(states, tmp_path
             first, last = np.searchsorted(ends, [begin + 1, min(begin + CHUNK_PHOTONS, ends[-1])])
         with ScanFile(path) as scan:
             assert np.flatnonzero(scan.altered).tolist() == list(range(first, last + 1))
-            assert f"positions {first} to {last} are not as they were written" in scan.doubts[0]
+            assert f"positions {first} to {last} changed after they were written" in scan.doubts[0]
             measured = np.flatnonzero(scan.done)
             for where, block in scan.capture().histograms.blocks():
                 for position, counts in zip(measured[where], block, strict=True):

@@ -178,7 +178,7 @@ def test_a_file_of_histograms_takes_no_photons(tmp_path):
         pytest.raises(ValueError, match="of histograms"),
     ):
         writer.append_photons(np.array([1]), np.array([1]))
-    with pytest.raises(ValueError, match="expectations are no photons"):
+    with pytest.raises(ValueError, match="expectation values cannot be listed as photons"):
         describe(dtype="f4")
 
 

@@ -126,7 +126,7 @@ def test_a_killed_scan_is_read_from_its_journal_and_goes_on(rig, tmp_path):
     assert set(before) == {"a.h5", "a.h5.journal", "a.log"}
     done = rig("stats", "a.h5")
     assert done.code == 0, done.err
-    assert "read from its journal, a.h5.journal, and was not touched" in done.err
+    assert "read from its journal, a.h5.journal, and was not changed" in done.err
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     done = rig("resume", "a.h5")
     assert done.code == 0, done.err
@@ -142,7 +142,7 @@ def test_a_scan_whose_file_is_deleted_ends_and_says_where_its_data_is(rig, tmp_p
         rest = scan.stderr.read()
     assert scan.returncode == 5
     assert re.search(
-        r"a\.h5 was deleted .* saved as .*a-saved\.h5; go on with rig resume .*a-saved\.h5", rest
+        r"a\.h5 was deleted .* saved as .*a-saved\.h5; continue with rig resume .*a-saved\.h5", rest
     )
     assert {path.name for path in tmp_path.iterdir()} == {"a-saved.h5", "a.log"}
     with ScanFile(tmp_path / "a-saved.h5") as file:

@@ -85,9 +85,9 @@ def test_a_time_that_falls_back_stays_where_it_stands():
     ("change", "said"),
     [
         ({"dtime": np.zeros(1, "u2")}, "2 tags, 1 bins and 2 inputs"),
-        ({"edges": np.array([5, 4])}, "do not fall"),
-        ({"edges": np.array([], int)}, "at least one"),
-        ({"inputs": (0, 0)}, "are to differ"),
+        ({"edges": np.array([5, 4])}, "must not decrease"),
+        ({"edges": np.array([], int)}, "one or more"),
+        ({"inputs": (0, 0)}, "must differ"),
         ({"inputs": (128,)}, "0 to 127"),
     ],
 )

@@ -115,5 +115,5 @@ def test_only_lines_can_be_followed(order):
 
 def test_all_passes_move_alike():
     one = plan_of(columns=3, rows=2, skip_m=0.0).passes[0]
-    with pytest.raises(ValueError, match="in all passes or in none"):
+    with pytest.raises(ValueError, match="all passes must have the same motion"):
         ScanPlan(passes=(one, one.model_copy(update={"motion": "step"})))

@@ -181,7 +181,7 @@ def test_more_bins_than_records_can_tell(rig, tmp_path):
     assert rig("scan", "--config", config, *PLAN, "--dry-run").code == 0
     done = rig("scan", "--config", config, *PLAN, "--mode", "continuous", "--dry-run")
     assert done.code == 4
-    assert "records tell 32768 bins at most" in " ".join(done.err.split())
+    assert "records can number 32768 bins at most" in " ".join(done.err.split())
 
 
 @pytest.mark.parametrize(
@@ -194,15 +194,15 @@ def test_more_bins_than_records_can_tell(rig, tmp_path):
         ('kind = "hydraharp"\nsync_edge = "rising"\n', "'tcspc.sync_edge' is a key of kind 'multiharp' or"),
         (
             'kind = "picoharp330"\nsync_zero_cross = "-10mV"\n',
-            "sync_zero_cross means nothing to an edge trigger",
+            "sync_zero_cross has no meaning for an edge trigger",
         ),
         (
             'kind = "picoharp330"\ntrigger = "cfd"\ninput_edge = "rising"\n',
-            "input_edge means nothing to a discriminator",
+            "input_edge has no meaning for a discriminator",
         ),
         (
             'kind = "timeharp260"\nboard = "N"\ninput_zero_cross = "-10mV"\n',
-            "means nothing to an edge trigger",
+            "has no meaning for an edge trigger",
         ),
         ('kind = "timeharp260"\nsync_divider = 16\n', "sync_divider"),
     ],

@@ -103,7 +103,7 @@ def test_a_file_that_stays_holds_up_no_other_and_ends_in_time(path, beside, tmp_
             other.write_bytes(b"x" * number)
         assert list(threads.map(lambda other: tried(other, doing.size), others)) == list(range(12))
         assert time.monotonic() - began_s < WAIT_S
-        with pytest.raises(DataFileError, match="did not come to an end"):
+        with pytest.raises(DataFileError, match="did not end"):
             staying.result()
     assert not Path(f"/proc/{path.read_text()}").exists()
 

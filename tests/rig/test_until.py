@@ -107,7 +107,7 @@ def test_a_scan_that_is_taken_up_again_is_judged_as_one_that_went_on(scanned, tm
 def test_resume_ends_by_the_rules_of_scan(rig, tmp_path):
     interrupted_at(200, tmp_path / "part.h5")
     done = rig("resume", "part.h5", "--until", "contrast 1e9x")
-    assert (done.code, "is no rule" in done.err) == (2, True)
+    assert (done.code, "is not a rule" in done.err) == (2, True)
     told = json.loads(rig("resume", "part.h5", "--until", "time 1ms", "--json").out)
     assert told["status"] == "interrupted"
     assert 200 < told["positions"] < 384

@@ -162,9 +162,9 @@ def test_plans_grow_by_a_bounded_number_of_frames_up_to_what_a_file_holds(monkey
 
 def test_only_continuous_scans_of_one_pass_have_no_last_frame():
     step = PLAN.passes[0].model_dump() | {"motion": "step"}
-    with pytest.raises(ValueError, match="in a continuous scan of one pass alone"):
+    with pytest.raises(ValueError, match="need a continuous scan of one pass only"):
         ScanPlan(passes=(Pass(**step),))
-    with pytest.raises(ValueError, match="in a continuous scan of one pass alone"):
+    with pytest.raises(ValueError, match="need a continuous scan of one pass only"):
         ScanPlan(passes=(PLAN.passes[0], PLAN.passes[0]))
 
 
@@ -212,7 +212,7 @@ def test_a_file_that_is_full_ends_the_scan(tmp_path, monkeypatch):
     seen = []
     done = acquire(SCANNED, RigState(CONFIG), tmp_path / "a.h5", Watch([seen.append]))
     assert (done.ended.outcome, done.ended.steps_done) == (Outcome.COMPLETE, 3 * 36)
-    assert any(isinstance(one, Noticed) and "no more frames than these" in one.sentence for one in seen)
+    assert any(isinstance(one, Noticed) and "cannot hold more frames" in one.sentence for one in seen)
 
 
 SMALL = ("--grid", "12x6", "--spacing", "10cm", "--exposure", "1ms", "--mode", "continuous")
@@ -245,16 +245,16 @@ def test_a_rule_ends_it_and_resume_says_that_it_has_no_last_frame(rig, tmp_path)
     assert "Ended as asked: time " in done.err
     again = rig("resume", "a.h5", "--until", "time 1ms")
     assert again.code == 0, again.err
-    assert "a.h5 has no last frame: frames go on until they are stopped" in again.err
+    assert "a.h5 has no last frame: it goes on until it is stopped" in again.err
 
 
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (("--frames", "0"), "'0' is no number of frames"),
+        (("--frames", "0"), "'0' is not a number of frames"),
         (("--frames", "many"), "or --frames until-stopped"),
         (("--frames", "until-stopped"), "needs --mode continuous"),
-        (("--frames", "until-stopped", "--mode", "continuous", "--ptu"), "--ptu cannot be kept"),
+        (("--frames", "until-stopped", "--mode", "continuous", "--ptu"), "--ptu is not possible"),
     ],
 )
 def test_what_is_no_number_of_frames_is_refused(rig, asked, said):
@@ -300,7 +300,7 @@ def test_a_journal_that_says_what_cannot_be_is_refused_at_once(tmp_path, said):
     journal.say(Kind.GROWN, said)
     journal.close()
     with (
-        pytest.raises(DataFileError, match="says of more frames what cannot be"),
+        pytest.raises(DataFileError, match="holds an impossible record of added frames"),
         ScanFile(tmp_path / "b.h5"),
     ):
         pass

@@ -98,7 +98,7 @@ def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tm
         assert page.inner_text("#end-command") == f"rig resume {path}"
         assert not page.locator("#stop").is_visible()
         told = scan.stderr.read()
-        waits_for(page, "lost", "served no longer since")
+        waits_for(page, "lost", "has not been served since")
         waits_for(page, "light-words", "not known now")
     assert scan.returncode == 6
     assert "Stopping after this position." in told
@@ -137,6 +137,6 @@ def watch(path, opened):
         assert refused == 403
         require_usable(page)
         watching.stop()
-    waits_for(page, "lost", "served no longer since")
+    waits_for(page, "lost", "has not been served since")
     assert (troubles, path.read_bytes()) == ([], before)
     assert {one.name for one in path.parent.iterdir()} == {"a.h5", "a.log", "a-live", "rig.toml"}

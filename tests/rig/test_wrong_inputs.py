@@ -191,7 +191,7 @@ CASES = [
     ("plot small.h5 --image x", 2, "its ending ''", "use .png"),
     ("plot BYTES", 5, "x\\udcff does not exist", "check the name"),
     ("compare volume.h5", 2, "volume.h5 is a volume", "give the scan"),
-    ("compare small.h5 small.h5 --out x.png", 2, "x.png is one sheet", "name a folder"),
+    ("compare small.h5 small.h5 --out x.png", 2, "x.png is one sheet", "give a folder"),
     ("compare small.h5 --out /proc/x", 2, "/proc/x", "name another"),
     ("compare empty.h5", 5, "it is empty", "give one of these"),
     # other layouts
@@ -241,7 +241,7 @@ CASES = [
     ("calibrate all --config folder", 2, "folder", "path of a TOML file"),
     ("calibrate show --config latin.toml", 2, "latin.toml", "UTF-8"),
     ("devices bogus", 2, "'bogus'", "rig devices --help"),
-    ("devices probe --out small.h5", 2, "small.h5 is no folder", "another --out"),
+    ("devices probe --out small.h5", 2, "small.h5 is not a folder", "another --out"),
     ("devices probe --config nowhere.toml", 2, "nowhere.toml", "path of a TOML file"),
     ("laser off --config nowhere.toml", 2, "nowhere.toml", "path of a TOML file"),
     ("laser status extra", 2, "(extra)", "rig laser status --help"),
@@ -262,8 +262,8 @@ CASES = [
     ("version --log small.h5", 2, "--log small.h5", "another name"),
     ("version --log folder", 2, "--log folder", "another name"),
     ("version --log pipe.h5", 2, "--log pipe.h5", "another name"),
-    ("version --log nowhere/x", 2, "--log nowhere/x", "folder that is there"),
-    ("version --log /dev/full", 2, "--log /dev/full", "name a file"),
+    ("version --log nowhere/x", 2, "--log nowhere/x", "folder that exists"),
+    ("version --log /dev/full", 2, "--log /dev/full", "give a file"),
 ]
 
 

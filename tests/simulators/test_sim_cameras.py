@@ -54,7 +54,7 @@ def test_one_who_looks_the_other_way_sees_nothing_of_the_wall():
     away = Lens(Pose.looking_at((0.0, 0.0, 2.5), (0.0, 0.0, 5.0)), Intrinsics(), Distortion())
     assert np.isnan(away.project(np.zeros(3))).all()
     assert np.isnan(meet(away.pose.position_m, away.rays(np.array([[600.0, 400.0]])), WALL)).all()
-    with pytest.raises(ValueError, match="no side that is up"):
+    with pytest.raises(ValueError, match="no upward direction"):
         Pose.looking_at((0.0, 0.0, 0.0), (0.0, 2.0, 0.0))
 
 

@@ -81,7 +81,7 @@ class ConfocalLattice:
         points = self.aperture.row * self.shape[1] + self.aperture.column
         missing = self.shape[0] * self.shape[1] - len(np.unique(points))
         if missing:
-            found.append(f"{missing} points of the grid were not measured and are taken as dark")
+            found.append(f"{missing} points of the grid were not measured and are treated as dark")
         return found
 
     def extent_m(self, grid: VoxelGrid) -> float:

@@ -72,7 +72,7 @@ def _check(capture: Capture, grid: VoxelGrid, solver: str, snr: float | None) ->
         raise ParameterError(
             "solver",
             repr(solver),
-            "there is no such baseline",
+            "there is no such solver",
             f"Choose one of {', '.join(CLASSIC_SOLVERS)}.",
         )
     filtered = "snr" in SOLVERS[solver].options

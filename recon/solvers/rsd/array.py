@@ -77,7 +77,7 @@ def backend(device: str, library: str | None = None) -> Backend:
         raise ParameterError(
             "device",
             f"{device!r} by {library or 'any library'}",
-            "there is none such",
+            "there is no such device",
             "Choose cpu (numpy, torch) or cuda (torch, cupy).",
         )
     refused = []
@@ -94,7 +94,7 @@ def backend(device: str, library: str | None = None) -> Backend:
         "device",
         device,
         ", ".join(refused),
-        "Install torch with CUDA or cupy beside a driver that works, or use cpu.",
+        "Install torch with CUDA or cupy together with a working driver, or use cpu.",
     )
 
 

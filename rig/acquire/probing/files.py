@@ -17,11 +17,13 @@ from rig.errors import UsageError
 TEXT, LINES = "transcript.txt", "transcript.jsonl"
 
 LEFT_OUT = (
-    "Left out: serial numbers, names of users, computers and the rig, addresses and paths. The same one has "
-    "the same placeholder everywhere, e.g. <serial 1>."
+    "Left out: serial numbers, names of users, computers and the rig, addresses and paths. "
+    "The same value has the same placeholder everywhere, e.g. <serial 1>."
 )
 #: Said where the answers are a simulator's.
-SIMULATED = "These devices are simulated: the answers are this program's own, and settle nothing."
+SIMULATED = (
+    "These devices are simulated: the answers are from this program, and prove nothing about a real device."
+)
 
 
 def refuse_existing(folder: Path) -> None:
@@ -36,7 +38,7 @@ def refuse_existing(folder: Path) -> None:
         if (folder / name).exists():
             raise UsageError(f"{folder / name} exists and is not overwritten; give another --out")
     if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder} is no folder; give another --out")
+        raise UsageError(f"{folder} is not a folder; give another --out")
 
 
 def write(
@@ -66,7 +68,7 @@ def write(
         f"# rig devices probe: {', '.join(f'{name} {value}' for name, value in about.items())}",
         *([f"# {SIMULATED}"] if simulated else []),
         f"# {LEFT_OUT}",
-        "# > to the device, < from it; on USB in hexadecimal; behind it the time since the beginning",
+        "# > to the device, < from it; on USB in hexadecimal; after it the time since the start",
         *text_lines(devices, hidden),
         "",
         *_facts_as_text(facts),
@@ -99,7 +101,7 @@ def as_dict(one: Settled) -> dict[str, str]:
 
 
 def _facts_as_text(facts: Iterable[Settled]) -> Iterator[str]:
-    yield "# ---- what this settles ----"
+    yield "# ---- what this shows ----"
     for one in facts:
         yield f"# {one.verdict.value}: {one.fact.name}, by {one.fact.settled_by}: {one.came}"
         yield f"#     {one.fact.believed}"

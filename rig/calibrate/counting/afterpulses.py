@@ -94,8 +94,8 @@ class Record:
         highest = int(counts.argmax())
         require(
             counts[highest] >= max(usual + 20 * np.sqrt(usual + 1), 100),
-            f"{self.name}: no light of the laser stands out; afterpulses are seen after its pulses. Take the "
-            "beam stop away, attenuate less, or measure longer",
+            f"{self.name}: no light of the laser is seen, but afterpulses are measured after its pulses. "
+            "Remove the beam stop, attenuate less, or measure longer",
         )
         bright = np.flatnonzero(counts > usual + 10 * np.sqrt(usual + 1))
         # the longest pause between bright bins, round the period, ends at the first light
@@ -139,8 +139,8 @@ def fitted(records: Sequence[Record]) -> Afterpulses:
     require(
         chi2 <= bins + NO_CHANCE * np.sqrt(2 * bins),
         f"{records[0].name}: between the pulses there is more than steady light and afterpulses (chi2 "
-        f"{chi2:.0f} in {bins} bins). Hold-offs have to be longer than the dead time of the timing "
-        "instrument, and no light may come back so late; check for reflections from far away",
+        f"{chi2:.0f} in {bins} bins). Hold-offs must be longer than the dead time of the timing "
+        "instrument, and no light may return so late; check for reflections from far away",
     )
     p_error, decay_error_s = np.sqrt(np.diag(covariance)).tolist()
     return Afterpulses(

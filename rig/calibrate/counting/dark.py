@@ -111,7 +111,8 @@ class DarkRoutine(Routine[DarkRates]):
         with reading(files) as (scans, passes):
             require(
                 len(passes) >= 3,
-                f"{len(passes)} of at least 3 measurements were given: first the one with the lens covered, "
+                f"{len(passes)} of at least 3 measurements were given: "
+                "the first must be with the lens covered, "
                 "then uncovered with the beam blocked, then at least one with the attenuated beam",
             )
             covered, uncovered, *pulsed = passes
@@ -175,7 +176,8 @@ def _steady(one: Raw, outlasting: Callable[[float], float]) -> Rate:
     total = float(counts.sum())
     require(
         total >= MIN_COUNTS,
-        f"{one.label} has {total:.0f} counts, {MIN_COUNTS} are the least: measure longer, and check that the "
+        f"{one.label} has {total:.0f} counts, but {MIN_COUNTS} are needed: measure longer, "
+        "and check that the "
         "detector is on",
     )
     counted_hz = total / one.total_live_s
@@ -192,8 +194,9 @@ def _ambient(dark: Rate, both: Rate, covered: Raw, uncovered: Raw) -> Rate:
     require(
         ambient.hz >= 3 * ambient.error_hz,
         f"{covered.label} has {show(dark.hz, 'Hz')} and {uncovered.label} {show(both.hz, 'Hz')}: covering "
-        "the lens makes no difference. Either it was not covered, or a light was on meanwhile, or the files "
-        "are not in the order covered, uncovered. In a room without any light leave a weak one on",
+        "the lens makes no difference. Either it was not covered, or a light was on during the "
+        "measurement, or the files "
+        "are not in the order covered, uncovered. In a room without any light, leave a weak light on",
     )
     return ambient
 
@@ -215,8 +218,9 @@ def _refuse_unsteady(one: Raw, parts: Floats) -> None:
     part = int(off.argmax())
     require(
         off[part] <= NO_CHANCE,
-        f"{one.label}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, {due[part]:.0f} are "
-        "due as in the others: a light went on or off, or the cover moved. Keep the light as it is and "
+        f"{one.label}: part {part + 1} of {len(parts)} has {parts[part]:.0f} counts, "
+        f"{due[part]:.0f} are expected from the others: a light went on or off, or the cover moved. "
+        "Keep the light as it is and "
         "measure again",
     )
 
@@ -229,7 +233,8 @@ def _refuse_pulsed(one: Raw, counts: Floats) -> None:
     at_s = one.first_bin_s + (off.argmax() + 0.5) / PHASES * len(counts) * one.bin_width_s
     require(
         off.max() <= NO_CHANCE + 2,
-        f"{one.label}: counts come in step with the laser, most of them {show(at_s, 's')} after its pulse. "
+        f"{one.label}: counts are synchronous with the laser, most of them {show(at_s, 's')} after its "
+        "pulse. "
         "Block the beam and measure again",
     )
 

@@ -93,7 +93,7 @@ class DnlRoutine(Routine[BinWidths]):
         figure, axes = figures.panels(
             f"bin widths: {found.counts_per_bin:,.0f} counts a bin, non-linearity "
             f"{100 * found.nonlinearity:.3f} % rms (at most {100 * found.nonlinearity_at_most:.3f} %), "
-            f"{100 * found.kept:.1f} % of a deviation believed",
+            f"{100 * found.kept:.1f} % of a deviation kept",
             [["widths", "widths"], ["spread", "together"]], (12, 7.5),
         )  # fmt: skip
         known = np.isfinite(off)
@@ -142,8 +142,8 @@ def _widths(path: Path, counts: Floats, bins: NDArray) -> tuple[Floats, float]:
     if len(empty):
         raise CalibrationError(
             f"{path}: {len(empty)} bins between {empty[0]} and {empty[-1]} are empty while the others have "
-            f"{mean:.0f} counts: only part of them was lit. The light has to be steady and the detector free "
-            "running; check lamp and gate"
+            f"{mean:.0f} counts: only part of them was lit. The light must be steady and the detector "
+            "free-running; check lamp and gate"
         )
     counted = counts / mean
     together = np.abs(blocks_off(counted - 1))
@@ -162,7 +162,7 @@ def _draw_widths(axes: Axes, time_ns: Floats, off: Floats, widths: Floats) -> No
     known = np.isfinite(off)
     for values, colour, label in (
         (off, figures.GREY, "as counted"),
-        (100 * (widths - 1), figures.BLUE, "believed: shrunk towards 0"),
+        (100 * (widths - 1), figures.BLUE, "kept: shrunk towards 0"),
     ):
         axes.plot(time_ns[known], values[known], ".", markersize=2, color=colour, label=label)
     if not known.all():
@@ -189,5 +189,5 @@ def _draw_together(axes: Axes, time_ns: Floats, off: Floats, noise: float) -> No
     axes.axhspan(-error, error, color=figures.RED, alpha=0.15, label="two standard errors of counting")
     figures.residuals(axes, middle_ns, together, fmt=".-", linewidth=0.6)
     axes.set(xlabel="time after the sync pulse (ns)", ylabel="mean deviation (%)",
-             title=f"{size} neighbouring bins together: flat where the light is steady")  # fmt: skip
+             title=f"{size} neighbouring bins together: flat if the light is steady")  # fmt: skip
     axes.legend(loc="upper right", fontsize="small")

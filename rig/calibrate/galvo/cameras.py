@@ -274,15 +274,16 @@ def _refuse_unseen(corners: Sequence[Sequence[Floats | None]], walls: int) -> No
         unseen = [index for index in range(walls) if index >= len(corners) or corners[index][number] is None]
         require(
             walls and not unseen,
-            f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): where the "
-            "wall is cannot be told. Light it evenly, keep hands off its corners, put its marks where both "
+            f"camera {number + 1} does not see the whole board on the wall (board {unseen or 0}): "
+            "the place of the wall cannot be determined. Light it evenly, keep hands off its corners, "
+            "put its marks where both "
             "cameras see them, and check the configured numbers of corners",
         )
         boards = sum(pair[number] is not None for pair in corners)
         require(
             boards >= MIN_BOARDS,
-            f"camera {number + 1} sees the whole board in {boards} of {len(corners)} pictures, {MIN_BOARDS} "
-            "are needed: hold it where both cameras see it, still and tilted",
+            f"camera {number + 1} sees the whole board in {boards} of {len(corners)} pictures, "
+            f"but {MIN_BOARDS} are needed: hold it where both cameras see it, still and tilted",
         )
 
 

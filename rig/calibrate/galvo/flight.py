@@ -164,6 +164,7 @@ def _read_marks(path: Path) -> tuple[WallMarks, str]:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "it"
         raise DataFileError(
-            f"{path}: is no file of marks: {where}: {in_words(first)}. It holds mark_m and mirror_rad, two "
+            f"{path}: is not a file of marks: {where}: {in_words(first)}. "
+            "It must hold mark_m and mirror_rad, two "
             "numbers each, for every mark; see docs/calibration/galvo.md"
         ) from None

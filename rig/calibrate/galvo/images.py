@@ -113,7 +113,7 @@ class WallImages(RecordedFile):
         self.placed_to_m = float(board["placed_to_m"])
         require(
             len(self.cameras) == 2,
-            f"{self.path} has pictures of {len(self.cameras)} cameras, two are needed",
+            f"{self.path} has pictures of {len(self.cameras)} cameras, but two are needed",
         )
         for group in self._groups:
             self._refuse_incomplete(group)
@@ -125,8 +125,8 @@ class WallImages(RecordedFile):
         if lit != len(self.mirror_rad) or dark < 2:
             raise DataFileError(
                 f"{self.path} has {lit} lit and {dark} dark pictures in {group.name} for "
-                f"{len(self.mirror_rad)} mirror angles; one lit picture an angle, and two dark ones, belong "
-                "there"
+                f"{len(self.mirror_rad)} mirror angles; one lit picture for each angle and two dark "
+                "pictures are needed"
             )
 
     def pictures(self, camera: int, series: str) -> Iterator[Image]:

@@ -37,8 +37,8 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
     worst_m = spots.spot_m[off_m.argmax()]
     require(
         residual_m < MAX_SPOTS_M,
-        f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from where any mirror as configured "
-        f"could send them, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
+        f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from all places that the configured "
+        f"mirror can reach, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
         "meanwhile? Are galvo.mirrors and galvo.incidence right? Are galvo.position and the marks in metres "
         "right?",
     )
@@ -59,9 +59,10 @@ def fit_flight(arrivals: Arrivals, marks: Spots, config: RigConfig) -> FittedGeo
     rms_s, rms_m = _rms(residual_s), _rms(_off_m(fit.rig.pointing, marks))
     require(
         rms_s < MAX_ARRIVALS_S and rms_m < MAX_MARKS_M,
-        f"no rig as configured fits the data: {rms_s * 1e12:.1f} ps are left of the arrivals (root mean "
-        f"square; the worst is position {int(np.abs(residual_s).argmax())}) and {rms_m * 1e3:.1f} mm of the "
-        "marks. Are the marks right, in metres from the wall's centre? Was something moved meanwhile? Are "
+        f"the configured rig does not fit the data: residuals are {rms_s * 1e12:.1f} ps for the arrivals "
+        f"(root mean square; the worst is position {int(np.abs(residual_s).argmax())}) and "
+        f"{rms_m * 1e3:.1f} mm for the marks. Are the marks right, in metres from the wall's centre? Was "
+        "something moved during the measurement? Are "
         "galvo.position and spad.position right to a few centimetres, and galvo.incidence to a few degrees?",
     )
     return fit
@@ -74,13 +75,13 @@ def _refuse_few(arrivals: int, marks_m: Floats) -> None:
     )
     require(
         len(marks_m) >= MIN_MARKS,
-        f"{len(marks_m)} marks are too few, {MIN_MARKS} are needed: without them times of flight leave the "
-        "spots open by turns of the mirror",
+        f"{len(marks_m)} marks are too few, {MIN_MARKS} are needed: without them, "
+        "times of flight do not determine turns of the mirror",
     )
     width_m = np.linalg.svd(marks_m - marks_m.mean(axis=0), compute_uv=False)[1]
     require(
         width_m >= MIN_WIDTH_M,
-        "the marks lie nearly on one line: spread them over the wall, best to the corners of the scan",
+        "the marks lie nearly on one line: spread them over the wall, if possible to the corners of the scan",
     )
 
 

@@ -62,7 +62,7 @@ class CameraRoutine(Routine[GalvoModel]):
         cameras = len(config.cameras.addresses)
         if cameras != 2 and not config.simulated:
             return (
-                f"two cameras are needed, {cameras} are configured: name two as cameras.addresses, or "
+                f"two cameras are needed, {cameras} are configured: give two as cameras.addresses, or "
                 "calibrate without them: rig calibrate galvo --method flight"
             )
         return WITHOUT_OPENCV if find_spec("cv2") is None else ""
@@ -73,7 +73,7 @@ class CameraRoutine(Routine[GalvoModel]):
         opencv()  # better missed now than after all the work
         require(
             len(station.cameras) == 2,
-            f"two cameras are needed, {len(station.cameras)} are configured: name two as cameras.addresses, "
+            f"two cameras are needed, {len(station.cameras)} are configured: give two as cameras.addresses, "
             "or calibrate without them: rig calibrate galvo --method flight",
         )
         require(
@@ -106,7 +106,7 @@ class CameraRoutine(Routine[GalvoModel]):
                 writer.take("lit", angle)
             require(
                 station.devices.laser.emitting(),
-                "the laser went dark while spots were measured: check its interlock, and begin anew",
+                "the laser went dark while spots were measured: check its interlock, and start again",
             )
 
     def fit(self, files: Sequence[Path], state: RigState) -> GalvoModel:

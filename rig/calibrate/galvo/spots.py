@@ -75,14 +75,14 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
     require(
         places,
         f"{where}: no spot is seen. Does the laser emit, does the beam meet the wall, and does the camera "
-        "see that part of it? Expose longer, or measure a smaller area",
+        "see that part of it? Use a longer exposure, or measure a smaller area",
     )
     (share, row, column), (second, other_row, other_column) = [*places, (0.0, 0, 0)][:2]
     require(
         second <= MAX_SECOND * share,
         f"{where}: two spots are seen, near pixels ({column}, {row}) and ({other_column}, {other_row}), the "
-        f"second with {second / share:.0%} of the light. Cover what reflects the beam, and keep other "
-        "lights still",
+        f"second with {second / share:.0%} of the light. Cover what reflects the beam, "
+        "and keep other lights constant",
     )
     height, width = lit.shape
     require(
@@ -94,7 +94,8 @@ def find_spot(lit: NDArray[np.uint16], dark: Background, where: str) -> Spot:
     full = int((lit[window] >= dark.full).sum())
     require(
         not full,
-        f"{where}: the spot is saturated, {full} pixels are full at {dark.full} counts. Expose less, close "
+        f"{where}: the spot is saturated, {full} pixels are full at {dark.full} counts. "
+        "Use a shorter exposure, close "
         "the iris, or attenuate the laser",
     )
     spot = _fit(light[window], dark.variance[window], dark.counts_per_count)

@@ -66,8 +66,8 @@ def locate(
     good = on_one_plane(points_m, spread_m2)
     require(
         good.sum() >= max(MIN_SPOTS, MIN_ON_WALL * number),
-        f"only {good.sum()} of {number} spots lie on one plane: does the beam meet something before the "
-        "wall, or is the wall not flat? Clear the way, or measure a smaller area",
+        f"only {good.sum()} of {number} spots lie on one plane: does the beam meet something in front of "
+        "the wall, or is the wall not flat? Clear the way, or measure a smaller area",
     )
     pixels, covariances, points_m = pixels[good], covariances[good], points_m[good]
     wall = plane_of(points_m, spread_m2[good])
@@ -161,6 +161,7 @@ def _refuse_edge_on(cameras: Cameras, points_m: Floats, wall: WallPlane) -> None
         angle = np.arcsin(abs(view @ wall.axes[2]) / np.linalg.norm(view))
         require(
             angle >= MIN_VIEW_RAD,
-            f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: its spots tell "
-            f"little across it. Put it where it sees the wall at {np.degrees(MIN_VIEW_RAD):.0f} deg or more",
+            f"camera {number} sees the wall nearly edge-on, at {np.degrees(angle):.0f} deg: "
+            "its spots are not accurate across the wall. Put it where it sees the wall at "
+            f"{np.degrees(MIN_VIEW_RAD):.0f} deg or more",
         )

@@ -123,7 +123,7 @@ class GateRoutine(Routine[GateOpening]):
         can = ~failed & (earliest_s <= limit_s)
         require(
             can.any(),
-            f"{files[0]}: no opening blocks the first bounce anywhere and still shows an object at "
+            f"{files[0]}: no opening both blocks the first bounce somewhere and shows an object at "
             f"{show_length(self.nearest_m)}: the earliest that blocks is {show(earliest_s.min(), 's', 5)}, "
             f"the latest that shows it {show(limit_s, 's', 5)}. Give a larger --nearest, or scan less of "
             "the wall",

@@ -99,7 +99,7 @@ def mirror_rad(raw: Raw) -> Floats:
     """
     if raw.mirror_rad is None:
         raise CalibrationError(
-            f"{raw.label} does not say where the mirror pointed (/geometry/mirror_rad is missing): measure "
+            f"{raw.label} does not hold where the mirror pointed (/geometry/mirror_rad is missing): measure "
             "with rig calibrate, or scan again with this version"
         )
     return raw.mirror_rad[raw.done]

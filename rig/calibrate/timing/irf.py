@@ -69,7 +69,7 @@ class ResponseRoutine(FirstBounceRoutine[Response]):
             response=[float(f"{value:.6g}") for value in response],
             warnings=[
                 f"a Gaussian core with an exponential tail does not describe the response (chi^2 "
-                f"{best.chi2:.1f} a bin): look at the picture before you trust the width"
+                f"{best.chi2:.1f} a bin): check the picture before you use the width"
             ]
             * (best.chi2 > MAX_CHI2),
         )

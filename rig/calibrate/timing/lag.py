@@ -145,8 +145,9 @@ def fit_lag(seen: Swept, delays: PathDelays, name: str) -> FittedLag:
         used = even
     require(
         found.chi2 <= MAX_CHI2,
-        f"{name}: residuals are {np.sqrt(found.chi2):.1f} times their errors, one lag does not explain them: "
-        "something else than the wall reflects, or the mirror does not follow evenly",
+        f"{name}: residuals are {np.sqrt(found.chi2):.1f} times their errors, "
+        "one lag does not explain them: something other than the wall reflects, "
+        "or the mirror does not follow its command evenly",
     )
     require(
         found.error_s <= MAX_ERROR * seen.point_s,
@@ -155,7 +156,7 @@ def fit_lag(seen: Swept, delays: PathDelays, name: str) -> FittedLag:
     require(
         lag_s >= -SURE * found.error_s,
         f"{name}: the mirror seems to be {show(-lag_s, 's', 2)} ahead of its command: markers come too late, "
-        "or rows are passed the other way than is planned",
+        "or rows are scanned in the direction opposite to the plan",
     )
     return replace(found, used=used)
 
@@ -169,8 +170,8 @@ def _require_lines_back(seen: Swept, name: str) -> None:
     )
     require(
         min(there, positions - there) >= MIN_BACK * positions,
-        f"{name}: {there} of {positions} positions were passed to the right, the others to the left: a lag "
-        "shows only where lines run there and back. Measure at least two rows, in the order snake",
+        f"{name}: {there} of {positions} positions were scanned to the right, the others to the left: "
+        "a lag is seen only if lines run in both directions. Measure at least two rows, in the order snake",
     )
 
 
@@ -331,7 +332,7 @@ class LagRoutine(Routine[MirrorLag]):
             figures.residuals(
                 axes["left"], seen.spots_m[used, 0], (odd_ps - left_ps)[used], color=color, markersize=3
             )
-        axes["odd"].set(title="arrivals, by what they were to be without a lag", ylabel="later (ps)")
+        axes["odd"].set(title="arrivals, by their expected times without a lag", ylabel="later (ps)")
         axes["odd"].legend(frameon=False)
         axes["left"].set(xlabel="x (m)", ylabel="measured less\nfitted (ps)")
         figures.residuals(
@@ -356,7 +357,7 @@ def swept(scans: Sequence[ScanFile], passes: Sequence[Raw]) -> tuple[Swept, Path
     require(len(passes) == 1, f"{len(passes)} passes: the lag is measured in one, lag.h5")
     if plan is None or state is None or not plan.continuous:
         raise CalibrationError(
-            f"{raw.label} was measured with a mirror that stops at each position: it cannot tell a lag"
+            f"{raw.label} was measured with a mirror that stops at each position: it does not show a lag"
         )
     found, angles = first_bounces(raw, min_counts=MIN_COUNTS), mirror_rad(raw)
     point_s, taken_s = plan.passes[0].exposure_s, state.mirror_lag_s

@@ -174,8 +174,8 @@ def _refuse_saturated(histogram: Floats, pulses: float, max_per_pulse: float) ->
     full = (histogram == largest).sum() >= FULL_BINS and largest >= MIN_COUNTS
     require(
         total <= max_per_pulse * pulses,
-        f"its peak is saturated, {total / pulses:.2g} detections a pulse, {max_per_pulse:g} at most: "
-        "attenuate the laser more",
+        f"its peak is saturated, {total / pulses:.2g} detections a pulse, "
+        f"but {max_per_pulse:g} is the limit: attenuate the laser more",
     )
     require(
         not full and largest not in FULL_COUNTERS,
@@ -195,9 +195,9 @@ def _highest(histogram: Floats, width_s: float, min_counts: int) -> int:
     inside = float(histogram[around].sum()) - background / width * (around.stop - around.start)
     require(
         inside >= min_counts and smooth[peak] >= background + 8 * np.sqrt(background + 1),
-        f"it has no peak: {inside:.0f} counts above the background at its highest point, {min_counts} are "
-        "the least. Measure longer, attenuate less, and check that the beam is not blocked and the detector "
-        "runs free",
+        f"it has no peak: {inside:.0f} counts above the background at its highest point, "
+        f"but {min_counts} are needed. Measure longer, attenuate less, "
+        "and check that the beam is not blocked and the detector is free-running",
     )
     later_s = (int(elsewhere.argmax()) - peak) * width_s
     require(
@@ -231,7 +231,7 @@ def fit(edges_s: Floats, observed: Floats, live: Floats) -> Peaks:
         likelihood = reached
     else:
         raise CalibrationError(
-            "the search for one shape of all peaks does not end: look at the raw data with rig plot"
+            "the search for one shape of all peaks does not converge: check the raw data with rig plot"
         )
     centre_s, counts, background = own.T
     return Peaks(

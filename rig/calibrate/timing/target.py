@@ -40,7 +40,9 @@ def place(text: str) -> Point:
     if len(parts) == 1:
         parts = [0.0, 0.0, *parts]
     if len(parts) != 3 or parts[2] <= 0:
-        raise UsageError(f"--target {text}: give x,y,z before the wall, e.g. 10cm,-5cm,1m, or a distance")
+        raise UsageError(
+            f"--target {text}: give x,y,z in front of the wall, e.g. 10cm,-5cm,1m, or a distance"
+        )
     return parts[0], parts[1], parts[2]
 
 
@@ -101,8 +103,8 @@ class TargetRoutine(Routine[TimeZero]):
                 spots_m=[(x_m, y_m) for x_m, y_m, _ in spots_m.tolist()],
                 residuals_s=[],
                 warnings=[
-                    "the galvo is not calibrated: time is right at the wall's centre if the target is where "
-                    f"you say it is, but may be wrong by {show(float(errors_s.max()), 's', 2)} at the rim: "
+                    "the galvo is not calibrated: time is right at the wall's centre if the target is at "
+                    f"the given place, but may be wrong by {show(float(errors_s.max()), 's', 2)} at the rim: "
                     "run rig calibrate galvo, then this"
                 ]
                 * (galvo is None),

@@ -178,7 +178,7 @@ def _fitted(
     require(
         positions >= MIN_POSITIONS,
         f"{name}: {positions} positions with a first bounce are too few, at least {MIN_POSITIONS} are "
-        "needed: measure a grid of 11 x 9 or so over the whole wall",
+        "needed: measure a grid of about 11 x 9 over the whole wall",
     )
     arrival_s = np.concatenate([one.centre_s for one in visits])
     if drift is not None:
@@ -188,7 +188,7 @@ def _fitted(
     for what, head_m in (("galvo", found.delays.laser_head_m), ("detector", found.delays.detector_head_m)):
         require(
             np.isfinite(head_m).all() and head_m[2] > 0,
-            f"{name}: the arrivals put the {what} behind the wall: these are no first bounces of this rig, "
+            f"{name}: the arrivals put the {what} behind the wall: these are not first bounces of this rig, "
             "or its positions in the configuration are wrong",
         )
     return found
@@ -235,8 +235,8 @@ def _warnings(found: FittedDelays, drift: Drift | None, state: RigState) -> list
         moved_m = float(np.sqrt((found.moved_m**2).sum(axis=1).mean()))
         worst = show(float(found.rectified_error_s.max()), "s", 2)
         warnings.append(
-            f"the galvo is not calibrated: arrivals put the spots {show_length(moved_m, 2)} from where they "
-            f"are taken to be, and rectified time is known to {worst} only. Run rig calibrate galvo, and "
+            f"the galvo is not calibrated: arrivals put the spots {show_length(moved_m, 2)} from their "
+            f"assumed places, and rectified time is known only to {worst}. Run rig calibrate galvo, and "
             "this again"
         )
     if found.chi2 > MAX_CHI2:
@@ -246,12 +246,12 @@ def _warnings(found: FittedDelays, drift: Drift | None, state: RigState) -> list
             else "the mirror is mounted in another way than is configured"
         )
         warnings.append(
-            f"residuals are {np.sqrt(found.chi2):.1f} times their errors, which are raised to that: "
-            f"{reason}, or something else than the wall reflects"
+            f"residuals are {np.sqrt(found.chi2):.1f} times their errors, which are increased to that value: "
+            f"{reason}, or something other than the wall reflects"
         )
     if drift is not None and abs(drift.rate) > SURE * drift.error:
         warnings.append(
-            f"arrivals drift by {show(60 * drift.rate, 's', 2)} a minute: time zero is that of the middle of "
-            "the measurement. Let the rig warm up"
+            f"arrivals drift by {show(60 * drift.rate, 's', 2)} a minute: "
+            "time zero is valid for the middle of the measurement. Let the rig warm up"
         )
     return warnings

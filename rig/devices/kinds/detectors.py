@@ -22,7 +22,7 @@ def id120_settings(config: Id120Config) -> Id120Settings:
             "ID120",
             "be gated",
             "it has no gate that a public command sets",
-            "Nothing was sent. Kinds that gate: mpd (with a [delayer]), external (docs/detectors.md).",
+            "Nothing was sent. Gated kinds: mpd (with a [delayer]), external (docs/detectors.md).",
         )
     return Id120Settings(hold_off_s=config.hold_off_s)
 

@@ -113,7 +113,7 @@ def _said(line: SerialLine, question: str, clock: Clock) -> str:
         else:
             clock.sleep(POLL_S)
     if not said:
-        raise LinkError(line.name, f"answer {question!r}", f"nothing came in {WITHIN_S:g} s", "")
+        raise LinkError(line.name, f"answer {question!r}", f"no answer came in {WITHIN_S:g} s", "")
     return said
 
 

@@ -59,7 +59,7 @@ function camera() {
 
 function prepareGraphics() {
   const gl = element("volume").getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
-  if (!gl) throw new Error("This browser shows no picture in three dimensions: WebGL 2 is off or missing.");
+  if (!gl) throw new Error("This browser cannot show a picture in three dimensions: WebGL 2 is off or missing.");
   if (Math.max(...count) > gl.getParameter(gl.MAX_3D_TEXTURE_SIZE)) {
     throw new Error("The volume has more voxels along an axis than this computer's graphics can hold.");
   }

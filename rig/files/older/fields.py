@@ -97,7 +97,7 @@ class Fields:
         if number < 0 or number * of.itemsize > left:
             said = f"says that {number:,} {what}s follow, and the file" if what else "goes on, and the file"
             raise DataFileError(
-                f"{self.path}: its head {said} ends after {self.size:,} bytes: it is cut off, or damaged"
+                f"{self.path}: its header {said} ends after {self.size:,} bytes: it is cut off, or damaged"
             )
         raw = self._file.read(number * of.itemsize)
         return np.frombuffer(raw, of, number)
@@ -108,4 +108,4 @@ class Fields:
 
     def damaged(self, what: str) -> DataFileError:
         """Return the error that says so."""
-        return DataFileError(f"{self.path}: its head says {what}; it is damaged")
+        return DataFileError(f"{self.path}: its header says {what}; it is damaged")

@@ -91,7 +91,7 @@ def read(fields: Fields, version: str) -> dict[str, Any]:
             curves["offset_ns"],
         )
     if (version, mode) not in _TYPES:
-        raise fields.damaged(f"that it was measured in mode {mode}, which is none of 0, 2 and 3")
+        raise fields.damaged(f"that it was measured in mode {mode}, which is not 0, 2 or 3")
     fields.rows(_RATE, int(main["inputs"]), "rate")
     of_records = fields.take(_RECORDS)
     fields.rows(np.dtype("<u4"), int(of_records["image_words"]), "word of an image")

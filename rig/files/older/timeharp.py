@@ -61,7 +61,7 @@ def read(fields: Fields, version: str) -> dict[str, Any]:
             "as .ptu"
         )
     if int(main["mode"]) != _HISTOGRAMS:
-        raise fields.damaged(f"that it was measured in mode {int(main['mode'])}, which is none of 0 and 2")
+        raise fields.damaged(f"that it was measured in mode {int(main['mode'])}, which is not 0 or 2")
     board = table(("pad", "S16"), ("pad", "S8"), *_BOARD) if new else table(*_BOARD)
     fields.rows(board, int(main["boards"]), "board")
     return _curves(fields, int(main["curves"]), int(main["bins"]), int(main["bits"]))

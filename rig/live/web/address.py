@@ -80,7 +80,7 @@ def address(given: str) -> Address:
     parts = _GIVEN.fullmatch(given)
     port = int(parts["port"]) if parts and parts["port"] else None
     if not parts or (port is not None and not 0 < port < 2**16):
-        raise UsageError(f"--web {given}: that is no address; write HOST:PORT, e.g. --web 0.0.0.0:{PORT}")
+        raise UsageError(f"--web {given}: this is not an address; write HOST:PORT, e.g. --web 0.0.0.0:{PORT}")
     host = parts["host"].strip("[]") or HERE
     token = "" if host in LOOPBACK else secrets.token_urlsafe(_TOKEN_BYTES)
     try:

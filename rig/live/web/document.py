@@ -165,7 +165,7 @@ class Document:
 
     def _end(self, seen: Seen) -> dict[str, Any] | None:
         if seen.lost:
-            return {"how": "lost", "words": "The program that scans is gone, and did not say why.",
+            return {"how": "lost", "words": "The scanning program has ended without giving a reason.",
                     "next": self._begun.then.resume}  # fmt: skip
         if seen.ended is None:
             return None
@@ -195,19 +195,17 @@ def light(seen: Seen, *, reads: bool) -> dict[str, str]:
     """
     said = _light_said(seen.light)
     told = said["words"]
-    source = (
-        "from the log that the scan file keeps: what it said last" if reads else "as the laser was read back"
-    )
+    source = "the last entry in the log of the scan file" if reads else "as the laser was read back"
     if (seen.lost or seen.ended is not None) and said["is"] == "on":
-        why = "the program that scans is gone" if seen.lost else "nothing says that it went dark"
+        why = "the scanning program has ended" if seen.lost else "darkness was not confirmed"
         words = f"LIGHT NOT KNOWN, {why}: treat the laser as EMITTING"
-        return {"is": "unknown", "words": words, "from": f"last said: {told}", "last": told}
+        return {"is": "unknown", "words": words, "from": f"last report: {told}", "last": told}
     return {**said, "from": source if seen.light else "", "last": told}
 
 
 def _light_said(last: LightChanged | None) -> dict[str, str]:
     if last is None:
-        return {"is": "unsaid", "words": "nothing is known of the laser's light yet"}
+        return {"is": "unsaid", "words": "the state of the laser's light is not known yet"}
     when = last.when[11:19]
     if last.on is None:
         return {

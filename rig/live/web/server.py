@@ -45,7 +45,7 @@ _HEADERS = {
     "Cache-Control": "no-store",
 }
 _TOKEN_NEEDED = "This page needs the address with the token that the program has printed on its terminal."
-_FOREIGN = "This address is not one under which the page is served."
+_FOREIGN = "The page is not served at this address."
 
 Handler = Callable[[Request], Awaitable[Response]]
 

@@ -49,7 +49,7 @@ class Calibration(BaseModel):
     """SHA-256 of each file that it was computed from, by name."""
     simulated: bool = False
     warnings: list[str] = Field(default_factory=list)
-    """What speaks against it already, as sentences."""
+    """Known doubts about it, as sentences."""
 
     @property
     def expires(self) -> datetime:

@@ -136,7 +136,7 @@ def choose(
         if mine:
             records[kind] = mine.calibration
             warnings += [
-                f"{path} is dated in the future and is not used: a clock was wrong; move the file away"
+                f"{path} is dated in the future and is not used: a clock was wrong; remove the file"
                 for path in store.from_the_future(kind, rig_name)
                 if path != mine.path
             ]

@@ -32,16 +32,17 @@ class TimeZero(Calibration):
     rectified_error_worst_s: float
     """The largest of them."""
     residual_s: float | None
-    """Root mean square of what the fit leaves; None where one target was used, all positions together."""
+    """Root mean square of the residuals of the fit; None if one target was used with all positions
+    together."""
     chi2: float
-    """Mean square of what the fit leaves in its standard errors: about 1 where the model is right."""
+    """Mean square of the residuals in units of their standard errors: about 1 if the model is right."""
     positions: int
     drift_per_minute_s: float | None
     """By how much arrivals come later with each minute; None where it was not measured."""
     drift_per_minute_error_s: float | None
     spots_m: list[tuple[float, float]]
     residuals_s: list[float]
-    """Where the spots are taken to be, visit after visit, and what the fit leaves of each arrival there."""
+    """Assumed places of the spots, visit after visit, and the residual of the fit at each."""
 
     @property
     def legs(self) -> PathDelays:
@@ -64,7 +65,7 @@ class MirrorLag(Calibration):
     speed_m_per_s: float
     """and speed of the spot along the lines, with which it was measured."""
     chi2: float
-    """Mean square of what the fit leaves in its standard errors: about 1 where one lag explains all."""
+    """Mean square of the residuals in units of their standard errors: about 1 if one lag explains all."""
     positions: int
     after_s: list[float]
     lag_after_s: list[float]
@@ -129,7 +130,7 @@ class Response(Calibration):
     fwhm_s: float
     fwhm_error_s: float
     core_fwhm_s: float
-    """Of the Gaussian core alone."""
+    """Full width at half maximum of the Gaussian core alone."""
     centroid_s: float
     """Mean of the response after its peak."""
     tail_s: float
@@ -140,7 +141,7 @@ class Response(Calibration):
     tail_fraction_error: float
     counts: int
     chi2: float
-    """Mean square of what the fit leaves in its standard errors: about 1 where the shape is right."""
+    """Mean square of the residuals in units of their standard errors: about 1 if the shape is right."""
     time_s: list[float]
     response: list[float]
     """The measured response at ``time_s`` about its peak, area 1 [1/s]."""
@@ -153,19 +154,19 @@ class DarkRates(Calibration):
     belongs_to: ClassVar[tuple[str, ...]] = ("spad",)
 
     dark_hz: float
-    """Counts a second of the covered detector while it is ready, afterpulses taken off."""
+    """Counts a second of the covered detector while it is ready, afterpulses subtracted."""
     dark_error_hz: float
     ambient_hz: float
-    """What uncovering adds to it."""
+    """Counts a second that are added when the detector is uncovered."""
     ambient_error_hz: float
     afterpulse_probability: float
-    """That an avalanche leaves a carrier behind; 0 where no afterpulses were seen."""
+    """Probability that an avalanche leaves a trapped carrier; 0 if no afterpulses were seen."""
     afterpulse_probability_error: float
     afterpulse_decay_s: float | None
-    """Mean time until it is released; None where no afterpulses were seen."""
+    """Mean time until the carrier is released; None if no afterpulses were seen."""
     afterpulse_decay_error_s: float | None
     chi2_per_bin: float
-    """Of the fit to the afterpulses; 1 where the model leaves only counting noise."""
+    """Chi-square a bin of the fit to the afterpulses; 1 if the model leaves only counting noise."""
     hold_off_s: list[float]
     after_hold_off: list[float]
     """Measured probability that a carrier outlasts each of these hold-offs."""
@@ -183,7 +184,7 @@ class GateOpening(Calibration):
     gate_delay_error_s: float
     gate_width_s: float
     nearest_m: float
-    """Distance from the wall of the nearest object that was to be kept."""
+    """Distance from the wall of the nearest object whose light must be kept."""
     passed: float
     """Part of the first bounce that still passes where it is blocked latest."""
     edge_s: float
@@ -192,7 +193,7 @@ class GateOpening(Calibration):
     offset_s: float
     """Delay of the half open gate less the recorded arrival of the light that it halves."""
     residual: float
-    """Root mean square of what the fitted edge leaves, in standard errors."""
+    """Root mean square of the residuals of the fitted edge, in standard errors."""
     spots_m: list[tuple[float, float]]
     earliest_s: list[float | None]
     """Earliest opening at each of these spots; None where there is none that keeps the nearest object."""
@@ -212,15 +213,16 @@ class BinWidths(Calibration):
     bin_width_s: float
     first_bin_s: float
     measured: list[float | None]
-    """(bins,) width of each bin as counted, in mean ones; None where the sync period ends before the bin."""
+    """(bins,) width of each bin as counted, in mean bin widths; None where the sync period ends before the
+    bin."""
     counts_per_bin: float
-    """How many counts each was measured with."""
+    """Number of counts with which each width was measured."""
     nonlinearity: float
-    """Root mean square of the real widths' deviations from 1: as counted, counting noise taken off."""
+    """Root mean square of the real widths' deviations from 1: as counted, counting noise subtracted."""
     nonlinearity_at_most: float
     """Its upper limit at two standard errors."""
     kept: float
-    """Part of a counted deviation that is to be believed, S / (S + N): S is the variance of the real widths,
+    """Part of a counted deviation that is real, S / (S + N): S is the variance of the real widths,
     N that of counting them."""
 
     @property

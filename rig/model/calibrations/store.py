@@ -158,32 +158,32 @@ def parse(text: str, arrays: Mapping[str, NDArray] | None = None) -> Calibration
         content = json.loads(text, parse_float=_finite, parse_constant=_finite)
         kind, stored = content["kind"], content.pop("digest")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise ValueError("it is no calibration") from None
+        raise ValueError("it is not a calibration") from None
     if digest(content) != stored:
-        raise ValueError("it was changed after it was stored: its digest does not fit")
+        raise ValueError("it was changed after it was stored: its digest does not match")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ValueError(f"it is of the unknown kind '{kind}', perhaps of a newer version of this program")
     del content["kind"]
     named = content.pop("arrays", {})
     if not isinstance(named, dict):
-        raise ValueError("it does not fit this version of the program (arrays)")
+        raise ValueError("it does not match this version of the program (arrays)")
     for name, wanted in named.items():
         array = (arrays or {}).get(name)
         if array is None or digest_of_array(array) != wanted:
-            raise ValueError(f"its array '{name}' is missing, or another one")
+            raise ValueError(f"its array '{name}' is missing, or differs")
         content[name] = [None if np.isnan(one) else one for one in array.tolist()]
     try:
         return KINDS[kind].model_validate(content)
     except ValidationError as error:
         where = ", ".join(".".join(map(str, problem["loc"])) for problem in error.errors())
-        raise ValueError(f"it does not fit this version of the program ({where})") from None
+        raise ValueError(f"it does not match this version of the program ({where})") from None
 
 
 def _finite(text: str) -> float:
     """Read a number; raise ValueError where it is too large for one, or none."""
     value = float(text)
     if not isfinite(value):
-        raise ValueError(f"{text[:20]} is no finite number")
+        raise ValueError(f"{text[:20]} is not a finite number")
     return value
 
 
@@ -199,6 +199,6 @@ def doubts(calibration: Calibration, now: datetime | None = None) -> str:
         return ""
     days = (now - calibration.created).total_seconds() / 86400
     return (
-        f"the {calibration.kind} calibration is {days:.0f} days old, it was good for "
-        f"{calibration.valid_days:g}: measure it again with rig calibrate {calibration.kind}"
+        f"the {calibration.kind} calibration is {days:.0f} days old, and was valid for "
+        f"{calibration.valid_days:g} days: measure it again with rig calibrate {calibration.kind}"
     )

@@ -16,11 +16,11 @@ class DelayerConfig(DeviceSection):
     address: str | None = None
     """Where it is reached."""
     insertion_delay_s: Seconds = Field(0.0, ge=0)
-    """What cables and delayer add by themselves: that much less is asked of it, so that detector.gate_delay
-    is the gate's opening edge after the sync pulse."""
+    """Delay of the cables and of the delayer itself. It is subtracted from what is set, so that
+    detector.gate_delay is the gate's opening edge after the sync pulse."""
     divider: int = Field(1, ge=1, le=999)
-    """The gate opens for the first of so many sync pulses: for a laser that is too fast for detector or
-    delayer. Photons get fewer by as much."""
+    """The gate opens once for this many sync pulses: for a laser that is too fast for detector or
+    delayer. The number of photons falls by the same factor."""
 
 
 class PsdConfig(DelayerConfig):
@@ -30,18 +30,19 @@ class PsdConfig(DelayerConfig):
     address: str | None = None
     """Serial port or pyserial URL."""
     trigger_level_v: Volts | None = Field(None, ge=-2, le=2)
-    """Level at its input at which a sync pulse counts; None: what is set at its front panel."""
+    """Level that a sync pulse must cross to trigger it; None: the level set at its front panel."""
 
 
 class PulseConfig(DelayerConfig):
     """What delayers have that make a gate pulse of their own."""
 
     pulse_width_s: Seconds = Field(10e-9, gt=0)
-    """How long the gate pulse lasts; it has to end before the next sync pulse, with the box's own pause."""
+    """Width of the gate pulse. It must end before the next sync pulse, with the pause that the box itself
+    needs."""
     polarity: Literal["positive", "negative"] = "positive"
-    """Of the gate pulse."""
+    """Polarity of the gate pulse."""
     trigger_edge: Literal["rising", "falling"] = "rising"
-    """The edge of the sync pulse that counts."""
+    """The edge of the sync pulse that triggers."""
 
 
 class Dg645Config(PulseConfig):
@@ -53,9 +54,9 @@ class Dg645Config(PulseConfig):
     output: Literal["AB", "CD", "EF", "GH"] = "AB"
     """The output that the gate is connected to."""
     amplitude_v: Volts = Field(2.5, ge=0.5, le=5)
-    """Of the gate pulse, into 50 ohm."""
+    """Amplitude of the gate pulse, into 50 ohm."""
     trigger_level_v: Volts = Field(0.5, ge=-3.5, le=3.5)
-    """Level at which a sync pulse counts."""
+    """Level that a sync pulse must cross to trigger it."""
 
 
 class T560Config(PulseConfig):
@@ -67,7 +68,7 @@ class T560Config(PulseConfig):
     output: Literal["A", "B", "C", "D"] = "A"
     """The output that the gate is connected to."""
     trigger_level_v: Volts = Field(1.25, ge=0.25, le=3.3)
-    """Level at which a sync pulse counts."""
+    """Level that a sync pulse must cross to trigger it."""
 
 
 class ExternalDelayerConfig(DelayerConfig):
@@ -77,4 +78,4 @@ class ExternalDelayerConfig(DelayerConfig):
 
     kind: Literal["external"] = "external"
     model: str = "delayer"
-    """What it is, for people."""
+    """Name of the product, for people to read."""

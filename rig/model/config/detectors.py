@@ -12,11 +12,11 @@ class DetectorConfig(DeviceSection):
     """What all detectors have."""
 
     address: str | None = None
-    """Where it is reached; None where its driver finds it."""
+    """Its address; None if its driver finds it."""
     position_m: Point = (0.15, 0.0, 2.5)
-    """The detector's lens."""
+    """Position of the detector's lens."""
     gated: bool = True
-    """False: free running, the first bounce is detected too."""
+    """False: free-running; the first bounce is detected, too."""
     gate_delay_s: Seconds = Field(31.5e-9, ge=0)
     """Opening edge of the gate after the sync pulse."""
     gate_width_s: Seconds = Field(40e-9, gt=0)
@@ -24,19 +24,20 @@ class DetectorConfig(DeviceSection):
     hold_off_s: Seconds = Field(100e-9, ge=0)
     """Time after a detection during which the detector stays off."""
     max_count_rate_hz: Hertz | None = Field(None, gt=0)
-    """Counts a second of a channel at which the bias is taken away; None: half of what is possible."""
+    """Counts a second in one channel above which the bias is switched off; None: half of the highest
+    possible rate."""
 
 
 class Id120Config(DetectorConfig):
-    """An ID Quantique ID120, which has no gate that a public command sets: it runs freely."""
+    """An ID Quantique ID120, which has no gate that a public command sets: it is free-running."""
 
     kind: Literal["id120"] = "id120"
     serial: str | None = None
     """Serial number, when several detectors are connected."""
     address: str | None = None
-    """Pseudo-terminal of a simulated detector that ``rig sim serve`` serves; None: one on USB."""
+    """Pseudo-terminal of a simulated detector from ``rig sim serve``; None: a detector on USB."""
     gated: bool = False
-    """Only false. Scans of earlier programs may say otherwise."""
+    """Must be false. Scans of earlier versions may have another value."""
     hold_off_s: Seconds = Field(120e-9, ge=0)
     """Time after a detection during which the detector stays off, in steps of 40 ns."""
 
@@ -46,7 +47,7 @@ class ExternalDetectorConfig(DetectorConfig):
 
     kind: Literal["external"] = "external"
     model: str = "detector"
-    """What it is, for people."""
+    """Name of the product, for people to read."""
 
 
 class MpdConfig(DetectorConfig):
@@ -63,10 +64,10 @@ class ChannelConfig(Section):
     """One pixel of the detector: what it looks at, and where its pulses go."""
 
     name: str = "spad"
-    """What the channel is called."""
+    """Name of the channel."""
     input: int = Field(0, ge=0)
     """Input of the timing instrument, counted from 0."""
     spot_m: Point = (0.0, 0.0, 0.0)
     """The spot on the relay wall that it looks at."""
     delay_s: Seconds = 0.0
-    """By how much its pulses come later than timing.electronics_delay says."""
+    """Extra delay of its pulses, added to timing.electronics_delay."""

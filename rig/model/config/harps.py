@@ -12,20 +12,21 @@ Edge = Literal["falling", "rising"]
 
 
 class HarpConfig(TcspcConfig):
-    """What all of them have."""
+    """What all of these timing instruments have."""
 
     library: Path | None = None
-    """The vendor's library; by default it is searched for in the usual places."""
+    """The vendor's library; by default the usual places are searched."""
     address: str | None = None
-    """Socket of a bench that ``rig sim serve`` serves, to simulate the instrument on; None: a real one."""
+    """Socket of a bench from ``rig sim serve``, on which the instrument is simulated; None: a real
+    instrument."""
     serial: str | None = None
     """Serial number, when several instruments are connected."""
     sync_divider: int = 1
-    """How many sync pulses are taken as one, for lasers that are faster than its sync input."""
+    """Number of sync pulses that are counted as one, for lasers that are faster than its sync input."""
     bin_width_s: Seconds = Field(4e-12, gt=0)
-    """Width of a bin; one that the instrument has."""
+    """Width of a bin; it must be one that the instrument has."""
     bins: int = Field(15_000, ge=1)
-    """Bins of a histogram."""
+    """Number of bins of a histogram."""
     offset_s: Seconds = Field(28e-9, ge=0)
     """Start of the histogram after the sync pulse, whole nanoseconds."""
 
@@ -36,9 +37,9 @@ class HydraHarpConfig(HarpConfig):
     kind: Literal["hydraharp"] = "hydraharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = Field(0.05, ge=0)
-    """Level that a sync pulse has to pass."""
+    """Level that a sync pulse must cross."""
     sync_zero_cross_v: Volts = Field(0.01, ge=0)
-    """Level of the zero crossing that gives a sync pulse its time."""
+    """Level of the zero crossing, which sets the time of a sync pulse."""
     input_level_v: Volts = Field(0.05, ge=0)
     """Of every input that a channel uses."""
     input_zero_cross_v: Volts = Field(0.01, ge=0)
@@ -51,7 +52,7 @@ class MultiHarpConfig(HarpConfig):
     kind: Literal["multiharp"] = "multiharp"
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
     sync_level_v: Volts = -0.05
-    """Level that a sync pulse has to pass."""
+    """Level that a sync pulse must cross."""
     sync_edge: Edge = "falling"
     """A negative pulse begins with its falling edge."""
     input_level_v: Volts = -0.05
@@ -66,17 +67,17 @@ class EitherTriggerConfig(HarpConfig):
     """An instrument with edge triggers or discriminators; all levels have their sign."""
 
     sync_level_v: Volts = -0.05
-    """Level that a sync pulse has to pass."""
+    """Level that a sync pulse must cross."""
     sync_edge: Edge | None = None
-    """None: falling, where the trigger is an edge."""
+    """Edge that triggers; None: falling, if the trigger is an edge."""
     sync_zero_cross_v: Volts | None = None
-    """None: -10 mV, where the trigger is a discriminator."""
+    """Level of the zero crossing; None: -10 mV, if the trigger is a discriminator."""
     input_level_v: Volts = -0.05
     """Of every input that a channel uses."""
     input_edge: Edge | None = None
-    """None: falling, where the trigger is an edge."""
+    """Edge that triggers; None: falling, if the trigger is an edge."""
     input_zero_cross_v: Volts | None = None
-    """None: -10 mV, where the trigger is a discriminator."""
+    """Level of the zero crossing; None: -10 mV, if the trigger is a discriminator."""
 
     @property
     def has_cfd(self) -> bool:
@@ -90,7 +91,7 @@ class EitherTriggerConfig(HarpConfig):
         for end in ("sync", "input"):
             if getattr(self, f"{end}_{field}") is not None:
                 raise ValueError(
-                    f"{end}_{alien} means nothing to {trigger}; leave it out, or choose the other"
+                    f"{end}_{alien} has no meaning for {trigger}; leave it out, or choose the other trigger"
                 )
         return self
 
@@ -100,7 +101,7 @@ class PicoHarp330Config(EitherTriggerConfig):
 
     kind: Literal["picoharp330"] = "picoharp330"
     trigger: Literal["edge", "cfd"] = "edge"
-    """Of sync and inputs."""
+    """Kind of trigger of the sync input and of the other inputs."""
     sync_divider: Literal[1, 2, 4, 8] = 1
 
     @property
@@ -110,11 +111,11 @@ class PicoHarp330Config(EitherTriggerConfig):
 
 
 class HydraHarp500Config(EitherTriggerConfig):
-    """A HydraHarp 500; what it takes is unconfirmed (docs/timing-instruments.md)."""
+    """A HydraHarp 500; the values that it accepts are not confirmed (docs/timing-instruments.md)."""
 
     kind: Literal["hydraharp500"] = "hydraharp500"
     trigger: Literal["edge", "cfd"] = "edge"
-    """Of sync and inputs."""
+    """Kind of trigger of the sync input and of the other inputs."""
     sync_divider: Literal[1, 2, 4, 8, 16] = 1
 
     @property

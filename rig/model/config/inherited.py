@@ -1,6 +1,6 @@
 """Configuration files that extend others: all that they say together, and which file says what.
 
-A file names those that it extends with ``extends = "lab.toml"`` or a list of such. A path begins at the
+A file names those that it extends with ``extends = "lab.toml"`` or a list of paths. A path begins at the
 folder of the file that says it. Tables are merged key by key. Everything else replaces what was there: a
 value, a list, and the whole section of a device whose ``kind`` is another one. Of a list, later files go
 before earlier ones, and what the file itself says goes before all of them.
@@ -73,7 +73,7 @@ def _read(path: Path, below: tuple[Path, ...], known: dict[str, Written]) -> Wri
     chain = (*below, path)
     where = os.path.realpath(path)
     if where in map(os.path.realpath, below):
-        raise ConfigError(f"{_arrows(chain)}: these files extend each other in a circle; leave one out")
+        raise ConfigError(f"{_arrows(chain)}: these files extend each other in a loop; leave one out")
     if len(chain) > DEEPEST:
         raise ConfigError(f"{_arrows(chain)}: at most {DEEPEST} files may extend one another in a row")
     if where not in known:
@@ -86,9 +86,9 @@ def _read(path: Path, below: tuple[Path, ...], known: dict[str, Written]) -> Wri
 def _parents(said: Any, path: Path) -> list[str]:
     names = [said] if isinstance(said, str) else said
     if not isinstance(names, list) or not all(isinstance(one, str) and one for one in names):
-        raise ConfigError(f"{path}: extends: write the path of a configuration, or a list of such")
+        raise ConfigError(f"{path}: extends: write the path of a configuration, or a list of paths")
     if len(names) > MOST_PARENTS:
-        raise ConfigError(f"{path}: extends: names {len(names)} files, {MOST_PARENTS} are the limit")
+        raise ConfigError(f"{path}: extends: names {len(names)} files; the limit is {MOST_PARENTS}")
     return names
 
 
@@ -122,23 +122,26 @@ def _table(path: Path, below: tuple[Path, ...]) -> Table:
     """Read a TOML file; raises as `read`."""
     try:
         if path.is_fifo():
-            raise ConfigError(f"{path}: is a pipe, read once alone; write the configuration to a file")
+            raise ConfigError(
+                f"{path}: is a pipe, which can be read only once; write the configuration to a file"
+            )
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         text = content.decode("utf-8-sig")  # editors on Windows put a mark before the text
         if len(content) > MOST_BYTES or _LONG_KEY.search(text):
             raise ConfigError(
-                f"{path}: is no configuration: one has at most {MOST_BYTES / 1e6:g} MB, and short keys"
+                f"{path}: is not a configuration: a configuration has at most {MOST_BYTES / 1e6:g} MB, "
+                "and short keys"
             )
         return tomllib.loads(text)
     except OSError as error:
-        remedy = f"Mend extends in {below[-1]}" if below else "Give the path of a TOML file"
+        remedy = f"Correct extends in {below[-1]}" if below else "Give the path of a TOML file"
         raise ConfigError(f"{path}: cannot be read ({error.strerror}). {remedy}") from None
     except RecursionError:
-        raise ConfigError(f"{path}: is no configuration: its values are nested too deeply") from None
+        raise ConfigError(f"{path}: is not a configuration: its values are nested too deeply") from None
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path}: is not text in UTF-8 (its byte {error.start} is none); save it as UTF-8"
+            f"{path}: is not text in UTF-8 (its byte {error.start} is not valid); save it as UTF-8"
         ) from None
     except ValueError as error:  # also a path with NUL, numbers of thousands of digits
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None

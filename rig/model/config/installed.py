@@ -53,18 +53,18 @@ def installed(role: str, kind: str, base: type[DeviceSection]) -> InstalledKind 
         return None
     package = " and ".join(sorted(str(entry.dist.name) if entry.dist else entry.value for entry in entries))
     if len(entries) > 1:
-        raise ConfigError(f"{role}.kind = '{kind}' is brought by {package}: remove all but one")
+        raise ConfigError(f"{role}.kind = '{kind}' is provided by {package}: remove all but one")
     try:
         found: InstalledKind = entries[0].load()
         section = found.section
     except Exception as problem:  # whatever a package of others does wrong
         raise ConfigError(
             f"{role}.kind = '{kind}' of the package {package} cannot be loaded: "
-            f"{type(problem).__name__}: {problem}. Ask who wrote it, or install its present version"
+            f"{type(problem).__name__}: {problem}. Ask its author, or install its newest version"
         ) from problem
     if not (isinstance(section, type) and issubclass(section, base)):
         raise ConfigError(
-            f"{role}.kind = '{kind}' of the package {package}: its section is no {base.__name__}. "
-            "Ask who wrote it"
+            f"{role}.kind = '{kind}' of the package {package}: its section is not a {base.__name__}. "
+            "Ask its author"
         )
     return found

@@ -115,7 +115,7 @@ def _in_words(error: ValidationError, kind: str, section: type[DeviceSection]) -
 
     def said(problem: Any) -> str:
         if problem["type"] == "extra_forbidden":
-            return f"is no key of kind '{kind}', which has {keys}"
+            return f"is not a key of kind '{kind}', which has {keys}"
         return in_words(problem)
 
     lines = [

@@ -12,7 +12,7 @@ class LaserConfig(DeviceSection):
     """What all lasers have."""
 
     address: str | None = None
-    """Where it is reached; None where its driver finds it."""
+    """Its address; None if its driver finds it."""
     repetition_hz: Hertz = Field(10e6, gt=0)
     """Pulses a second."""
 
@@ -32,9 +32,9 @@ class ExternalLaserConfig(LaserConfig):
 
     kind: Literal["external"] = "external"
     model: str = "laser"
-    """What it is, for people."""
+    """Name of the product, for people to read."""
     power: str = "as set by hand"
-    """Its power, for people."""
+    """Its power, for people to read."""
 
     @property
     def fraction_of_full(self) -> float:
@@ -56,9 +56,9 @@ class KatanaConfig(LaserConfig):
     address: str | None = None
     """Serial port or pyserial URL."""
     power_setpoint: float = Field(0.0, ge=0, le=10)
-    """Power setting of the laser's own scale, 0 to 10."""
+    """Power setting on the laser's own scale, 0 to 10."""
     max_power_setpoint: float = Field(10.0, ge=0, le=10)
-    """The rig's own ceiling of the power setting; a scan with more is refused."""
+    """The rig's own upper limit of the power setting; a scan with more is refused."""
     repetition_hz: Hertz = Field(10e6, gt=0)
     """Pulses a second."""
     trigger: Literal["internal", "external"] = "internal"
@@ -91,7 +91,7 @@ class Katana08Config(LaserConfig):
     power_w: Watts = Field(0.0, ge=0, le=3.1)
     """Power; published drivers ask for 3.1 W at most."""
     max_power_w: Watts = Field(3.1, ge=0, le=3.1)
-    """The rig's own ceiling of the power; a scan with more is refused."""
+    """The rig's own upper limit of the power; a scan with more is refused."""
     repetition_hz: Hertz = Field(18e6, ge=18e6, le=80e6)
     """Pulses a second."""
     trigger: Literal["internal", "level", "ttl"] = "internal"
@@ -122,13 +122,13 @@ class NktConfig(LaserConfig):
     address: str | None = None
     """Serial port or pyserial URL."""
     level_percent: float = Field(0.0, ge=0, le=100)
-    """Level, in percent of full power or current as the laser's mode has it."""
+    """Level, in percent of full power or of full current, depending on the laser's mode."""
     max_level_percent: float = Field(100.0, ge=0, le=100)
-    """The rig's own ceiling of the level; a scan with more is refused."""
+    """The rig's own upper limit of the level; a scan with more is refused."""
     oscillator_hz: Hertz = Field(80e6, gt=0)
-    """Pulses a second that come to the pulse picker: the laser's label says it."""
+    """Pulses a second at the input of the pulse picker: see the laser's label."""
     repetition_hz: Hertz = Field(10e6, gt=0)
-    """Pulses a second that leave the pulse picker: the oscillator's by a whole number."""
+    """Pulses a second at the output of the pulse picker: the oscillator's rate divided by a whole number."""
 
     @model_validator(mode="after")
     def _possible(self) -> "NktConfig":

@@ -8,7 +8,7 @@ from rig.model.config.section import Section
 
 
 class NotifyConfig(Section):
-    """Who gets a message when a scan, or all calibrations, end or stop; nobody by default.
+    """Where a message is sent when a scan, or all calibrations, end or stop; nowhere by default.
 
     It is taken from the configuration alone, is in no data file, and is not taken from one: a file is data,
     never an order. An address or a command often holds a secret.
@@ -28,7 +28,7 @@ class NotifyConfig(Section):
                 'the first word is the program, e.g. ["ntfy", "publish", "my-rig", "{sentence}"]'
             )
         if any("\0" in word for word in words):
-            raise ValueError("a word holds a zero character, which no program can be given")
+            raise ValueError("a word holds a zero character, which cannot be given to a program")
         return words
 
     @field_validator("webhook")
@@ -36,7 +36,7 @@ class NotifyConfig(Section):
     def _is_of_the_web(cls, address: SecretStr | None) -> SecretStr | None:
         if address is not None and not _of_the_web(address.get_secret_value()):
             raise ValueError(  # without the address
-                "it is an address such as https://ntfy.example/topic, in ASCII and without blanks"
+                "it is an address such as https://ntfy.example/topic, in ASCII and without spaces"
             )
         return address
 

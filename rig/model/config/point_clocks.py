@@ -16,7 +16,7 @@ class DaqClockConfig(PointClockConfig):
 
     kind: Literal["daq"] = "daq"
     address: str | None = None
-    """Socket of a bench that ``rig sim serve`` serves, whose board is used; None: a real one."""
+    """Socket of a bench from ``rig sim serve``, whose board is used; None: a real board."""
     device: str = Field("Dev1", min_length=1)
     """The board's name in NI MAX."""
     markers: tuple[str, ...] = Field(
@@ -24,14 +24,14 @@ class DaqClockConfig(PointClockConfig):
     )
     """Lines to the timing instrument's marker inputs M1, M2, M3 and M4: points, lines, frames, a spare."""
     step: str = "port0/line4"
-    """Line to the mirror's trigger input; empty where no mirror has one."""
+    """Line to the mirror's trigger input; empty if the mirror has none."""
     counter: str = "ctr0"
-    """The counter whose pulses are the one clock of all samples."""
+    """The counter whose pulses clock all samples."""
 
     @model_validator(mode="after")
     def _lines_differ(self) -> "DaqClockConfig":
         lines = [*self.markers, self.step]
         twice = sorted({line for line in lines if line and lines.count(line) > 1})
         if twice:
-            raise ValueError(f"two pulses go to {twice[0]}; give each a line of its own")
+            raise ValueError(f"two pulses go to {twice[0]}; give each its own line")
         return self

@@ -31,13 +31,14 @@ class RigConfig(Section):
     """The whole rig. Its defaults are the built-in rig, but for delayer, point clock and simulation."""
 
     name: str = "simulated rig"
-    """What the rig is called; its calibrations are found by this name."""
+    """Name of the rig; its calibrations are found by this name."""
     galvo: Annotated[GalvoConfig, ROLES["galvo"]] = OptotuneConfig()
     laser: Annotated[LaserConfig, ROLES["laser"]] = KatanaConfig(power_setpoint=10.0)
-    """Without this section, which a real rig has, the simulated laser has full power."""
+    """A real rig must have this section; without it the simulated laser has full power."""
     detector: Annotated[DetectorConfig, ROLES["detector"]] = MpdConfig()
     delayer: Annotated[DelayerConfig, ROLES["delayer"]] | None = None
-    """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector does, or cables."""
+    """Present: it opens the detector's gate at detector.gate_delay. Absent: the detector or cables set the
+    delay of the gate."""
     tcspc: Annotated[TcspcConfig, ROLES["tcspc"]] = HydraHarpConfig()
     channels: tuple[ChannelConfig, ...] = (ChannelConfig(),)
     """The detector's pixels, in the order in which a scan file holds them; a single SPAD has one."""
@@ -51,7 +52,7 @@ class RigConfig(Section):
     cameras: CamerasConfig = CamerasConfig()
     notes: NotesConfig = NotesConfig()
     notify: NotifyConfig = Field(NotifyConfig(), exclude=True)
-    """Excluded from all that is written of a configuration: it may hold secrets."""
+    """Never written to scan files or printed: it may hold secrets."""
     simulation: SimulationConfig | None = None
     """Present: devices are simulated at their wires. Absent: real devices at their addresses."""
 
@@ -95,7 +96,7 @@ class RigConfig(Section):
             if galvo != clock:
                 raise ValueError(
                     f"point_clock.device is {clock[0]}, galvo.device is {galvo[0]}: an analogue galvo and "
-                    "its point clock have to be on the same board, which plays both by one clock"
+                    "its point clock must be on the same board, which drives both from one clock"
                 )
         return self
 
@@ -111,8 +112,8 @@ class RigConfig(Section):
                     )
         if self.galvo.position_m[2] <= 0 or self.detector.position_m[2] <= 0:
             raise ValueError(
-                "galvo.position and detector.position stand in front of the wall: "
-                "their third number is above 0"
+                "galvo.position and detector.position must be in front of the wall: "
+                "their third number must be above 0"
             )
         return self
 
@@ -123,7 +124,8 @@ class RigConfig(Section):
             taken = (*clock.markers, clock.step)
             if (clock.device, clock.address) == (shutter.device, shutter.address) and shutter.line in taken:
                 raise ValueError(
-                    f"shutter.line is {shutter.line}, which is a line of point_clock: give it another one"
+                    f"shutter.line is {shutter.line}, which is also a line of point_clock: "
+                    "give it another line"
                 )
         return self
 
@@ -139,7 +141,7 @@ class RigConfig(Section):
         """What speaks for darkness when the light was put out, in words."""
         if not isinstance(self.laser, ExternalLaserConfig):
             return "read back twice"
-        return "by its shutter" if self.shutter else "as far as a person has said"
+        return "by its shutter" if self.shutter else "as reported by a person"
 
     @property
     def unverified(self) -> tuple[str, ...]:
@@ -147,13 +149,13 @@ class RigConfig(Section):
         told = []
         if isinstance(self.laser, ExternalLaserConfig):
             told.append(
-                "the laser's own emission and power are not known: light is taken to be on while the shutter "
+                "the laser's own emission and power are not known: the light counts as on while the shutter "
                 "is open"
                 if self.shutter
-                else "the laser is switched by hand, and no program can put it out: of its emission only the "
-                "sync pulses tell, where they come with the light"
+                else "the laser is switched by hand, and no program can switch it off: only the sync "
+                "pulses show its emission, if they come with the light"
             )
-        by_hand = "set by hand and cannot be read back: what the file says is what a person says"
+        by_hand = "set by hand and cannot be read back: the file records what a person reported"
         if isinstance(self.detector, ExternalDetectorConfig):
             told.append(f"bias, gate and hold-off of the detector are {by_hand}")
         if isinstance(self.delayer, ExternalDelayerConfig):
@@ -284,9 +286,9 @@ def _refuse_gated_id120(detector: Any) -> None:
     wants_gate = detector.get("gated") is True or bool(of_gate)
     if is_older or (detector.get("kind") == "id120" and wants_gate):
         raise ValueError(
-            "detector: an ID120 has no gate, nor an excess bias, that a public command sets. For a detector "
-            "that gates write detector.kind = 'mpd' (and a [delayer]), or 'external'; for an ID120, which "
-            "runs freely, detector.kind = 'id120' without gated, gate_delay and gate_width. Leave "
+            "detector: an ID120 has no gate, nor an excess bias, that a public command sets. For a gated "
+            "detector write detector.kind = 'mpd' (and a [delayer]), or 'external'; for an ID120, which "
+            "is free-running, detector.kind = 'id120' without gated, gate_delay and gate_width. Leave "
             "excess_bias out (docs/detectors.md)"
         )
 

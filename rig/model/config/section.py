@@ -34,4 +34,4 @@ class DeviceSection(Section):
 def require_ceiling(key: str, asked: float, ceiling: float) -> None:
     """Raise `ValueError` where more is asked for than the rig's own ceiling."""
     if asked > ceiling:
-        raise ValueError(f"{key} {asked:g} is above the rig's ceiling max_{key} {ceiling:g}")
+        raise ValueError(f"{key} {asked:g} is above the rig's limit max_{key} {ceiling:g}")

@@ -12,13 +12,13 @@ class ShutterConfig(DeviceSection):
     """What all shutters have."""
 
     address: str | None = None
-    """Where it is reached; None where its driver finds it."""
+    """Its address; None if its driver finds it."""
     line: str
-    """The line that moves it."""
+    """The line that moves the shutter."""
     open_level: Literal["high", "low"] = "high"
-    """Level of the line at which it is open; the other one has to be that of a line that is not driven."""
+    """Level of the line at which it is open; the other level must be that of a line that is not driven."""
     moving_time_s: Seconds = Field(20e-3, ge=0)
-    """How long it takes to open or to close."""
+    """Time to open or to close."""
 
     @property
     def place(self) -> str:
@@ -31,11 +31,11 @@ class DaqShutterConfig(ShutterConfig):
 
     kind: Literal["daq"] = "daq"
     address: str | None = None
-    """Socket of a simulated board that ``rig sim serve`` serves; None: a board of NI-DAQmx."""
+    """Socket of a simulated board from ``rig sim serve``; None: a board of NI-DAQmx."""
     device: str = "Dev1"
     """The board's name."""
     line: str = "port1/line0"
-    """Its digital output; no line of the point clock."""
+    """Its digital output; it must not be a line of the point clock."""
 
     @property
     def place(self) -> str:
@@ -52,6 +52,7 @@ class SerialShutterConfig(ShutterConfig):
     address: str | None = None
     """Serial port or pyserial URL."""
     line: Literal["rts", "dtr"] = "rts"
-    """Its output."""
+    """The output that moves the shutter."""
     read_back: Literal["cts", "dsr"] | None = None
-    """The input that tells where the shutter is, at the level of its output; None where none does."""
+    """The input that reads the shutter's position back, with the same level as the output; None: no
+    read-back."""

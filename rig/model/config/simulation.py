@@ -13,27 +13,27 @@ MESH_ENDINGS = (".obj", ".ply", ".stl")
 
 
 class MisalignmentConfig(Section):
-    """By how much the simulated rig differs from what the rest of the configuration says of it."""
+    """How much the simulated rig differs from the rest of the configuration."""
 
     wall_tilt_rad: tuple[Radians, Radians] = (0.0, 0.0)
-    """The wall, turned about its vertical and its horizontal middle line."""
+    """Turn of the wall about its vertical and its horizontal middle line."""
     galvo_shift_m: Point = (0.0, 0.0, 0.0)
-    """By how much the mirror stands elsewhere."""
+    """Shift of the mirror from its configured position."""
     spad_shift_m: Point = (0.0, 0.0, 0.0)
-    """By how much the detector stands elsewhere."""
+    """Shift of the detector from its configured position."""
     mirror_turn_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
-    """The mirror's mount, turned about x, y and z."""
+    """Turn of the mirror's mount about x, y and z."""
     mirror_offset_rad: tuple[Radians, Radians] = (0.0, 0.0)
     """Optical angles at command zero."""
     mirror_gain: tuple[float, float] = (1.0, 1.0)
     """Real angle for each commanded one."""
     mirror_incidence_rad: tuple[Radians, Radians] = (0.0, 0.0)
-    """Angle of incidence on one mirror, and the direction of it."""
+    """Angle of incidence on one mirror, and its direction."""
     cable_delay_s: Seconds = 0.0
-    """Delay of forgotten cable."""
+    """Delay of a cable that the configuration does not mention."""
     mirror_lag_s: Seconds | None = Field(None, gt=0)
-    """By how much the mirror trails a command that moves evenly; None: as usual for its kind. galvo.lag and
-    rig calibrate lag say how much is taken for it."""
+    """By how much the mirror trails a command that moves evenly; None: the usual value of its kind.
+    galvo.lag and rig calibrate lag set the value that scans assume."""
 
 
 class FaultsConfig(Section):
@@ -47,9 +47,9 @@ class FaultsConfig(Section):
     ambient_light_hz: Hertz = Field(500.0, ge=0)
     """Counts a second from room light while the detector is sensitive."""
     hold_off: bool = True
-    """Whether a detection keeps the detector off for detector.hold_off, and the next gate closed."""
+    """Whether a detection switches the detector off for detector.hold_off, and keeps the next gate closed."""
     afterpulse_probability: float = Field(0.02, ge=0, le=0.5)
-    """Probability that a detection leaves another one behind."""
+    """Probability that a detection causes another one, an afterpulse."""
     afterpulse_decay_s: Seconds = Field(40e-9, gt=0)
     """Time in which that probability falls to 1/e."""
     gate_ringing: float = Field(0.07, ge=0, le=1)
@@ -65,21 +65,21 @@ class FaultsConfig(Section):
     failed_gates: float = Field(0.0, ge=0, le=1)
     """Fraction of positions where the gate does not block the first bounce."""
     failed_gate_radius_m: Metres = Field(0.0, ge=0)
-    """Distance from the detector's spot up to which it does not either."""
+    """Up to this distance from the detector's spot it does not block it, either."""
     dead_time_s: Seconds = Field(80e-9, ge=0)
-    """Of the timing instrument."""
+    """Dead time of the timing instrument."""
     nonlinearity: float = Field(0.0, ge=0, lt=0.02)
     """Differential non-linearity of the timing instrument, root mean square."""
     drift_per_minute_s: Seconds = 0.0
-    """How much later counts come with each minute."""
+    """Drift of all counts to later times, per minute."""
     largest_count: int = Field(2**32 - 1, ge=1, le=2**32 - 1)
-    """Where a bin of the timing instrument is full."""
+    """Number of counts at which a bin of the timing instrument is full."""
     sync_pulse_v: Volts = Field(0.3, ge=0)
-    """Depth of the laser's sync pulses, which are negative; a tcspc.sync_level beyond it is not passed."""
+    """Depth of the laser's sync pulses, which are negative; a tcspc.sync_level beyond it is not reached."""
     input_pulse_v: Volts = Field(0.3, ge=0)
-    """Depth of the detector's pulses, which are negative; a tcspc.input_level beyond it is not passed."""
+    """Depth of the detector's pulses, which are negative; a tcspc.input_level beyond it is not reached."""
     line_noise_v: Volts = Field(2e-3, ge=0)
-    """Noise of both lines, root mean square, which a level near zero counts."""
+    """Noise of both lines, root mean square, which is counted if the level is near zero."""
 
 
 class ByHandConfig(Section):
@@ -90,16 +90,16 @@ class ByHandConfig(Section):
     hold_off_s: Seconds | None = Field(None, ge=0)
     """Its hold-off; None: detector.hold_off."""
     error: int = Field(0, ge=0)
-    """The error that it reports; 0 is none."""
+    """The number of the error that it reports; 0: no error."""
 
 
 class MotionConfig(Section):
     """How the hidden scene moves, all of it together: straight ahead, and back, again and again."""
 
     travel_m: Point
-    """From one end of its way to the other; without motion it stands in the middle."""
+    """Path from one end to the other; without motion the scene stands in the middle."""
     duration_s: Seconds = Field(gt=0)
-    """Time from one end to the other; it sets off from the first when the bench's clock begins."""
+    """Time from one end to the other; the motion starts at the first end when the bench's clock starts."""
 
 
 class SimulationConfig(Section):
@@ -108,14 +108,14 @@ class SimulationConfig(Section):
     scene: str = "letters"
     """Name of a built-in scene, or path of an OBJ, PLY or STL file."""
     place_m: Point | None = None
-    """Where the middle of a mesh's bounding box is put; None leaves it where its file has it."""
+    """Where the middle of a mesh's bounding box is put; None: as in its file."""
     rotate_rad: tuple[Radians, Radians, Radians] = (0.0, 0.0, 0.0)
     """A mesh is turned about x, then y, then z, about that middle."""
     scale: float = Field(1.0, gt=0, le=1e6)
-    """The coordinates of a mesh's file are multiplied by it: 0.001 of a file in millimetres."""
+    """Factor for the coordinates of a mesh's file: 0.001 for a file in millimetres."""
     mesh_sha256: str = ""
-    """Of a mesh's file; another file is refused then. Scan files have it, so that a scan is resumed with the
-    mesh that it began with."""
+    """SHA-256 of the mesh's file; another file is refused. Scan files have it, so that a scan is resumed
+    with the mesh that it began with."""
     bounces: Literal[3, 4, 5] = 3
     """3: wall, hidden surface, wall. 4 and 5 add interreflections."""
     roughness: float | None = Field(None, ge=0.05, le=1)
@@ -125,9 +125,10 @@ class SimulationConfig(Section):
     motion: MotionConfig | None = None
     """Present: the scene moves while it is scanned (with three bounces). Absent: it stands still."""
     count_rate_hz: Hertz | None = Field(None, gt=0)
-    """Mean detections a second over the scanned wall, to which the light is tuned; None leaves the light."""
+    """Mean detections a second over the scanned wall, to which the light is adjusted; None: the light is
+    not adjusted."""
     seed: int = Field(0, ge=0)
-    """Seed of the photons; one seed draws the same photons each time."""
+    """Seed of the random numbers; the same seed gives the same photons each time."""
     real_time: bool = False
     """False: the bench's clock runs as fast as the computer can."""
     faults: FaultsConfig = FaultsConfig()
@@ -145,7 +146,7 @@ class SimulationConfig(Section):
         placed = self.place_m is not None or any(self.rotate_rad) or self.scale != 1
         if placed and self.mesh is None:
             raise ValueError(
-                f"place, rotate and scale are for a mesh file, and the scene '{self.scene}' is built in: "
+                f"place, rotate and scale are for a mesh file, but the scene '{self.scene}' is built in: "
                 f"leave them out, or name an {', '.join(MESH_ENDINGS)} file"
             )
         return self
@@ -154,6 +155,7 @@ class SimulationConfig(Section):
     def _moves_without_interreflections(self) -> "SimulationConfig":
         if self.motion is not None and self.bounces > 3:
             raise ValueError(
-                f"a scene that moves is lit by three bounces, not {self.bounces}: leave motion or bounces out"
+                f"a scene that moves is simulated with three bounces, not {self.bounces}: "
+                "leave motion or bounces out"
             )
         return self

@@ -21,7 +21,7 @@ class PlaybackConfig(TcspcConfig):
 
     kind: Literal["playback"] = "playback"
     file: Path
-    """The scan file that is played; a relative path begins where the program is called."""
+    """The scan file that is played; a relative path starts at the working directory."""
     readout_time_s: Seconds = Field(0.0, ge=0)
     """Time to read a histogram; used only to estimate how long a scan takes."""
 
@@ -30,6 +30,7 @@ class TimingConfig(Section):
     """The time origin."""
 
     electronics_delay_s: Seconds = 12.3e-9
-    """Sync pulse to light leaving the mirror, plus detection to the timing input."""
+    """Delay from the sync pulse to the light leaving the mirror, plus delay from a detection to the timing
+    input."""
     instrument_response_s: Seconds = Field(65e-12, gt=0)
     """Full width at half maximum of laser pulse and timing jitter together."""

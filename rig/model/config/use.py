@@ -11,7 +11,7 @@ from rig.model.quantities import Metres, Seconds
 
 
 class ScanConfig(Section):
-    """The scan when the command line does not say otherwise."""
+    """The scan, unless the command line gives other values."""
 
     columns: int = Field(180, ge=2)
     """Positions along x."""
@@ -20,7 +20,7 @@ class ScanConfig(Section):
     spacing_m: Metres = Field(0.01, gt=0)
     """Distance between positions."""
     row_spacing_m: Metres | None = Field(None, gt=0)
-    """Distance between lines, if it is another one: a detector of many pixels sees what is between them."""
+    """Distance between lines, if it differs: a detector of many pixels sees what is between them."""
     exposure_s: Seconds = Field(0.01, gt=0)
     """Measurement time at each position."""
     skip_m: Metres = Field(0.04, ge=0)
@@ -28,11 +28,11 @@ class ScanConfig(Section):
 
 
 class CalibrationConfig(Section):
-    """What the rig has learned of itself."""
+    """Where calibrations are kept, and whether they are used."""
 
     folder: Path = Path("calibrations")
-    """Where calibrations are kept. A relative path begins at the folder of the configuration file that says
-    it, and where the program is called for the built-in rig, which has no file."""
+    """Folder of the calibrations. A relative path starts at the folder of the configuration file that has
+    this key, and at the working directory for the built-in rig, which has no file."""
     use: bool = True
     """Whether scans use them."""
 
@@ -43,7 +43,8 @@ class CamerasConfig(Section):
     addresses: tuple[str, ...] = ()
     """Numbers, device files or URLs of two cameras, as OpenCV opens them."""
     board_columns: int = Field(9, ge=3)
-    """Inner corners of the board along its columns; one of this and board_rows is odd, the other even."""
+    """Inner corners of the board along its columns; of this and board_rows, one must be odd and the other
+    even."""
     board_rows: int = Field(6, ge=3)
     """Inner corners along its rows."""
     board_square_m: Metres = Field(0.08, gt=0)
@@ -51,7 +52,7 @@ class CamerasConfig(Section):
     board_marks_m: tuple[tuple[Metres, Metres], ...] = ((-0.95, -0.2), (-0.32, -0.2), (0.31, -0.2))
     """Marks on the wall for the board's first inner corner; it is held flat on the wall at each of them."""
     board_placed_to_m: Metres = Field(0.2e-3, gt=0)
-    """How well either end of the board is held to its mark, standard deviation."""
+    """Standard deviation of the distance of either end of the board from its mark."""
 
 
 #: Text that a person wrote; control characters in it become escapes.
@@ -59,7 +60,7 @@ Words = Annotated[str, Field(max_length=4000), AfterValidator(lambda text: print
 
 
 class NotesConfig(Section):
-    """What people say of a scan. It changes nothing that is measured."""
+    """Notes of people on a scan. They do not change the measurement."""
 
     operator: Words = ""
     """Who measures."""

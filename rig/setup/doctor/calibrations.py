@@ -32,7 +32,7 @@ def check(config: RigConfig) -> Iterator[Finding]:
         yield Finding(
             what,
             "ok" if config.rehearsed else "warning",
-            f"never measured: {', '.join(absent)}; the configuration's values hold",
+            f"never measured: {', '.join(absent)}; the configuration's values are used",
             "" if config.rehearsed else "rig calibrate all --config FILE",
         )
 
@@ -40,7 +40,7 @@ def check(config: RigConfig) -> Iterator[Finding]:
 def _one(calibration: Calibration, config: RigConfig) -> Finding:
     what = f"calibration {calibration.kind}"
     days = (utc_now() - calibration.created).total_seconds() / 86400
-    found = f"{max(days, 0):.0f} days old, good for {calibration.valid_days:g}"
+    found = f"{max(days, 0):.0f} days old, valid for {calibration.valid_days:g}"
     again = f"rig calibrate {calibration.kind} --config FILE"
     if calibration.simulated != config.rehearsed:
         made = "the simulated rig" if calibration.simulated else "a real rig"

@@ -21,7 +21,7 @@ def check(config: RigConfig) -> Iterator[Finding]:
             "cameras",
             "warning",
             f"{len(addresses)} configured",
-            f"Name {_NEEDED} as cameras.addresses, or none: then rig calibrate all does without cameras",
+            f"Give {_NEEDED} as cameras.addresses, or none: then rig calibrate all uses no cameras",
         )
     yield from map(_one, addresses)
 
@@ -35,6 +35,6 @@ def _one(address: str) -> Finding:
         return Finding(what, "ok", "a number; it is tried when it is needed")
     file = Path(f"/dev/video{address}" if number else address)
     if file.exists():
-        return Finding(what, "ok", f"{file} is there")
+        return Finding(what, "ok", f"{file} exists")
     seen = ", ".join(map(str, sorted(Path("/dev").glob("video*")))) or "none"
     return Finding(what, "missing", f"no {file}; present: {seen}", "Plug it in, or correct cameras.addresses")

@@ -22,7 +22,7 @@ def check() -> Iterator[Finding]:
         f"steps of {step_s:.1g} s",
         ""
         if step_s <= COARSEST_S
-        else "Times of waiting are uncertain by that; close programs that slow the timer",
+        else "Waiting times are uncertain by that; close programs that slow the timer",
     )
     now = datetime.now().astimezone()
     yield Finding("time", *_dated(f"{now:%Y-%m-%d %H:%M} {now.tzname()}", _synchronized()))
@@ -32,7 +32,7 @@ def _dated(now: str, synchronized: bool | None) -> tuple:
     if synchronized is False:
         return (
             "warning",
-            f"{now}, not synchronized: files may be dated wrong",
+            f"{now}, not synchronized: dates in files may be wrong",
             "sudo timedatectl set-ntp true",
         )
     return "ok", f"{now}, {'synchronized' if synchronized else 'whether it is synchronized is not known'}"

@@ -58,9 +58,9 @@ def _boards(config: RigConfig) -> Iterator[Finding]:
 def served(what: str, address: str) -> Finding:
     """Return whether a bench is there that another program serves."""
     if Path(address).exists():
-        return Finding(what, "ok", "there; it is tried when a scan opens it")
+        return Finding(what, "ok", "found; it is tried when a scan opens it")
     remedy = "Start rig sim serve, and use the configuration that it writes"
-    return Finding(what, "missing", "nothing is there", remedy)
+    return Finding(what, "missing", "nothing was found", remedy)
 
 
 def _detector(config: RigConfig) -> list[Finding]:
@@ -91,7 +91,8 @@ def _on_usb(detector: Id120Config) -> Finding:
         return Finding(
             what,
             "warning",
-            f"another instrument is there, {device.idVendor:04x}:{device.idProduct:04x}",
-            "Plug the detector in, unless this is it; it is asked for its name when a scan opens it",
+            f"another instrument was found, {device.idVendor:04x}:{device.idProduct:04x}",
+            "Plug the detector in, unless this is the detector; it is asked for its name when a scan "
+            "opens it",
         )
     return Finding(what, "ok", f"bus {device.bus}, address {device.address}")

@@ -24,7 +24,9 @@ def check(folder: Path) -> Iterator[Finding]:
     where = folder.resolve()
     free = shutil.disk_usage(where).free
     remedy = (
-        "" if free > ENOUGH_BYTES else "A long scan may need more: free some, or scan with --out elsewhere"
+        ""
+        if free > ENOUGH_BYTES
+        else "A long scan may need more: free some space, or scan with --out in another folder"
     )
     yield Finding(
         f"disk space in {where}", "warning" if remedy else "ok", f"{free / 1e9:.1f} GB free", remedy

@@ -48,7 +48,11 @@ class Examination:
     def headline(self) -> str:
         """The rig, and how much is missing, for people."""
         missing, warnings = self.count("missing"), self.count("warning")
-        said = f"{missing} thing{'s are' if missing != 1 else ' is'} missing" if missing else "all is there"
+        said = (
+            f"{missing} thing{'s are' if missing != 1 else ' is'} missing"
+            if missing
+            else "nothing is missing"
+        )
         more = f", {warnings} warning{'s' if warnings != 1 else ''}" if warnings else ""
         return f"{self.rig}: {said}{more}"
 

@@ -22,8 +22,8 @@ def check(config: RigConfig) -> Iterator[Finding]:
         yield Finding(
             "trip",
             "missing",
-            f"the light was lost at {trip.when} ({trip.reason}), and nobody has acknowledged it",
-            f"Look at the rig, and then: {in_shell('rig', 'laser', 'acknowledge')} --config FILE",
+            f"the light was lost at {trip.when} ({trip.reason}), and no person has acknowledged it",
+            f"Check the rig, and then: {in_shell('rig', 'laser', 'acknowledge')} --config FILE",
         )
 
 
@@ -31,7 +31,7 @@ def _guard() -> Finding:
     """Start a guard that is given no laser; it ends by itself."""
     from rig.light.remote import start_guard
 
-    remedy = "Free memory, and look whether this Python may start other processes"
+    remedy = "Free memory, and check whether this Python may start other processes"
     try:
         with start_guard() as guard:
             try:
@@ -40,7 +40,7 @@ def _guard() -> Finding:
                 guard.kill()
                 return Finding("guard", "missing", f"did not end within {PATIENCE_S:g} s", remedy)
     except OSError as problem:
-        return Finding("guard", "missing", f"cannot begin: {problem.strerror}", remedy)
+        return Finding("guard", "missing", f"cannot start: {problem.strerror}", remedy)
     if guard.returncode:
         return Finding("guard", "missing", f"ended with {guard.returncode}", remedy)
-    return Finding("guard", "ok", "can begin; it holds the laser in a process of its own")
+    return Finding("guard", "ok", "can start; it controls the laser in a separate process")

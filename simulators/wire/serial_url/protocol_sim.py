@@ -68,7 +68,7 @@ def attach(path: str, firmware: Firmware, clock: BenchClock) -> str:
         Something is plugged in there already.
     """
     if path in _attached:
-        raise ValueError(f"{SCHEME}{path} is taken; detach it first")
+        raise ValueError(f"{SCHEME}{path} is in use; detach it first")
     if PACKAGE not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(PACKAGE)
     _attached[path] = (firmware, clock)
@@ -136,7 +136,7 @@ class Serial(SerialBase):
         output = self._plugged().output
         if len(output) < size:
             if self._timeout is None:
-                raise SerialException(f"{self.port}: reading without a timeout would wait for ever")
+                raise SerialException(f"{self.port}: reading without a timeout would wait forever")
             self._clock.sleep(self._timeout)
             output = self._plugged().output  # bytes may have come, or the plug been pulled, meanwhile
         data = bytes(output[:size])

@@ -195,12 +195,12 @@ def _unpacked(text: str, dtype: np.dtype[Any], samples: int, columns: int) -> ND
 def _names(request: dict[str, Any], key: str = "names") -> list[str]:
     names = request[key]
     if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
-        raise TypeError(f"{key} are no list of names")
+        raise TypeError(f"{key} is not a list of names")
     return names
 
 
 def _values(request: dict[str, Any], kind: type[_Value]) -> list[_Value]:
     values = request["values"]
     if not isinstance(values, list):
-        raise TypeError("values are no list")
+        raise TypeError("the values are not a list")
     return [kind(one) for one in values]

@@ -110,7 +110,9 @@ class _Link:
             self._port.write(json.dumps({"id": self._number, "ask": what, **values}).encode("ascii") + b"\n")
             answer = self._answer()
         except (OSError, ValueError) as problem:
-            raise USBError(f"the served detector is gone ({problem})", -4, errno.ENODEV) from problem
+            raise USBError(
+                f"the connection to the served detector is lost ({problem})", -4, errno.ENODEV
+            ) from problem
         if answer.get("stall"):
             raise StallError
         return answer
@@ -166,7 +168,7 @@ def served_detector(address: str) -> Iterator[UsbBackend]:
     Raises
     ------
     OSError
-        If there is no such pseudo-terminal, another program has it, or something else answers.
+        If there is no such pseudo-terminal, another program uses it, or something else answers.
     """
     with serial.Serial(address, timeout=ANSWER_S, write_timeout=ANSWER_S, exclusive=True) as port:
         link = _Link(port)

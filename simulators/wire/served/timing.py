@@ -110,7 +110,7 @@ class TimingAnswers:
             return {"syncs": [astuple(one) for one in bench.syncs_between(start_s, stop_s)]}
         if ask == "marks":
             return {"marks": [astuple(one) for one in bench.take_marks(float(request["before_s"]))]}
-        raise ValueError(f"{ask!r} is no request")
+        raise ValueError(f"{ask!r} is not a request")
 
     def _known(self, request: dict[str, Any]) -> tuple[float, float]:
         """Return the times of a request whose light and mirror are known."""
@@ -207,9 +207,11 @@ class ServedBench:
         told = self.ask("detections", start_s=start_s, stop_s=stop_s)
         photons = told.get("photons")
         if not isinstance(photons, list) or len(photons) != len(self.channels):
-            raise ConnectionError(f"{told} has no numbers of photons of {len(self.channels)} channels")
+            raise ConnectionError(
+                f"{told} does not give the numbers of photons of {len(self.channels)} channels"
+            )
         if not all(isinstance(one, int) and 0 <= one < MOST_PHOTONS for one in photons):
-            raise ConnectionError(f"{photons} are no numbers of photons")
+            raise ConnectionError(f"{photons} are not numbers of photons")
         return tuple(self._record(number) for number in photons)
 
     def syncs_between(self, start_s: float, stop_s: float) -> tuple[Syncs, ...]:

@@ -52,7 +52,7 @@ function showLight() {
     const dark = state.end !== null && kind === "dark";
     kind = dark ? "unsaid" : "unknown";
     words = dark ? "Light not known now: the scan is over" : "LIGHT NOT KNOWN NOW: treat the laser as EMITTING";
-    from = `said at ${clock(heardS)}: ${light.last}`;
+    from = `reported at ${clock(heardS)}: ${light.last}`;
   }
   at("light").className = `light ${kind}${state.scan.reads || silent() ? " old" : ""}`;
   put("light-sign", SIGNS[kind]);
@@ -67,8 +67,8 @@ function showConnection() {
   if (refused) put("lost", refused);
   else if (silent()) {
     put("lost", state.end
-      ? `The page is served no longer since ${clock(heardS)}: the scan is over, and this is what was said last.`
-      : `Connection lost since ${clock(heardS)}. What you see is of then, not of now.`);
+      ? `The page has not been served since ${clock(heardS)}: the scan is over, and this is the last report.`
+      : `Connection lost since ${clock(heardS)}. This page shows the state at that time, not now.`);
   }
   if (was !== lost.hidden) document.body.classList.toggle("old", !lost.hidden);
 }
@@ -82,7 +82,7 @@ function showAge() {
   };
   const told = [];
   if (state.newest_s !== null) told.push(`newest photons ${ago(state.newest_s)}`);
-  if (!state.end) told.push(`${state.scan.reads ? "file last changed" : "scan heard of"} ${ago(state.heard_s)}`);
+  if (!state.end) told.push(`${state.scan.reads ? "file last changed" : "last message from the scan"} ${ago(state.heard_s)}`);
   put("age", told.join(", "));
 }
 
@@ -105,7 +105,7 @@ function showProgress() {
   }
   at("stop-line").hidden = !state.stop.possible;
   at("stop").disabled = state.stop.asked !== null;
-  if (state.stop.asked) put("stop-said", `asked for at ${state.stop.asked}: the scan stops after this position`);
+  if (state.stop.asked) put("stop-said", `requested at ${state.stop.asked}: the scan stops after this position`);
   const sign = silent() ? SIGNS.unknown : SIGNS[state.light.is];
   document.title = `${sign} ${state.progress.part === null ? "" : `${Math.floor(100 * part)} % `}${state.scan.name}`;
 }
