@@ -82,7 +82,7 @@ def _run() -> int:
             return _defect(error)
         if os.environ.get("RIG_DEBUG"):
             traceback.print_exc()
-        _report(f"{told(error)}{_hint(error)}", code)
+        _report(told(error, _hint(error)), code)
         return code
 
 
@@ -121,9 +121,10 @@ def _is_of_a_file(error: Exception) -> bool:
     return isinstance(error, OSError) and error.errno is not None and error.filename is not None
 
 
-def told(error: BaseException) -> str:
-    """Return what a person reads of a failure: it, and what failed after it, each once."""
-    return "\n".join(dict.fromkeys([_in_words(error), *getattr(error, "__notes__", ())]))
+def told(error: BaseException, hint: str = "") -> str:
+    """Return what a person reads of a failure: it with a hint, and what failed after it, each once."""
+    first, *after = dict.fromkeys([_in_words(error), *getattr(error, "__notes__", ())])
+    return "\n".join([first + hint, *after])
 
 
 def _in_words(error: BaseException) -> str:
@@ -157,8 +158,14 @@ def _report(message: str, code: int) -> None:
 
 
 def _document(message: str, code: int) -> None:
-    """Print the failure as the one document that ``--json`` promises."""
-    if "--json" in sys.argv[1:]:
+    """Print the failure as the one document that ``--json`` promises, unless a result was printed as it.
+
+    A scan that was stopped, or a laser that is not dark, has a result that says so.
+    """
+    from rig.commands.voice import voice
+
+    if "--json" in sys.argv[1:] and not voice.documented:
+        voice.documented = True
         print(json.dumps({"schema_version": 1, "error": message, "exit_code": code}), flush=True)
 
 

@@ -7,11 +7,12 @@ import struct
 from bisect import bisect_left, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
 from math import ceil, inf, radians, tan
 from operator import attrgetter
 from threading import RLock
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ MOVEMENT_S = 10e-3
 #: will do; this one has been used from the beginning, and another one would draw other photons.
 SEED_TANGENT = tan(radians(50.0))
 
+#: Some C libraries keep as much freed memory as twice the largest block freed so far, up to a limit; so much
+#: is kept for the next exposure then, whose pages need not be asked for again [bytes].
+KEPT_BYTES = 31 << 20
 
 #: How long a pulse at a marker input is if nobody says otherwise [s].
 MARK_S = 10e-6
@@ -296,6 +300,16 @@ class MovingPhotons(Photons, Protocol):
         ...
 
 
+def moves(photons: Photons) -> TypeGuard[MovingPhotons]:
+    """Return whether photons are those of a scene that moves; it is asked at each exposure."""
+    return _kind_moves(type(photons))
+
+
+@cache
+def _kind_moves(kind: type) -> bool:
+    return issubclass(kind, MovingPhotons)  # all methods of a protocol are looked for, which takes long
+
+
 @dataclass(frozen=True)
 class _Stretch:
     """A time in which only mirror and scene move: where the laser points, since when, how long.
@@ -328,11 +342,13 @@ def _drawn(
     photons: Photons, delay_s: float, stretches: Sequence[_Stretch], rng: np.random.Generator
 ) -> Detections:
     """Draw a channel's detections of all stretches, as they arrive at the end of its cable."""
-    pieces = [no_detections()]
+    pieces = []
     for one in stretches:
-        seen = photons.at(one.begin_s) if isinstance(photons, MovingPhotons) else photons
-        piece = one.drawn(seen, rng)
+        piece = one.drawn(photons.at(one.begin_s) if moves(photons) else photons, rng)
         pieces.append(Detections(piece.pulse + one.first_pulse, piece.time_s + delay_s))
+    if len(pieces) == 1:
+        return pieces[0]
+    pieces.append(no_detections())  # for a time without length
     return Detections(
         np.concatenate([piece.pulse for piece in pieces]), np.concatenate([piece.time_s for piece in pieces])
     )
@@ -406,6 +422,7 @@ class Bench:
         self._visits: dict[tuple[float, float], int] = {}
         self._marks: list[Mark] = []
         self._ticks: Ticks | None = None
+        self._rates: dict[int, tuple[tuple[tuple[float, float], LightState], float]] = {}
         self._lock = RLock()  # of all that is above; not held while photons are drawn or others are told
 
     @property
@@ -517,10 +534,18 @@ class Bench:
         return self.light.sync_hz
 
     def count_rate_hz(self, channel: int) -> float:
-        """Return the expected detections a second of a channel, by its number, in the present state."""
+        """Return the expected detections a second of a channel, by its number, in the present state.
+
+        The last ones are remembered, since a long exposure is looked at many times.
+        """
         with self._lock:
-            position, light = self.position_rad, self.light
-        return self.photons[channel].rate_hz(self.geometry.laser_spot_m(position), light.of_open_gates)
+            state = self.position_rad, self.light
+        known = self._rates.get(channel)
+        if known is None or known[0] != state:
+            position, light = state
+            spot_m = self.geometry.laser_spot_m(position)
+            known = self._rates[channel] = state, self.photons[channel].rate_hz(spot_m, light.of_open_gates)
+        return known[1]
 
     def detections(self, start_s: float, stop_s: float) -> tuple[Detections, ...]:
         """Draw what each channel saw between two bench times, the mirror and all switches followed.
@@ -544,6 +569,7 @@ class Bench:
 
         A mirror is moved for the same reason, but not the bench's.
         """
+        np.empty(KEPT_BYTES, np.uint8)  # freed at once, and never touched
         moved = SteeringMirror()
         moved.command(0.1, 0.1, 0.0)
         moved.settled(1.0)

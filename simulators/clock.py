@@ -23,7 +23,7 @@ class BenchClock:
 
     def now_s(self) -> float:
         """Return the bench time in seconds."""
-        return self._at_least(time.monotonic() - self._started_s if self.real_time else 0.0)
+        return self._at_least(time.monotonic() - self._started_s) if self.real_time else self._now_s
 
     def sleep(self, duration_s: float) -> None:
         """Let ``duration_s`` seconds of bench time pass."""

@@ -77,15 +77,12 @@ LONG = (
     "test_files",
     "test_scan_file_damage",
 )
-#: Files that leave threads of libraries, or of views that hang, come last. Beside a thread no copy of a
-#: process is safe, so that each file opened later is looked through by a new process, for a second each.
-LAST = ("test_live", "test_cluster", "test_batch", "test_web_page", "test_web_server")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the long files; the others stay in order."""
-    turns = {name: turn for turn, name in enumerate((*LONG, "", *LAST))}
-    items.sort(key=lambda item: turns.get(item.path.stem, turns[""]))
+    turns = {name: turn for turn, name in enumerate(LONG)}
+    items.sort(key=lambda item: turns.get(item.path.stem, len(turns)))
 
 
 def pytest_xdist_auto_num_workers() -> int:

@@ -89,7 +89,7 @@ def draw_record(capture: Capture, picture: Path) -> None:
     for name, point_m, colour in LETTERS:
         at_s = path_s(capture, capture.laser_m[position], point_m)
         one.axvline(at_s * NANO, color=colour, ls="--")
-        one.text(at_s * NANO + 0.1, counts[times_s > 3.4e-9].max() * 0.93, name, color=colour, weight="bold")
+        one.text(at_s * NANO + 0.3, counts[times_s > 3.4e-9].max() * 0.93, name, color=colour, weight="bold")
     one.set(xlim=(3, 15), ylim=(0, counts[times_s > 3.4e-9].max() * 1.05))
     one.set(xlabel="time since the pulse was on the wall (ns)", ylabel="photons in 32 ps")
     one.set_title(f"one position, x = {capture.laser_m[position, 0]:.2f} m", fontsize=10)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from small import shrink
 
 from rig.acquire.engine import Ended, LightChanged, Outcome, Phase, PhaseChanged
 from rig.files import ScanFile
@@ -46,7 +47,9 @@ def draw(scan, stages):
             picture = imaging.last(stop) if end else imaging.picture()
             state.show(picture, imaging.title, final=end)
             view.update(state.seen())
-            save(figure, stages[left.pop(0)])
+            drawn = stages[left.pop(0)]
+            save(figure, drawn)
+            shrink(drawn)
 
 
 if __name__ == "__main__":

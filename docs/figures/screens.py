@@ -8,7 +8,6 @@ and axe-core-python, and takes two minutes. It ends with 1 where axe finds somet
 using a page.
 """
 
-import io
 import re
 import subprocess
 import sys
@@ -17,8 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from axe_core_python.sync_playwright import Axe
-from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
+from small import shrink
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
 from support.browser import FOUND, MISSING
@@ -54,8 +53,9 @@ def shoot(
 
 
 def write(png: bytes, path: Path) -> None:
-    """Write a picture with 256 colours: a third of the bytes, and nothing that one would miss."""
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(path, optimize=True)
+    """Write a picture, small."""
+    path.write_bytes(png)
+    shrink(path)
 
 
 def measured(page: Page) -> None:

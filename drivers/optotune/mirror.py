@@ -396,8 +396,7 @@ class OptotuneMirror:
         elif "\\x" in answered:
             remedy = (
                 f"The answer is not text: the line's speed is not {registers.BAUD} baud, "
-                "or another device is "
-                "there. Check both."
+                "or another device is at this address. Check both."
             )
         return DeviceNotFoundError(
             self._line.name, f"answer {asked} like an Optotune MR-E board", answered, remedy

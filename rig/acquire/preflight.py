@@ -114,10 +114,12 @@ def check(plan: ScanPlan, state: RigState, folder: Path) -> Estimate:
         raise UsageError(f"{folder} is not a folder; create it first, or choose another place with --out")
     found = check_rig(plan, state)
     free = shutil.disk_usage(folder).free
-    if found.bytes_on_disk + RESERVE_BYTES > 0.95 * free:
+    needed = (found.bytes_on_disk + RESERVE_BYTES) / 0.95
+    if needed > free:
         raise RefusedError(
-            f"the scan needs about {show_bytes(found.bytes_on_disk)}, {folder} has {show_bytes(free)} "
-            "free. Free some space, or choose another place with --out"
+            f"the scan needs {show_bytes(needed)} free, about {show_bytes(found.bytes_on_disk)} of them for "
+            f"photons and the rest so that its end can be written; {folder} has {show_bytes(free)} free. "
+            "Free some space, or choose another place with --out"
         )
     return found
 

@@ -52,8 +52,9 @@ def require_gate(detector: Settings, expected_hz: float, repetition_hz: float) -
         return
     divided = "" if expected_hz == repetition_hz else f", {show(expected_hz, 'Hz')} after delayer.divider"
     raise RefusedError(
-        f"the detector's gate opens at {show(float(gate_hz), 'Hz')}, and the laser is set to "
-        f"{show(repetition_hz, 'Hz')}{divided}: check the cable from the laser's sync output to the gate, "
+        f"the detector's gate opens at {show(float(gate_hz), 'Hz')}, "
+        f"but the laser is set to {show(repetition_hz, 'Hz')}{divided}: "
+        "check the cable from the laser's sync output to the gate, "
         "the thresholds of detector and delayer, and the delayer's output"
     )
 

@@ -70,8 +70,9 @@ def _check_gate(gate_s: tuple[float, float], state: RigState) -> None:
     opens_s, closes_s = gate_s[0], sum(gate_s)
     if closes_s > period_s * (1 + ROUNDING):
         raise RefusedError(
-            f"the gate opens {_show(opens_s)} and closes {_show(closes_s)} after a sync pulse, and the next "
-            f"pulse comes after {_show(period_s)} (laser.repetition {show(1 / period_s, 'Hz')}): lower "
+            f"the gate opens {_show(opens_s)} and closes {_show(closes_s)} after a sync pulse, "
+            f"but the next pulse comes after {_show(period_s)} (laser.repetition "
+            f"{show(1 / period_s, 'Hz')}): lower "
             "detector.gate_delay or detector.gate_width"
         )
     harp = state.config.tcspc

@@ -193,7 +193,8 @@ def print_findings(headline: str, findings: "Sequence[Finding]") -> None:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout."""
+    """Print one JSON document on stdout; a failure after it prints none."""
+    voice.documented = True
     json.dump({"schema_version": 1, **document}, sys.stdout, indent=2, default=str)
     print()
 
@@ -207,6 +208,11 @@ class ScanProgress:
     ----------
     positions
         Number of positions in the plan.
+
+    Attributes
+    ----------
+    began
+        Whether anything happened: a scan file was there then.
     """
 
     def __init__(self, positions: int) -> None:
@@ -214,6 +220,7 @@ class ScanProgress:
         self._photons = 0
         self._live_time_s = 0.0
         self._measured = 0
+        self.began = False
         self._since_s = time.monotonic()
         self._drawn_s = 0.0
         self._tenth = 0
@@ -236,6 +243,7 @@ class ScanProgress:
 
     def __call__(self, event: Event) -> None:
         """Show what happened."""
+        self.began = True
         match event:
             case PhaseChanged(phase=phase):
                 self._show_phase(phase.value)

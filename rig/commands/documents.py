@@ -150,7 +150,7 @@ class Presets(Document):
 
 
 class _Image(Document):
-    """An image; it also has the parameters of the image, as a volume file keeps them."""
+    """An image; the document also has its parameters, as a volume file keeps them."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -184,7 +184,7 @@ class Previewed(_Image):
 
     picture: str
     read_s: float
-    """Duration of reading the scan; 0 where a copy that was kept is used."""
+    """How long reading the scan took; 0 where it was kept from the last preview."""
 
 
 class Forecast(Document):

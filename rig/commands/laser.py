@@ -76,13 +76,14 @@ def _darkened(rig: "RigConfig | None") -> list[dict[str, object]]:
 
 def _made_dark(rig: "RigConfig") -> bool:
     """Make a laser dark that no program has, and say how it was found."""
-    from drivers.errors import RefusedError
+    from drivers.errors import DeviceError
     from rig.commands import console
+    from rig.errors import RigError
     from rig.light.dark import make_dark
 
     try:
         console.announce(make_dark(rig))
-    except RefusedError as found:
+    except (DeviceError, RigError) as found:  # a port that is not there, too: nobody knows of the light then
         console.announce(str(found))
         return False
     return True

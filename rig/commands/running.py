@@ -110,6 +110,7 @@ def run(
         If the person stopped it after a position.
     """
     began_s, until = time.monotonic(), others.until
+    progress = console.ScanProgress(len(plan))
     here = _is_there(target)  # before: a refusal leaves it as it was
     try:
         with ExitStack() as stack:
@@ -118,12 +119,16 @@ def run(
             if feed is not None:
                 stack.callback(feed.close)
             lookers = [one for one in (until, feed) if one is not None]
-            result = acquisition(_watch(console.ScanProgress(len(plan)), stop, lookers, until))
+            result = acquisition(_watch(progress, stop, lookers, until))
     except UsageError:  # nothing was begun, or gone on with
         raise
     except Exception as error:
-        nothing = not here and not _is_there(target)
-        kept = "Nothing was measured, and no scan file was made." if nothing else _safe(target, config)
+        if here or _is_there(target):
+            kept = _safe(target, config)
+        elif progress.began:  # it was moved or deleted meanwhile, and the failure says where its data is
+            kept = f"{target} is no longer there. What was measured is where the next message says."
+        else:
+            kept = "Nothing was measured, and no scan file was made."
         console.announce(kept)
         announce(others.notify, failed(error, file=str(target), photons=_photons(target), kept=kept))
         raise

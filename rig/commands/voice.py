@@ -21,9 +21,12 @@ class Voice:
         Whether results, errors, and what concerns the light are all that is said.
     verbose
         Whether each step is said, too, with its time.
+    documented
+        Whether the one document of ``--json`` was printed.
     """
 
     def __init__(self) -> None:
+        self.documented = False
         self.quiet = False
         self.verbose = False
         self._began_s = time.monotonic()

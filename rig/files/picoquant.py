@@ -71,7 +71,7 @@ class Head:
         Raises
         ------
         DataFileError
-            If it is missing and there is no default, or it is no finite number.
+            If it is missing and there is no default, or it is not a finite number.
         """
         value = self.values.get(name, default)
         if not isinstance(value, int | float) or not np.isfinite(value):

@@ -182,6 +182,7 @@ class LiveFeed:
         self._expected = 0  # the step that comes next
         self._frame_steps = 1
         self._process: subprocess.Popen[bytes] | None = None
+        self._threads: list[threading.Thread] = []
         self._trouble = ""
         self._told = False
         self._pictured = threading.Event()  # the last picture is there, or never will be
@@ -207,7 +208,8 @@ class LiveFeed:
             begun = replace(begun, web=self._page.address, then=self._page.then)
         self._outbox.put(begun)
         for what, pipe in ((self._send, self._process.stdin), (self._hear, self._process.stdout)):
-            threading.Thread(target=what, args=(pipe,), daemon=True).start()
+            self._threads.append(threading.Thread(target=what, args=(pipe,), daemon=True))
+            self._threads[-1].start()
 
     def __call__(self, event: Event) -> None:
         """Take an event."""
@@ -321,6 +323,9 @@ class LiveFeed:
         except BaseException:  # Ctrl-C: nobody waits for it
             self._end(process)
             raise
+        if process.poll() is not None:  # the threads end with the process that they speak with
+            for thread in self._threads:
+                thread.join(ENDING_S)
 
     @staticmethod
     def _end(process: "subprocess.Popen[bytes]") -> None:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from recon.capture import Capture
@@ -143,6 +143,7 @@ def _draw_positions(view: RawView, panels: list[Axes]) -> None:
             xlim=(view.times_s[i][0] * 1e9, _until_s(view) * 1e9),
         )
         axes.set_ylim(bottom=0)
+        axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
 
 
 def _until_s(view: RawView) -> float:

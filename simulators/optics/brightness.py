@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from simulators.bench import Detections, LightState, MovingPhotons, Photons, Spot
+from simulators.bench import Detections, LightState, Photons, Spot, moves
 from simulators.track import Track
 
 #: Steps towards the wanted rate, two or three of which are enough where the counted rate is nearly
@@ -24,7 +24,7 @@ class Brightened:
     def at(self, bench_s: float) -> Self:
         """Return what is detected from a bench time on, of a scene that moves."""
         photons = self.photons
-        return replace(self, photons=photons.at(bench_s) if isinstance(photons, MovingPhotons) else photons)
+        return replace(self, photons=photons.at(bench_s) if moves(photons) else photons)
 
     def detections(
         self, laser_spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator

@@ -209,7 +209,7 @@ def test_the_loading_of_the_mirror_is_told_before_and_meanwhile_in_the_same_word
     """60 x 20 positions, three between each two lines, four to set off and four to stop."""
     small = ("--grid", "60x20", "--spacing", "2cm", "--exposure", "1ms", "--mode", "continuous")
     dry = rig("scan", *small, "--dry-run")
-    words = re.search(r"one sweep: (1,265 positions are loaded into the mirror, .*1\.17 s)", dry.out)
+    words = re.search(r"one sweep: (1,265 positions are loaded into the mirror; .*1\.17 s)", dry.out)
     assert words, dry.out
     plan = json.loads(rig("scan", *small, "--dry-run", "--json").out)
     assert plan["sweeps"] == 1

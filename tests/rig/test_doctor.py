@@ -34,7 +34,7 @@ class Oscilloscope(SpadInstrument):
         ([SpadInstrument], "ok", "bus"),
         ([Oscilloscope], "warning", "0957:1234"),
         ([Oscilloscope, SpadInstrument], "ok", "bus"),
-        ([SpadInstrument, SpadInstrument], "missing", "2 fit among"),
+        ([SpadInstrument, SpadInstrument], "missing", "2 match among"),
         ([], "missing", "no devices"),
     ],
 )

@@ -7,6 +7,8 @@ import jsonschema
 import pytest
 import typer
 
+from drivers.errors import DeviceNotFoundError
+from rig.__main__ import told
 from rig.commands import app
 from rig.commands.documents import DOCUMENTS, VERSION, Failure, schema
 
@@ -100,3 +102,21 @@ def test_a_document_with_another_key_is_not_as_its_schema_says(rig):
     document = json.loads(rig("laser", "status", "--json").out)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({**document, "more": 1}, schema("laser status"))
+
+
+def test_a_laser_that_cannot_be_reached_is_to_be_treated_as_emitting(rig):
+    """The one document says so, too; no second one follows it."""
+    lab = Path(__file__).parents[2] / "configs" / "lab.toml"
+    Path("night.toml").write_text(f'extends = "{lab}"\n[laser]\naddress = "/dev/nowhere"\n', encoding="utf-8")
+    done = rig("laser", "off", "--config", "night.toml", "--json")
+    assert done.code == 4
+    assert [one["dark"] for one in json.loads(done.out)["lasers"]] == [False]
+    assert "treat the laser at /dev/nowhere as EMITTING: turn its key off by hand, now" in done.err
+
+
+def test_where_to_look_on_stands_beside_the_failure_it_is_of():
+    error = DeviceNotFoundError("laser", "answer", "nothing came", "Check its cable.")
+    error.add_note("while leaving: the gate is OPEN.")
+    first, second = told(error, " What else is missing: rig doctor").splitlines()
+    assert first.endswith("rig doctor")
+    assert second == "while leaving: the gate is OPEN."

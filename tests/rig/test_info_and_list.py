@@ -113,7 +113,7 @@ def test_a_volume_is_told_and_whether_its_scan_is_beside_it(rig):
     found = told(rig, "info", "a-volume.h5")
     assert (found["kind"], found["scan"], found["voxels"]) == ("volume", "a.h5", [5, 4, 3])
     assert found["parameters"]["wavelength_m"] == 0.04
-    assert "a.h5, beside it" in rig("info", "a-volume.h5").out
+    assert "a.h5, in the same folder" in rig("info", "a-volume.h5").out
     assert "wavelength  4 cm" in rig("info", "a-volume.h5").out
     assert "positions 20, wall -50 cm; 50 cm" in " ".join(rig("info", "a-volume.h5").out.split())
     with h5py.File("a.h5", "r+") as file:

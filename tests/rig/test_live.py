@@ -219,6 +219,7 @@ def test_a_view_that_is_gone_or_hangs_disturbs_no_scan_and_is_told_once(tmp_path
     assert len(told) == 1
     assert "live view" in told[0]
     assert feed._process is None or feed._process.wait(30) != 0
+    assert not any(thread.is_alive() for thread in feed._threads)
 
 
 def photons(first, steps, each):
@@ -265,7 +266,7 @@ def test_the_engine_waits_for_nothing(scanned, tmp_path):
         feed(event)
         took_s.append(time.perf_counter() - began_s)
     feed._process.kill()
-    feed._process.wait()
+    feed.close()
     # far below the millisecond that a position has; the median, since other programs run here too
     assert np.median(took_s) < 0.5e-3
 

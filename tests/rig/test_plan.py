@@ -1,5 +1,6 @@
 """The plan: its grid, its order, and what it refuses before anything moves."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -81,6 +82,19 @@ def test_refuses_a_scan_that_the_disk_cannot_hold(tmp_path, monkeypatch):
     state = RigState(built_in())
     with pytest.raises(RefusedError, match="has 10 bytes free"):
         check(ScanPlan.grid(state.config), state, tmp_path)
+
+
+def test_what_has_to_be_free_is_what_is_asked_for(tmp_path, monkeypatch):
+    """A scan of 3 MB was refused where 5 MB were free, and the message did not say what is enough."""
+    state = RigState(built_in())
+    plan = ScanPlan.grid(state.config, columns=40, rows=30, spacing_m=0.05)
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=5_000_000))
+    with pytest.raises(RefusedError) as refused:
+        check(plan, state, tmp_path)
+    needed_mb = float(re.search(r"needs ([\d.]+) MB free", str(refused.value))[1])
+    assert needed_mb > 5
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=(needed_mb + 0.1) * 1e6))
+    assert check(plan, state, tmp_path)
 
 
 def test_the_duration_counts_exposure_settling_and_readout():

@@ -267,15 +267,19 @@ def test_a_scan_is_not_resumed_with_another_device(rig):
 
 
 def test_ctrl_c_finishes_the_position_and_keeps_the_file(tmp_path):
-    command = [sys.executable, "-m", "rig", "scan", "--out", "a.h5"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as scan:
+    command = [sys.executable, "-m", "rig", "scan", "--out", "a.h5", "--json"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as scan:
         assert scan.stderr is not None
+        assert scan.stdout is not None
         for line in scan.stderr:  # wait until the first tenth is measured
             if "10 %" in line:
                 break
         scan.send_signal(signal.SIGINT)
         rest = scan.stderr.read()
+        document = json.loads(scan.stdout.read())  # exactly one, or this fails
     assert scan.returncode == 6
+    assert document["status"] == "interrupted"
     assert "Stopping after this position" in rest
     assert "safe in the file" in rest
     with h5py.File(tmp_path / "a.h5") as file:

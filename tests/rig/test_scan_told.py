@@ -144,6 +144,7 @@ def test_a_scan_whose_file_is_deleted_ends_and_says_where_its_data_is(rig, tmp_p
     assert re.search(
         r"a\.h5 was deleted .* saved as .*a-saved\.h5; continue with rig resume .*a-saved\.h5", rest
     )
+    assert "Nothing was measured" not in rest
     assert {path.name for path in tmp_path.iterdir()} == {"a-saved.h5", "a.log"}
     with ScanFile(tmp_path / "a-saved.h5") as file:
         assert file.status == "failed"

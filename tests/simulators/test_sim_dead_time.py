@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from simulators.bench import LightState
 from simulators.detector import Afterpulsing, Detector
+from simulators.detector.dead_time import RUN, in_order
 from simulators.optics.light import Optics
 from simulators.photons import HiddenScenePhotons
 from simulators.scenes import scene
@@ -171,3 +172,17 @@ def test_nothing_comes_of_nothing():
     detector = replace(HELD, afterpulsing=Afterpulsing(0.5))
     assert len(detector.detect(np.empty(0), GATED, 1.0, np.random.default_rng(0))) == 0
     assert detector.detected_hz(0.0, GATED) == 0
+
+
+@pytest.mark.parametrize(("number", "pulses"), [(0, 9), (1, 1), (RUN - 1, 9), (2 * RUN, 9), (5 * RUN, 10**6)])
+def test_events_are_put_in_order_of_arrival(number, pulses):
+    """As numpy sorts them; some times lie beyond the period, so that pulses overtake each other."""
+    draw, period_s = np.random.default_rng(number), 1e-7
+    times_s, moments = draw.uniform(-1e-8, 2.5e-7, number), draw.random(number)
+    ordered = in_order(times_s, moments, pulses, period_s)
+    pulse = (moments * pulses).astype(np.int64)
+    expected = np.argsort(pulse * period_s + times_s)
+    arrival_s = ordered.pulse * period_s + ordered.time_s
+    # seconds hold times of a million periods to 1e-17 s only: who is nearer than that is in either order
+    np.testing.assert_allclose(arrival_s, (pulse * period_s + times_s)[expected], atol=1e-16, rtol=0)
+    assert sorted(ordered.time_s) == sorted(times_s)

@@ -38,8 +38,9 @@ def fit_mirror(spots: Spots, config: RigConfig) -> FittedGeometry:
     require(
         residual_m < MAX_SPOTS_M,
         f"the spots are {residual_m * 1e3:.1f} mm (root mean square) from all places that the configured "
-        f"mirror can reach, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. Was something moved "
-        "meanwhile? Are galvo.mirrors and galvo.incidence right? Are galvo.position and the marks in metres "
+        f"mirror can reach, the worst at x = {worst_m[0]:.3f} m, y = {worst_m[1]:.3f} m. "
+        "Was something moved during the measurement? Are galvo.mirrors and galvo.incidence right? Are "
+        "galvo.position and the marks in metres "
         "right?",
     )
     return fit

@@ -69,7 +69,7 @@ class NotesConfig(Section):
     purpose: Words = ""
     """What the scan is for, in a few words."""
     note: Words = ""
-    """What else is worth keeping."""
+    """Other notes."""
 
     def said(self) -> dict[str, str]:
         """Return what was said, by name."""
