@@ -59,14 +59,14 @@ class OnWorkers:
     __pydantic_config__ = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     workers: int
-    """How many, of one thread each."""
+    """Number of workers, of one thread each."""
     parts: int
     memory_bytes: int
-    """What the largest part takes."""
+    """Memory that the largest part needs."""
     traffic_bytes: int
-    """Spectra and fields that are sent."""
+    """Size of the spectra and fields that are sent."""
     clock_s: float
-    """Estimated, with a core for each worker."""
+    """Estimated duration, with one core for each worker."""
 
 
 @dataclass(frozen=True)
