@@ -226,7 +226,7 @@ def test_the_simulated_rig(rig, tmp_path):
         "point_clock",
     ]
     assert {one["fact"] for one in document["facts"]} >= {"katana-05-leg", "optotune-status"}
-    assert "settle nothing" in done.err
+    assert "prove nothing" in done.err
     lines = [json.loads(line) for line in (tmp_path / "seen" / "transcript.jsonl").read_text().splitlines()]
     assert lines[0]["format"] == "rig-probe"
     assert {"sent", "received"} <= {key for line in lines for key in line}

@@ -129,9 +129,7 @@ def test_time_from_the_laser_is_rectified_by_the_heads(tmp_path):
         capture.detector_m - heads_m["detector_head_m"], axis=1
     )
     np.testing.assert_allclose(capture.first_bin_s, -3e-9 - path_m / 299_792_458.0, atol=1e-18)
-    with pytest.raises(
-        UsageError, match=r"--time-origin wall is not what .* says: its time includes the legs"
-    ):
+    with pytest.raises(UsageError, match=r"--time-origin wall contradicts .*: its time includes the paths"):
         import_scan(source, tmp_path / "c.h5", time_origin="wall")
 
 
