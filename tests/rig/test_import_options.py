@@ -77,7 +77,7 @@ def test_what_agrees_with_the_file_is_taken_and_told(tmp_path):
         _neutral(tmp_path), tmp_path / "b.h5", bin_width_s=32e-12, time_origin="wall", wall_size_m=0.4
     )
     assert sum("agrees with the file" in line for line in report.assumed) == 3
-    with pytest.raises(UsageError, match=r"--bin-width 33 ps is not what .*a.h5.*its bins are 32 ps wide"):
+    with pytest.raises(UsageError, match=r"--bin-width 33 ps contradicts .*a.h5.*its bins are 32 ps wide"):
         import_scan(tmp_path / "a.h5", tmp_path / "c.h5", bin_width_s=33e-12)
 
 

@@ -508,7 +508,7 @@ def test_a_disk_that_is_full_at_any_level_loses_nothing_that_was_saved(
         kept.append(measured_and_right(path))
         assert kept[-1] == POSITIONS or kept[-1] >= int(re.search(r"first (\d+) of 40", error)[1])
         if error:
-            with pytest.raises(RefusedError, match="was not touched"):
+            with pytest.raises(RefusedError, match="was not changed"):
                 ScanWriter.resume(path)
             assert measured_and_right(path) == kept[-1]
         for file in filter(Path.exists, (path, journal_of(path))):  # where there is room
@@ -570,7 +570,7 @@ def test_a_disk_that_fills_up_ends_the_scan_while_the_file_can_still_be_closed(
         with pytest.raises(DataFileError, match=r"only 10 MB free.*rig resume"):
             measure(create(path, form), 0)
         before = path.read_bytes()
-        with pytest.raises(RefusedError, match="was not touched"):
+        with pytest.raises(RefusedError, match="was not changed"):
             ScanWriter.resume(path)
         assert path.read_bytes() == before
         assert not journal_of(path).exists()
