@@ -52,7 +52,7 @@ def interlock(bench: Served, path: Path) -> dict[str, float]:
     end_unix_s = time.time()
     bench.process.send_signal(signal.SIGUSR1)
     assert program.returncode == 4, said
-    assert b"dark by itself" in said, said
+    assert b"dark without a command" in said, said
     opened_unix_s = last_dark_s(bench)
     closing = [
         line for line in path.with_suffix(".log").read_text().splitlines() if line.endswith(" closing")

@@ -171,8 +171,8 @@ def the_beam_is_not_blocked(counts):
     ("how", "reason"),
     [
         ({"spoil": a_light_goes_on}, "part 8 of 10 .* a light went on or off"),
-        ({"spoil": the_beam_is_not_blocked}, "in step with the laser.*Block the beam"),
-        ({"spoil": lambda counts: counts * 0}, "0 counts, 50 are the least"),
+        ({"spoil": the_beam_is_not_blocked}, "synchronous with the laser.*Block the beam"),
+        ({"spoil": lambda counts: counts * 0}, "0 counts, but 50 are needed"),
         ({"spoil": lambda counts: counts * 0 + 4000}, "saturated"),
         ({"status": "interrupted"}, "not complete"),
         ({"warnings": ["The sync was lost, so photons are missing: check."]}, "sync was lost"),

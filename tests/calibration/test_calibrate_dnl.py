@@ -95,7 +95,7 @@ def test_the_simulated_rig_is_measured_and_the_command_stores_it(tmp_path, rig):
     figure = DnlRoutine().figure([], found)
     widths = panel(figure, "width, deviation from mean (%)")
     assert widths.get_xlabel() == "time after the sync pulse (ns)"
-    believed = line(widths, "believed")
+    believed = line(widths, "kept")
     np.testing.assert_allclose(believed[:, 1], 100 * (found.widths[:278] - 1))
     np.testing.assert_allclose(np.diff(believed[:, 0]), 1e9 * found.bin_width_s)
     counted = np.array(found.measured[:278], float)

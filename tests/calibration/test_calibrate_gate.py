@@ -215,7 +215,7 @@ def wide_open(tmp_path, counts, **spad):
 
 @pytest.mark.parametrize(
     ("photons", "reason"),
-    [(0, "beam is not blocked"), (30, "are the least"), (40_000, "saturated")],
+    [(0, "beam is not blocked"), (30, "are needed"), (40_000, "saturated")],
 )
 def test_too_little_and_too_much_light_are_refused(sweep, tmp_path, photons, reason):
     config, files = sweep

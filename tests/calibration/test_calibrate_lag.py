@@ -153,7 +153,7 @@ def test_data_that_cannot_tell(tmp_path):
         routine.fit([tmp_path / "stepped.h5"], RigState(config))
     weak = changed(config, laser={"power_setpoint": 1.0})
     (path,) = measured(routine, weak, None, tmp_path, Watch())
-    with pytest.raises(CalibrationError, match=r"it has no peak: .* 20 are the least"):
+    with pytest.raises(CalibrationError, match=r"it has no peak: .* 20 are needed"):
         routine.fit([path], RigState(weak))
     assert not (tmp_path / "calibrations").exists()
 

@@ -196,7 +196,7 @@ def test_a_marker_too_many_fails_its_line(where, part, mask):
     stream.marker_mask = np.insert(stream.marker_mask, where + 1, mask)
     last = assembled(sweep, stream)[-1]
     assert isinstance(last, LineFailed)
-    assert "nobody planned" in last.reason
+    assert "were not planned" in last.reason
 
 
 @pytest.mark.parametrize("mask", [POINT | LINE, FRAME, LINE, 8])
@@ -206,7 +206,7 @@ def test_markers_at_other_inputs(mask):
     stream.marker_mask[3] = mask
     last = assembled(sweep, stream)[-1]
     assert isinstance(last, LineFailed)
-    assert "other inputs" in last.reason
+    assert "wrong inputs" in last.reason
 
 
 def test_a_whole_line_without_markers_is_not_taken_for_the_next():

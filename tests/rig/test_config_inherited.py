@@ -122,7 +122,7 @@ def test_a_scan_holds_all_of_it_and_a_data_file_extends_nothing(rig, tmp_path):
     assert rig("scan", "--config", "n.toml", "--exposure", "1ms", "--grid", "4x3", "--out", "a.h5").code == 0
     with h5py.File("a.h5", "r+") as file:
         text = file["start"].attrs["configuration"]
-        assert recorded(text) == load(Path("n.toml"))
+        assert not recorded(text).differences(load(Path("n.toml")))
         file["start"].attrs["configuration"] = json.dumps({"extends": "lab.toml", **json.loads(text)})
         del file["stop"]
     with pytest.raises(ConfigError, match="unknown key 'extends'"):

@@ -177,7 +177,7 @@ def test_a_consumer_that_fails_does_not_leave_the_laser_on():
 def test_a_laser_that_goes_dark_by_itself_ends_the_scan_and_the_doubt_is_told():
     rig, events = ScriptedRig(), []
     rig.trips_at = 3
-    with pytest.raises(RefusedError, match="went dark by itself") as caught:
+    with pytest.raises(RefusedError, match="went dark without a command") as caught:
         run(rig, events)
     # everything is read back at the end of each line of three
     assert "Positions 3 to 5 may be wrong" in str(caught.value)

@@ -16,7 +16,7 @@ def served(tmp_path):
     """A folder of published files, and the scene that it holds."""
     path = tmp_path / "served" / "lct" / "a.mat"
     path.parent.mkdir(parents=True)
-    scipy.io.savemat(path, {"rect_data": np.arange(24.0).reshape(2, 3, 4), "width": 0.5})
+    scipy.io.savemat(path, {"rect_data": np.arange(2400.0).reshape(2, 3, 400), "width": 0.5})
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return path, Scene({"lct/a.mat": (path.as_uri(), digest)}, ("--bin-width", "4ps"))
 
@@ -30,7 +30,7 @@ def test_a_scene_is_fetched_and_imported_once(served, tmp_path):
     scan = fetch("a", scene, tmp_path / "data")
     assert files_in(tmp_path / "data") == ["original/lct/a.mat", "scans/a.h5"]
     _, counts = load(scan)
-    assert sorted(counts.ravel()) == list(range(24))
+    assert sorted(counts.ravel()) == list(range(2400))
     path.unlink()  # what is there is not asked for again
     assert fetch("a", scene, tmp_path / "data") == scan
 

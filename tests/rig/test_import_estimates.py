@@ -89,7 +89,7 @@ def test_a_bin_width_is_estimated_for_a_file_that_lacks_it(cube, tmp_path):
 
 def test_a_first_bounce_leaves_the_walls_size_to_the_image(cube, tmp_path):
     source, target = cube(late_s=1e-9, glare=2000.0), tmp_path / "scan.h5"
-    with pytest.raises(UsageError, match="does not say how large"):
+    with pytest.raises(UsageError, match="does not contain how large"):
         import_scan(source, target, bin_width_s=BIN_S)
     import_scan(source, target, estimate=["time-origin", "wall-size"], bin_width_s=BIN_S)
     with ScanFile(target) as scan:
@@ -106,7 +106,7 @@ def test_a_first_bounce_leaves_the_walls_size_to_the_image(cube, tmp_path):
         (["depth"], {}, "only time-origin, bin-width, wall-size can be estimated"),
         (["bin-width", "wall-size"], {}, "twice as large"),
         (["time-origin", "bin-width", "wall-size"], {}, "twice as large"),
-        (["time-origin", "bin-width"], {"wall_size_m": 0.8}, "sharp alike"),
+        (["time-origin", "bin-width"], {"wall_size_m": 0.8}, "equally sharp"),
         (["bin-width"], {"bin_width_s": BIN_S}, "--bin-width is given"),
         (["time-origin", "wall-size"], {"bin_width_s": BIN_S}, "only where a confocal record holds"),
     ],
@@ -118,7 +118,7 @@ def test_what_cannot_be_told_is_refused_in_words(cube, tmp_path, wanted, given, 
 
 
 def test_what_the_file_says_itself_is_not_estimated(late, tmp_path):
-    with pytest.raises(UsageError, match="says its bin width itself"):
+    with pytest.raises(UsageError, match="contains its bin width"):
         import_scan(late, tmp_path / "scan.h5", estimate=["bin-width"])
 
 
