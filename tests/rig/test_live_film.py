@@ -125,7 +125,7 @@ def test_a_view_without_time_shows_the_newest_frame_and_says_how_many_it_did_not
     assert seen.title.startswith("frame 4 of 4, ")
     assert seen.measured == steps
     assert seen.photons.shape == (steps // 4,)
-    assert "fact 1 of 4 frames were shown; for 3 there was no time: each " in told
+    assert "fact 1 of 4 frames were shown; there was no time for 3: each " in told
     assert [one.name for one in (tmp_path / "live").iterdir()] == ["frame-00004.png"]
     with Image.open(tmp_path / "moving.gif") as film:
         assert film.n_frames == 1

@@ -21,7 +21,7 @@ from support.picoquant_files import counts_of, ptu, scan_events
 from support.published import published
 from support.scan_files import load
 
-GRID = {"grid": (3, 1), "spacing_m": 0.1, "detector": "confocal"}
+GRID = {"grid": (3, 1), "spacing_m": 1e-3, "detector": "confocal"}
 RECORDS = GRID | {"point_marker": 1}
 FOLDER = "original/picoquant"
 

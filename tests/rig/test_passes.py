@@ -129,7 +129,7 @@ def test_the_file_gives_each_pass_with_what_the_devices_said_before_it(tmp_path)
             np.testing.assert_array_equal(one.counts, counts[3 * number : 3 * number + 3])
             assert one.live_time_s == pytest.approx(np.full(3, 0.01 * (number + 1)))
             assert one.devices["spad"]["gate_delay_s"] == 1e-9 * number
-        with pytest.raises(DataFileError, match="no one picture"):
+        with pytest.raises(DataFileError, match="do not form one image"):
             scan.capture()
 
 

@@ -291,16 +291,16 @@ def test_channels_are_told_apart_by_their_inputs(tmp_path):
     (before, first), (after, second) = load(tmp_path / "a.h5"), load(tmp_path / "b.h5")
     np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(before.detector_m, after.detector_m)
-    with pytest.raises(UsageError, match=r"--grid .* is not what"):
+    with pytest.raises(UsageError, match=r"--grid .* contradicts"):
         import_scan(tmp_path / "a.ptu", tmp_path / "c.h5", grid=(2, 2))
 
 
 def test_what_cannot_be_records_is_refused(tmp_path):
     write_scan(tmp_path / "a.h5", np.full((4, 5), 0.5, "f4"), LINES_M[:4], LINES_M[:1], dtype="<f4")
     write_scan(tmp_path / "b.h5", np.zeros((1, 40_000), "u4"), LINES_M[:1], LINES_M[:1])
-    with pytest.raises(UsageError, match="expectations, not photons"):
+    with pytest.raises(UsageError, match="expectation values, not photons"):
         export(tmp_path / "a.h5", tmp_path / "a.ptu")
-    with pytest.raises(UsageError, match="40,000 bins; a record can tell 32,768"):
+    with pytest.raises(UsageError, match="40,000 bins; a record can hold 32,768"):
         export(tmp_path / "b.h5", tmp_path / "a.ptu")
     with pytest.raises(UsageError, match=r"--rectified is not for \.ptu"):
         export(tmp_path / "b.h5", tmp_path / "a.ptu", rectify=True)
@@ -345,7 +345,7 @@ def test_a_real_scan_in_t3(tmp_path):
 
 def test_a_real_file_in_t2_says_what_it_holds(tmp_path):
     source = published("original/picoquant/hydraharp/v30_t2.ptu")
-    with pytest.raises(DataFileError, match="no scan: it holds 305,565 photons on input 0; no markers"):
+    with pytest.raises(DataFileError, match="is not a scan: it holds 305,565 photons on input 0; no markers"):
         import_scan(source, tmp_path / "a.h5", bin_width_s=16e-12, **GRID)
 
 

@@ -69,7 +69,7 @@ def test_what_cannot_be_played_is_refused_before_light(recorded):
     Path("rehearsal.toml").write_text(PLAYED + two)
     done = recorded("scan", "--config", "rehearsal.toml", *SMALL, "--out", "played.h5")
     assert done.code == 4
-    assert "holds 1 channels of photons, the rig has 2 of photons" in done.err
+    assert "holds 1 channels of photons, but the rig has 2 of photons" in done.err
     assert not Path("played.h5").exists()
 
 

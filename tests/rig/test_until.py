@@ -140,7 +140,7 @@ def test_time_ends_a_scan_which_goes_on_to_the_same_photons(rig, scanned, tmp_pa
     with h5py.File(tmp_path / "b.h5") as file:
         assert file["stop"].attrs["reason"] == told["reason"]
     assert told["reason"].startswith("time ")
-    assert told["reason"].endswith("of the 1 ms asked for")
+    assert told["reason"].endswith("of the 1 ms requested")
     assert rig("resume", "b.h5").code == 0
     with h5py.File(tmp_path / "b.h5") as ours, h5py.File(tmp_path / "a.h5") as whole:
         assert np.array_equal(ours["transients/counts"], whole["transients/counts"])

@@ -90,7 +90,7 @@ def test_a_failure_leaves_the_old_file(tmp_path):
         (lambda file: (file.pop("volume/x_m"), file.__setitem__("volume/x_m", np.arange(3.0))), "shape"),
         (
             lambda file: (file.pop("volume/z_m"), file.__setitem__("volume/z_m", np.arange(3.0))),
-            "fit together",
+            "is not consistent",
         ),
     ],
 )

@@ -40,7 +40,7 @@ def told(tmp_path, *messages, reads=False, lost=False):
 @pytest.mark.parametrize(
     ("messages", "lost", "kind", "words"),
     [
-        ([], False, "unsaid", "nothing is known"),
+        ([], False, "unsaid", "not known yet"),
         ([ON], False, "on", "LASER ON since 15:04:05"),
         ([ON, DARK], False, "dark", "laser dark, read back twice at 15:04:05"),
         ([ON, UNKNOWN], False, "unknown", "treat it as EMITTING"),

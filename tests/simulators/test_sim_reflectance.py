@@ -135,7 +135,7 @@ def test_roughness_out_of_range_is_refused(alpha):
 
 
 def test_a_gloss_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="letter_F: there is no gloss 'phong', choose ward or ggx"):
+    with pytest.raises(ValueError, match="letter_F: there is no gloss 'phong'; choose ward or ggx"):
         scene("letters").with_gloss("phong")
 
 
