@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 
 from rig.errors import UsageError
@@ -19,10 +20,20 @@ def appearing(path: Path) -> Iterator[Path]:
     """
     if not path.parent.is_dir():
         raise UsageError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
-    # the ending stays the last part, since some writers choose the format by it
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    partial = path.with_name(_partial(path.stem, str(os.getpid()), path.suffix))
     try:
         yield partial
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what programs that were killed began to write for this name; none may write it now."""
+    for left in path.parent.glob(_partial(escape(path.stem), "*", escape(path.suffix))):
+        left.unlink(missing_ok=True)
+
+
+def _partial(stem: str, process: str, suffix: str) -> str:
+    """Return a name whose ending is the file's, since some writers choose the format by it."""
+    return f".{stem}.{process}.part{suffix}"

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recon.errors import ReconError
+from rig.atomic import remove_unfinished
 from rig.cluster.jobs import Job
 from rig.cluster.tasks import fingerprint
 from rig.errors import DataFileError, RefusedError, RigError, UsageError
@@ -98,6 +99,8 @@ class Record:
         entry: dict[str, Any] = {"name": job.name, "key": job.key, "status": status, "scan": str(job.scan)}
         entry["settings"] = dict(job.settings)
         if outcome:
+            for path in job.files(self._folder):
+                remove_unfinished(path)  # of a worker that was killed
             entry |= {"took_s": round(outcome.took_s, 2), "found": outcome.found}
             entry["sizes"] = [_size(path) for path in job.files(self._folder)]
         self._last[job.name] = entry

@@ -53,6 +53,16 @@ def test_lists_are_multiplied_and_name_the_results(scans, tmp_path):
     assert jobs[1].request == Request(wavelength_m=0.16, depth_m=(0.6, 0.8, 0.1), solver="direct", cycles=3.0)
 
 
+def test_what_a_killed_worker_began_to_write_is_removed(scans, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    jobs = read_jobs(jobs_file(tmp_path, sweep(scans, "one.h5", '"16cm"')))
+    for path in jobs[0].files(out):
+        (out / f".{path.stem}.4242.part{path.suffix}").write_bytes(b"half a file")
+    assert [one.status for one in run(jobs, out)] == ["done"]
+    assert {path.name for path in out.iterdir()} == {RECORD, *(path.name for path in jobs[0].files(out))}
+
+
 def test_each_option_of_imaging_is_a_setting(tmp_path):
     """What a file can say is what the calls take, all of which has its place in a request."""
     assert set(OPTIONS) == set(ImageOptions.__annotations__)
