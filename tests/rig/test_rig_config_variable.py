@@ -40,7 +40,8 @@ def test_it_is_the_default_of_config_and_is_named(rig, named):
     done = rig("calibrate", "show", "--json")
     assert rig_of(done) == "there"
     assert done.err.splitlines() == [
-        "Configuration: mine.toml (named by RIG_CONFIG; use --config FILE or --config simulated for another one)"
+        "Configuration: mine.toml (named by RIG_CONFIG; use --config FILE or --config simulated for "
+        "another one)"
     ]
     Path("other.toml").write_text(SIMULATED + '[calibration]\nfolder = "elsewhere"\n')
     done = rig("calibrate", "show", "--json", "--config", "other.toml")
