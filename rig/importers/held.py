@@ -110,4 +110,5 @@ def _shown(name: str, given: Any) -> str:
         return show(given, "s", 7)
     if name in {"wall_size_m", "depth_pitch_m", "spacing_m"}:
         return show_length(given, 7)
-    return ",".join(map(str, given)) if name == "bounces" else str(given)
+    between = {"bounces": ",", "grid": "x"}.get(name)
+    return str(given) if between is None else between.join(map(str, given))

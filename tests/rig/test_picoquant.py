@@ -291,7 +291,7 @@ def test_channels_are_told_apart_by_their_inputs(tmp_path):
     (before, first), (after, second) = load(tmp_path / "a.h5"), load(tmp_path / "b.h5")
     np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(before.detector_m, after.detector_m)
-    with pytest.raises(UsageError, match=r"--grid .* contradicts"):
+    with pytest.raises(UsageError, match=r"--grid 2x2 contradicts"):
         import_scan(tmp_path / "a.ptu", tmp_path / "c.h5", grid=(2, 2))
 
 
