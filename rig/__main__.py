@@ -1,16 +1,20 @@
 """Entry of the command ``rig``: runs a verb, and turns every failure into one message and an exit code."""
 
+import _thread
 import json
 import math
 import os
 import signal
 import sys
+import threading
 import time
 import traceback
 from types import FrameType
 
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
 SAME_WISH_S = 1.0
+#: After so long a Ctrl-C that was dropped is sent again.
+AGAIN_S = 0.01
 
 STOPPED = "stopped by Ctrl-C"
 
@@ -21,7 +25,9 @@ def main() -> None:
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
     safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
     """
-    signal.signal(signal.SIGINT, _Interrupts())
+    interrupts = Interrupts()
+    signal.signal(signal.SIGINT, interrupts)
+    sys.unraisablehook = interrupts.lost
     try:
         code = _to_the_end()
     except KeyboardInterrupt:
@@ -32,8 +38,8 @@ def main() -> None:
     sys.exit(code)
 
 
-class _Interrupts:
-    """Ctrl-C, once for as long as it is held."""
+class Interrupts:
+    """Ctrl-C, once for as long as it is held, and again where Python had to drop it."""
 
     def __init__(self) -> None:
         self._last_s = -math.inf
@@ -43,6 +49,15 @@ class _Interrupts:
         anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
         if anew:
             raise KeyboardInterrupt
+
+    def lost(self, what: "sys.UnraisableHookArgs") -> None:
+        """Hear of an exception that Python drops, as in a destructor: Ctrl-C is then sent once more."""
+        if what.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(what)
+            return
+        self._last_s = -math.inf
+        # not from here, where it would be dropped as well
+        threading.Timer(AGAIN_S, _thread.interrupt_main).start()
 
 
 def _to_the_end() -> int:

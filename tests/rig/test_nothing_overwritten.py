@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.__main__ import Interrupts
 from rig.errors import in_shell
 from rig.files import ScanDescription, ScanFile, ScanWriter, Volume, read_volume, write_volume
 
@@ -159,3 +160,22 @@ def test_the_summary_of_a_resumed_scan_is_of_the_whole(rig):
     assert (found["positions"], found["photons"]) == (len(plan), photons)
     assert found["photons_now"] == photons - counts.sum()
     assert found["live_time_s"] == pytest.approx(0.01 * len(plan), rel=0.05)  # its clock counts milliseconds
+
+
+def test_ctrl_c_is_not_lost_where_python_drops_it(monkeypatch):
+    """What a destructor or a weak reference's callback raises is dropped."""
+
+    class Dropping:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    interrupts, before = Interrupts(), signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(sys, "unraisablehook", interrupts.lost)
+    signal.signal(signal.SIGINT, interrupts)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Dropping()
+            for _ in range(500):
+                time.sleep(0.01)
+    finally:
+        signal.signal(signal.SIGINT, before)
