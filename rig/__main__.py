@@ -45,6 +45,7 @@ class Interrupts:
         self._last_s = -math.inf
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Interrupt what runs, unless the same wish did so just before."""
         now_s = time.monotonic()
         anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
         if anew:
