@@ -58,7 +58,15 @@ class Interrupts:
             return
         self._last_s = -math.inf
         # not from here, where it would be dropped as well
-        threading.Timer(AGAIN_S, _thread.interrupt_main).start()
+        threading.Timer(AGAIN_S, _interrupt).start()
+
+
+def _interrupt() -> None:
+    """Send Ctrl-C to the main thread, which may wait for something."""
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def _to_the_end() -> int:
