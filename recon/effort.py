@@ -5,12 +5,13 @@ much slower or faster a machine is, a small run of each kind says (`speed`).
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from recon import memory
+from recon.baseband import products
 from recon.camera import ConfocalCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import BYTES_PER_VOXEL, VoxelGrid
@@ -19,16 +20,16 @@ from recon.noise import tallied
 from recon.registry import SOLVERS, entry_of, load
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Solver
-from recon.spectrum import spectra, widths
+from recon.spectrum import spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
 #: Time of one core for each count of the record that is unpacked from a file.
-READ_NS = 4.0
-#: For each that is softened at the record's edges, and summed up for the noise.
-COUNT_NS = 11.0
-#: For each of these, frequency and part of a complex number.
-PRODUCT_NS = 0.03
+READ_NS = 2.0
+#: For each that is mixed down, and summed up for the noise.
+COUNT_NS = 7.0
+#: For each cell of what is mixed down, and frequency of a depth block.
+PRODUCT_NS = 0.09
 #: For each voxel: intensity, noise, surface, file and picture.
 VOXEL_NS = 300.0
 #: For each plane: its noise, at the places that stand for all positions.
@@ -124,9 +125,7 @@ def effort(problem: ImagingProblem, solver: str | Solver) -> Effort | None:
     spectra_bytes = sum(8 * capture.positions * len(part.band) for part in reached)
     least = memory.least_bytes(problem, needs)
     most = BYTES_PER_VOXEL * problem.grid.size + spectra_bytes + max(one.fixed for one in need)
-    products = sum(bins * frequencies for bins, frequencies in widths(problem.depth_blocks))
-    bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
-    record_ns = READ_NS * capture.bins + COUNT_NS * bins + 2 * PRODUCT_NS * products
+    record_ns = READ_NS * capture.bins + _spectra_ns(reached, capture.bin_width_s)
     return Effort(
         problem.grid.size,
         capture.positions,
@@ -140,6 +139,13 @@ def effort(problem: ImagingProblem, solver: str | Solver) -> Effort | None:
         max(most, least),
         least,
     )
+
+
+def _spectra_ns(parts: Sequence[DepthBlock], bin_width_s: float) -> float:
+    """Return the time of one core for the spectra and the noise of a position."""
+    bins = max(part.bins.stop for part in parts) - min(part.bins.start for part in parts)
+    lasting_s = [(part.bins.stop - part.bins.start) * bin_width_s for part in parts]
+    return COUNT_NS * bins + PRODUCT_NS * products([part.band for part in parts], lasting_s)
 
 
 def _planes(part: DepthBlock) -> int:
@@ -182,9 +188,7 @@ def _ratio_of_waves(capture: Capture, grid: VoxelGrid) -> float:
 def _ratio_of_record(capture: Capture) -> float:
     grid = VoxelGrid(np.zeros(1), np.zeros(1), np.linspace(0.5, 1.0, 8))
     blocks = plan(capture, _PULSE, grid, ConfocalCamera(), Window()).depth_blocks
-    bins = max(part.bins.stop for part in blocks) - min(part.bins.start for part in blocks)
-    products = sum(many * frequencies for many, frequencies in widths(blocks))
-    usual_s = 1e-9 * (COUNT_NS * bins + 2 * PRODUCT_NS * products) * capture.positions
+    usual_s = 1e-9 * _spectra_ns(blocks, capture.bin_width_s) * capture.positions
     return _least_s(lambda: spectra(tallied(capture, _PULSE, Window())[0], blocks, Window())) / usual_s
 
 
