@@ -78,6 +78,7 @@ def compare(
       rig compare su.h5 exit.h5 --out compared
       rig compare night.h5 --depth 0.8m:1.8m:5mm --truth object.ply
     """
+    from recon.defaults import on_one_line
     from rig.commands import console
     from rig.image.asked import asked
     from rig.image.compare import check_comparable
@@ -91,6 +92,8 @@ def compare(
     for file, sheet in zip(files, sheets, strict=True):
         with told_if_stopped(sheets), console.Working(f"comparing {file.name}") as working:
             found.append(compared(file, request, sheet, truth=truth, keep=keep, progress=working))
+        for sentence in on_one_line(found[-1].work.capture):
+            console.warn(f"{file}: {sentence}")
     if as_json:
         console.print_json({"comparisons": [one.as_dict() for one in found]})
     else:
