@@ -310,13 +310,13 @@ class ScanFile(ScanOutline):
 
     @property
     def doubts(self) -> list[str]:
-        """What a person must know who reads it now: whether it was mended, lacks its journal, or was altered."""
+        """What a person must know who reads it now: if it was mended, lacks its journal, or was altered."""
         found = [self.mended] if self.mended else []
         if self._lacks_journal:
             found.append(
-                f"{self.path} was not closed by the program that wrote it, and {journal_of(self.path).name} is "
-                "not in the same folder: the last positions of the scan may be missing here. If the file was "
-                "renamed or copied, put its journal there under that name; "
+                f"{self.path} was not closed by the program that wrote it, and {journal_of(self.path).name} "
+                "is not in the same folder: the last positions of the scan may be missing here. If the file "
+                "was renamed or copied, put its journal there under that name; "
                 f"{in_shell('rig', 'resume', self.path)} measures what is missing"
             )
         if self.altered.any():

@@ -26,7 +26,7 @@ def plausible(content: Content, path: Path) -> Content:
     A record that is too short to image what is hidden is still one to count or to draw: a curve of one bin,
     or a few bins cut out. It is reported. It is refused where its bins, too, are finer than anything resolves
     on such a wall: light goes less than 0.1 mm in a bin, for each metre of the wall. Millimetres as metres,
-    or nanoseconds as picoseconds, are wrong by 1000, so that bins of 4 ps over 1 m (1.2 mm a bin) become such.
+    or nanoseconds as picoseconds, are wrong by 1000: bins of 4 ps over 1 m (1.2 mm a bin) become such.
 
     Raises
     ------
