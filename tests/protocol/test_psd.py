@@ -1,9 +1,8 @@
 """MPD's Picosecond Delayer: the driver against transcripts, wrong answers, and the simulated unit."""
 
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 
 import pytest
-import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,8 +19,7 @@ from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.psd import PsdFirmware
 from simulators.wire.serial_url import protocol_sim
-from support import protocol_script
-from support.wire_script import Script, Step, StepClock, read_transcript
+from support.wire_script import Step, StepClock, read_transcript
 
 SESSION = read_transcript("psd_session.txt")
 SETTINGS = PsdSettings(trigger_level_v=-0.25)
@@ -29,20 +27,6 @@ SETTINGS = PsdSettings(trigger_level_v=-0.25)
 #: Echo off, three questions, output off, divider: what goes before everything else; and what comes last.
 BEGIN = read_transcript("psd_session.txt")[:12]
 END = read_transcript("psd_session.txt")[-4:]
-
-
-@pytest.fixture
-def play(monkeypatch):
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-
-    @contextmanager
-    def playing(steps):
-        script = Script(list(steps))
-        protocol_script.scripts["wire"] = script
-        yield "script://wire"
-        script.finish()
-
-    return playing
 
 
 def psd(address, settings=None):
