@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.delayers.psd import ERRORS, PsdDelayer, PsdSettings
+from drivers.delayers.psd import ERRORS, Psd, PsdSettings
 from drivers.errors import (
     DeviceError,
     DeviceNotFoundError,
@@ -30,7 +30,7 @@ END = read_transcript("psd_session.txt")[-4:]
 
 
 def psd(address, settings=None):
-    return PsdDelayer(address, clock=StepClock(), settings=settings)
+    return Psd(address, clock=StepClock(), settings=settings)
 
 
 def asked(sent, answered):
@@ -138,7 +138,7 @@ def test_a_level_that_is_not_possible_is_refused_without_a_delayer(level_v):
 def unit():
     bench = Bench(clock=BenchClock())
     address = protocol_sim.attach("all/psd", PsdFirmware(bench), bench.clock)
-    with PsdDelayer(address, clock=bench.clock, settings=PsdSettings(repetition_hz=1e6)) as one:
+    with Psd(address, clock=bench.clock, settings=PsdSettings(repetition_hz=1e6)) as one:
         yield one, bench
     protocol_sim.detach(address)
 
