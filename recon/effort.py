@@ -5,12 +5,13 @@ much slower or faster a machine is, a small run of each kind says (`speed`).
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from recon import memory
+from recon.baseband import products
 from recon.camera import ConfocalCamera
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import BYTES_PER_VOXEL, VoxelGrid
@@ -18,17 +19,17 @@ from recon.imaging import plan, planes
 from recon.noise import tallied
 from recon.registry import SOLVERS, entry_of, load
 from recon.sampling import DepthBlock
-from recon.solvers.problem import ImagingProblem, Solver
-from recon.spectrum import spectra, widths
+from recon.solvers.problem import ImagingProblem, Need, Solver
+from recon.spectrum import spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 
 #: Time of one core for each count of the record that is unpacked from a file.
-READ_NS = 4.0
-#: For each that is softened at the record's edges, and summed up for the noise.
-COUNT_NS = 11.0
-#: For each of these, frequency and part of a complex number.
-PRODUCT_NS = 0.03
+READ_NS = 2.0
+#: For each that is mixed down, and summed up for the noise.
+COUNT_NS = 7.0
+#: For each cell of what is mixed down, and frequency of a depth block.
+PRODUCT_NS = 0.09
 #: For each voxel: intensity, noise, surface, file and picture.
 VOXEL_NS = 300.0
 #: For each plane: its noise, at the places that stand for all positions.
@@ -36,7 +37,7 @@ PLANE_S = 1.5e-3
 #: For each moment, frequency and pixel of a film's plane.
 MOMENT_NS = 0.5
 #: Program, libraries, and drawing.
-START_S = 3.2
+START_S = 2.6
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,13 @@ class Effort:
         return START_S + waves_s + (self.record_s + self.voxels_s) * speed.record
 
     def clock_s(self, speed: Speed, cores: int) -> float:
-        """Return the time by the clock on a machine that does nothing else: waves take all cores."""
+        """Return the time by the clock on a machine that does nothing else.
+
+        Waves take all cores; one reads the record and one mixes it down.
+        """
         waves_s = self.waves_s * (speed.waves if self.by_fft else speed.tables)
-        return self.processor_s(speed) - waves_s * (1 - 1 / cores)
+        record_s = self.record_s * speed.record
+        return self.processor_s(speed) - waves_s * (1 - 1 / cores) - record_s * (1 - 1 / min(2, cores))
 
 
 def effort(problem: ImagingProblem, solver: str | Solver) -> Effort | None:
@@ -124,9 +129,8 @@ def effort(problem: ImagingProblem, solver: str | Solver) -> Effort | None:
     spectra_bytes = sum(8 * capture.positions * len(part.band) for part in reached)
     least = memory.least_bytes(problem, needs)
     most = BYTES_PER_VOXEL * problem.grid.size + spectra_bytes + max(one.fixed for one in need)
-    products = sum(bins * frequencies for bins, frequencies in widths(problem.depth_blocks))
-    bins = max(part.bins.stop for part in reached) - min(part.bins.start for part in reached)
-    record_ns = READ_NS * capture.bins + COUNT_NS * bins + 2 * PRODUCT_NS * products
+    most += sum(sorted(_walls_bytes(problem, *one) for one in zip(reached, need, strict=True))[-2:])
+    record_ns = READ_NS * capture.bins + _spectra_ns(reached, capture.bin_width_s)
     return Effort(
         problem.grid.size,
         capture.positions,
@@ -142,6 +146,18 @@ def effort(problem: ImagingProblem, solver: str | Solver) -> Effort | None:
     )
 
 
+def _walls_bytes(problem: ImagingProblem, part: DepthBlock, need: Need) -> int:
+    """Return what the wall's transforms of a depth block take; two blocks overlap."""
+    return min(problem.wall_bytes, len(part.band) * need.least // need.together)
+
+
+def _spectra_ns(parts: Sequence[DepthBlock], bin_width_s: float) -> float:
+    """Return the time of one core for the spectra and the noise of a position."""
+    bins = max(part.bins.stop for part in parts) - min(part.bins.start for part in parts)
+    lasting_s = [(part.bins.stop - part.bins.start) * bin_width_s for part in parts]
+    return COUNT_NS * bins + PRODUCT_NS * products([part.band for part in parts], lasting_s)
+
+
 def _planes(part: DepthBlock) -> int:
     return part.planes.stop - part.planes.start
 
@@ -151,19 +167,22 @@ def speed() -> Speed:
     flat, curved = _sample(64, 0.0), _sample(24, 0.1)
     axis = np.linspace(-0.4, 0.4, 48)
     grid = VoxelGrid(axis, axis, np.linspace(0.5, 0.6, 12))
-    return Speed(_ratio_of_waves(flat, grid), _ratio_of_waves(curved, grid), _ratio_of_record(flat))
+    return Speed(
+        _ratio_of_waves(flat, grid), _ratio_of_waves(curved, grid), _ratio_of_record(_sample(64, 0.0, 4))
+    )
 
 
 _PULSE = VirtualPulse(0.05, 2)
 
 
-def _sample(side: int, bend: float) -> Capture:
-    """Return a wall of side x side positions, bent by so much at 1 m beside its middle."""
+def _sample(side: int, bend: float, fine: int = 1) -> Capture:
+    """Return a wall of side x side positions, bent by so much at 1 m beside its middle, its bins so fine."""
     at = (np.arange(side) - (side - 1) / 2) / side
     x, y = (axis.ravel() for axis in np.meshgrid(at, at))
     laser_m = np.stack([x, y, bend * x**2], axis=1)
-    counts = np.random.default_rng(0).poisson(0.05, (side**2, 1024)).astype(np.uint32)
-    return Capture(ArrayHistograms(counts), 16e-12, np.zeros(1), laser_m, np.array([[0.1, 0.0, 0.0]]))
+    photons = np.random.default_rng(0).integers(0, side**2 * 1024 * fine, side**2 * 50)
+    counts = np.bincount(photons, minlength=side**2 * 1024 * fine).astype(np.uint32).reshape(side**2, -1)
+    return Capture(ArrayHistograms(counts), 16e-12 / fine, np.zeros(1), laser_m, np.array([[0.1, 0.0, 0.0]]))
 
 
 def _ratio_of_waves(capture: Capture, grid: VoxelGrid) -> float:
@@ -182,9 +201,7 @@ def _ratio_of_waves(capture: Capture, grid: VoxelGrid) -> float:
 def _ratio_of_record(capture: Capture) -> float:
     grid = VoxelGrid(np.zeros(1), np.zeros(1), np.linspace(0.5, 1.0, 8))
     blocks = plan(capture, _PULSE, grid, ConfocalCamera(), Window()).depth_blocks
-    bins = max(part.bins.stop for part in blocks) - min(part.bins.start for part in blocks)
-    products = sum(many * frequencies for many, frequencies in widths(blocks))
-    usual_s = 1e-9 * (COUNT_NS * bins + 2 * PRODUCT_NS * products) * capture.positions
+    usual_s = 1e-9 * _spectra_ns(blocks, capture.bin_width_s) * capture.positions
     return _least_s(lambda: spectra(tallied(capture, _PULSE, Window())[0], blocks, Window())) / usual_s
 
 

@@ -15,8 +15,6 @@ from recon.wave import Band, Light
 CONFOCAL = ConfocalCamera()
 #: Least thickness of a depth block, as a part of the path between the first and the last light of a plane.
 THICKNESS = 0.06
-#: Neighbouring blocks take the same frequencies where their periods are this alike.
-FAMILY = 0.85
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,7 @@ def depth_blocks(
     A single plane is seen in a short part of the record, so it needs few frequencies; a thick block needs
     more, for all its planes. But each block costs a Fourier sum over its part of the record. Blocks as thick
     as half a pulse, or as `THICKNESS` of the path that one plane takes in any case, are a good balance; for a
-    video, as thick as light goes between its first and its last frame. Neighbours whose frequencies would be
-    spaced nearly alike share them (`FAMILY`), and so share the sum over the bins that they have in common.
+    video, as thick as light goes between its first and its last frame.
 
     Returns
     -------
@@ -107,11 +104,9 @@ def depth_blocks(
     seen = [
         _seen(capture, light, VoxelGrid(grid.x_m, grid.y_m, grid.z_m[planes]), camera) for planes in parts
     ]
-    periods_s = _shared([period_s for _, period_s in seen])
-    bands = {period_s: light.band(period_s) for period_s in periods_s}
     return [
-        DepthBlock(planes, bins, bands[period_s])
-        for planes, (bins, _), period_s in zip(parts, seen, periods_s, strict=True)
+        DepthBlock(planes, bins, light.band(period_s))
+        for planes, (bins, period_s) in zip(parts, seen, strict=True)
     ]
 
 
@@ -136,15 +131,3 @@ def _seen(capture: Capture, light: Light, planes: VoxelGrid, camera: Camera) -> 
     # stay a pulse's half-length away from every voxel.
     longest_lag_s = max(end_s + stop * width_s - earliest_s, latest_s - begin_s - first * width_s)
     return slice(first, stop), longest_lag_s + margin_s
-
-
-def _shared(periods_s: list[float]) -> list[float]:
-    """Lengthen the periods of neighbours that differ by less than `FAMILY` to the longest of them."""
-    families: list[list[float]] = []
-    for period_s in periods_s:
-        family = families[-1] if families else []
-        if family and min(*family, period_s) >= FAMILY * max(*family, period_s):
-            family.append(period_s)
-        else:
-            families.append([period_s])
-    return [max(family) for family in families for _ in family]

@@ -1,24 +1,27 @@
 """Fourier sums of the histograms at the few frequencies that the pulse needs.
 
-H^(p, omega) = sum_n H[p, n] exp(-i omega t_n), with t_n the rectified time of the centre of bin n. For some
-tens of frequencies this is a real matrix product, counts times [cos, -sin], at the speed of sgemm; the time
-of the first bin, which may differ between positions, is a phase on its result.
+H^(p, omega) = sum_n H[p, n] exp(-i omega t_n), with t_n the rectified time of the centre of bin n. Histograms
+are mixed down to baseband once for all frequencies (`recon.baseband`); the sums over what is left of them are
+a matrix product for each depth block. The time of the first bin, which may differ between positions, is a
+phase on its result.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from functools import cached_property
-from itertools import pairwise
-from math import ceil, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from recon.capture import Capture, Positions
 from recon.sampling import DepthBlock
-from recon.wave import Band
 from recon.window import Edges, Window
+
+if TYPE_CHECKING:  # compiled, which not every solver needs
+    from recon.baseband import Cells, Mixer
 
 #: Takes a capture, depth blocks, a window, what is told of progress, and a type; as `spectra`.
 Spectra = Callable[
@@ -77,11 +80,17 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
-        transform.add(positions, counts)
-        if progress:
-            progress(positions.stop / capture.positions)
+    with one_thread_each():
+        for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
+            transform.add(positions, counts)
+            if progress:
+                progress(positions.stop / capture.positions)
     return transform.spectra
+
+
+def one_thread_each() -> AbstractContextManager[object]:
+    """Let matrix products take one thread: the other cores read, and small products wait for more threads."""
+    return threadpool_limits(limits=1, user_api="blas")
 
 
 def ahead(blocks: Iterator[Block]) -> Iterator[Block]:
@@ -123,11 +132,10 @@ class Transform:
         self.spectra: list[NDArray[np.complexfloating]] = [
             np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks
         ]
-        self._families = _families(depth_blocks)
-        first = min((one.edges[0] for one in self._families), default=0)
-        self.bins = slice(first, max((one.edges[-1] for one in self._families), default=first))
-        self._matrices = [_fourier_matrix(one, capture.bin_width_s, dtype) for one in self._families]
-        self._edges = Edges(capture, window, self.bins, np.empty(0, dtype).real.dtype)
+        self._reached = {number: part for number, part in enumerate(depth_blocks) if part.reached}
+        first = min((part.bins.start for part in self._reached.values()), default=0)
+        self.bins = slice(first, max((part.bins.stop for part in self._reached.values()), default=first))
+        self._edges = Edges(capture, window, self.bins)
 
     def add(self, positions: Positions, counts: NDArray) -> None:
         """Add the counts of some positions, each of them once.
@@ -139,12 +147,8 @@ class Transform:
         counts
             (block, bins) of `bins`; they may be reused afterwards.
         """
-        soft = self._edges.soften(positions, counts)
-        begins_s = self._capture.begins_s(positions)
-        for family, matrix in zip(self._families, self._matrices, strict=True):
-            phases = self._phases(family, begins_s)
-            for number, sums in family.sums(soft, matrix, self.bins.start):
-                self.spectra[number][:, positions] += sums.view(self._dtype).T * phases
+        where = np.arange(self._capture.positions)[positions]
+        self._add(where, self._mixer.counts(counts, self._edges.start(where)))
 
     def add_photons(
         self, positions: NDArray[np.intp], offset: NDArray[np.integer], photon_bins: NDArray[np.integer]
@@ -160,104 +164,41 @@ class Transform:
         photon_bins
             (photons,) the bin of each, in the whole record.
         """
-        wanted, row_of = np.unique(positions, return_inverse=True)
+        where, row_of = np.unique(positions, return_inverse=True)
         row = np.repeat(row_of, np.diff(offset))
         inside = (photon_bins >= self.bins.start) & (photon_bins < self.bins.stop)
         row, bins = row[inside], photon_bins[inside].astype(np.intp)
-        weight = self._edges.weights(wanted[row], bins)
-        begins_s = self._capture.begins_s(wanted)
-        for family, matrix in zip(self._families, self._matrices, strict=True):
-            phases = self._phases(family, begins_s)
-            for number, sums in family.sums_of_photons(len(wanted), row, bins, weight, matrix):
-                self.spectra[number][:, wanted] += sums.view(self._dtype).T * phases
+        weight = self._edges.start_at(where[row], bins)
+        self._add(where, self._mixer.photons(len(where), row, bins - self.bins.start, weight))
 
-    def _phases(self, family: "_Family", begins_s: NDArray[np.float64]) -> NDArray[np.complexfloating]:
-        """(F, positions) what the time of the first bin does to a sum.
+    def _add(self, where: NDArray[np.intp], cells: "Cells") -> None:
+        """Add the cells of some positions to the spectra of all depth blocks."""
+        from recon.baseband_kernels import add_turned
 
-        Exponentials are slow: those of every few frequencies are multiplied by those of the steps between.
-        """
-        band = family.band
-        few = ceil(sqrt(len(band)))
-        steps_rad_per_s = band.step_rad_per_s * np.arange(few)
-        coarse = np.exp(-1j * np.multiply.outer(band.first_rad_per_s + few * steps_rad_per_s, begins_s))
-        fine = np.exp(-1j * np.multiply.outer(steps_rad_per_s, begins_s))
-        return (coarse[:, None] * fine).reshape(few * few, -1)[: len(band)].astype(self._dtype)
-
-
-@dataclass(frozen=True)
-class _Family:
-    """Depth blocks that have the same frequencies: what bins they share is summed once.
-
-    Attributes
-    ----------
-    band
-        The frequencies.
-    members
-        Numbers of the depth blocks, and the bins of each.
-    edges
-        Ascending bins at which any member begins or ends.
-    """
-
-    band: Band
-    members: dict[int, slice]
+        begins_s = np.broadcast_to(self._capture.begins_s(where), where.shape)
+        for number, part in self._reached.items():
+            sums = self._mixer.spectrum(cells, self._run(part), self._matrices[number])
+            band = part.band
+            add_turned(sums, begins_s, band.first_rad_per_s, band.step_rad_per_s, where, self.spectra[number])
 
     @cached_property
-    def edges(self) -> list[int]:
-        return sorted({edge for bins in self.members.values() for edge in (bins.start, bins.stop)})
+    def _mixer(self) -> "Mixer":
+        from recon.baseband import Mixer
 
-    def sums(
-        self, counts: NDArray[np.floating], matrix: NDArray[np.floating], first: int
-    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
-        """Yield each member's number and sum over its bins, (block, 2 F); `counts` begin at bin `first`."""
-        pieces = {
-            edge: counts[:, edge - first : end - first] @ matrix[edge - self.edges[0] : end - self.edges[0]]
-            for edge, end in pairwise(self.edges)
+        runs = [self._run(part) for part in self._reached.values()]
+        edges = sorted({0, *(edge for run in runs for edge in (run.start, run.stop))})
+        bands = [part.band for part in self._reached.values()]
+        return Mixer(bands, self._edges.end, edges, self._capture.bin_width_s, self._dtype)
+
+    @cached_property
+    def _matrices(self) -> dict[int, NDArray[np.complexfloating]]:
+        """Of each depth block, with the time of the first bin that is needed."""
+        begin_s = self.bins.start * self._capture.bin_width_s
+        return {
+            number: self._mixer.matrix(part.band, self._run(part), begin_s)
+            for number, part in self._reached.items()
         }
-        yield from self._of_members(pieces)
 
-    def sums_of_photons(
-        self,
-        rows: int,
-        row: NDArray[np.intp],
-        bins: NDArray[np.intp],
-        weight: NDArray[np.floating],
-        matrix: NDArray[np.floating],
-    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
-        """As `sums`, from the row, the bin and the weight of each photon."""
-        from recon.photon_sums import sum_photons
-
-        starts = np.array(self.edges)
-        piece = np.searchsorted(starts, np.arange(starts[0], starts[-1]), side="right") - 1
-        summed = np.zeros((len(starts) - 1, rows, matrix.shape[1]), matrix.dtype)
-        sum_photons(row, bins - starts[0], weight, piece, matrix, summed)
-        yield from self._of_members(dict(zip(self.edges, summed, strict=False)))
-
-    def _of_members(
-        self, pieces: dict[int, NDArray[np.floating]]
-    ) -> Iterator[tuple[int, NDArray[np.floating]]]:
-        """Put the sums between neighbouring edges together to those of the members' bins."""
-        for number, bins in self.members.items():
-            total, *others = (piece for edge, piece in pieces.items() if bins.start <= edge < bins.stop)
-            yield number, sum(others, total)
-
-
-def _families(depth_blocks: Sequence[DepthBlock]) -> list[_Family]:
-    """Put the depth blocks that the record reaches together by their frequencies."""
-    found: dict[tuple[float, float, int], _Family] = {}
-    for number, part in enumerate(depth_blocks):
-        if part.reached:
-            key = part.band.first_rad_per_s, part.band.step_rad_per_s, len(part.band)
-            found.setdefault(key, _Family(part.band, {})).members[number] = part.bins
-    return list(found.values())
-
-
-def widths(depth_blocks: Sequence[DepthBlock]) -> list[tuple[int, int]]:
-    """Return how many bins are multiplied with how many frequencies, for each sum over a record."""
-    return [(one.edges[-1] - one.edges[0], len(one.band)) for one in _families(depth_blocks)]
-
-
-def _fourier_matrix(family: _Family, bin_width_s: float, dtype: DTypeLike) -> NDArray[np.floating]:
-    """(bins, 2 F): real and imaginary part of exp(-i omega t) in turn, t counted from the record's start."""
-    centres_s = (np.arange(family.edges[0], family.edges[-1]) + 0.5) * bin_width_s
-    factors = np.exp(-1j * np.multiply.outer(centres_s, family.band.frequencies_rad_per_s))
-    return factors.astype(dtype).view(np.empty(0, dtype).real.dtype)
+    def _run(self, part: DepthBlock) -> slice:
+        """Return the bins of a depth block, counted from the first that is needed."""
+        return slice(part.bins.start - self.bins.start, part.bins.stop - self.bins.start)

@@ -94,7 +94,7 @@ class Window:
 
 
 class Edges:
-    """Softens a part of the record.
+    """The soft edges of a part of the record.
 
     Parameters
     ----------
@@ -104,30 +104,29 @@ class Edges:
         Soft edges.
     bins
         Bins wanted, with both ends given.
-    dtype
-        Type of the counts that are given back.
+
+    Attributes
+    ----------
+    end
+        (bins,) weights with which the record ends.
     """
 
-    def __init__(self, capture: Capture, window: Window, bins: slice, dtype: DTypeLike = np.float32) -> None:
-        self._capture, self._window, self._bins, self._dtype = capture, window, bins, dtype
-        self._end = window.end_weights(capture.bins, capture.bin_width_s)[bins].astype(dtype)
-        falls = np.flatnonzero(self._end != 1)
-        self._falls_from = int(falls[0]) if len(falls) else len(self._end)
+    def __init__(self, capture: Capture, window: Window, bins: slice) -> None:
+        self._capture, self._window, self._bins = capture, window, bins
+        self.end = window.end_weights(capture.bins, capture.bin_width_s)[bins]
 
-    def soften(self, positions: Positions, counts: NDArray) -> NDArray[np.floating]:
-        """Return (block, bins) counts of some positions with soft edges, a copy."""
-        soft = np.array(counts, dtype=self._dtype)
+    def start(self, positions: Positions) -> NDArray[np.float64]:
+        """Return the weights of the leading bins of some positions, up to where all are one.
+
+        They are (block or 1, leading bins).
+        """
         begins_s = self._capture.begins_s(positions)
-        start = self._window.start_weights(begins_s, self._bins, self._capture.bin_width_s)
-        soft[:, : start.shape[1]] *= start
-        soft[:, self._falls_from :] *= self._end[self._falls_from :]
-        return soft
+        return self._window.start_weights(begins_s, self._bins, self._capture.bin_width_s)
 
-    def weights(self, positions: NDArray[np.intp], bins: NDArray[np.intp]) -> NDArray[np.floating]:
-        """Return the weights of photons, each by its position and its bin, one of those wanted."""
+    def start_at(self, positions: NDArray[np.intp], bins: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return the start's weights of photons, each by its position and its bin in the record."""
         begins_s = np.broadcast_to(self._capture.begins_s(positions), positions.shape)
-        start = self._window.start_weights_at(begins_s + (bins + 0.5) * self._capture.bin_width_s)
-        return start.astype(self._dtype) * self._end[bins - self._bins.start]
+        return self._window.start_weights_at(begins_s + (bins + 0.5) * self._capture.bin_width_s)
 
 
 def windowed_blocks(
@@ -139,8 +138,10 @@ def windowed_blocks(
     ----------
     capture
         Histograms.
-    window, bins, dtype
+    window, bins
         As of `Edges`.
+    dtype
+        Type of the counts that are yielded.
 
     Yields
     ------
@@ -149,9 +150,16 @@ def windowed_blocks(
     counts
         (block, bins) of `dtype`, the reader's to change.
     """
-    edges = Edges(capture, window, bins, dtype)
+    edges = Edges(capture, window, bins)
+    end = edges.end.astype(dtype)
+    falls = np.flatnonzero(end != 1)
+    falls_from = int(falls[0]) if len(falls) else len(end)
     for block, counts in capture.histograms.blocks(bins):
-        yield block, edges.soften(block, counts)
+        soft = np.array(counts, dtype=dtype)
+        start = edges.start(block)
+        soft[:, : start.shape[1]] *= start
+        soft[:, falls_from:] *= end[falls_from:]
+        yield block, soft
 
 
 def _raised_cosine(distance_s: NDArray[np.float64], length_s: float) -> NDArray[np.float64]:

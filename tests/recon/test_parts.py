@@ -147,12 +147,12 @@ def test_the_least_traffic_is_chosen(monkeypatch):
     few = parts.cut(planned(capture("regular"), voxels(4, 8)), "rsd", workers=2, memory_bytes=2000 * MB)
     assert beside(few) > 1
     # the other way round: fields are large, and each plane is sent once
-    many = parts.cut(planned(capture("regular"), voxels(96, 8)), "rsd", workers=2, memory_bytes=2000 * MB)
+    many = parts.cut(planned(capture("regular"), voxels(96, 12)), "rsd", workers=2, memory_bytes=2000 * MB)
     assert beside(many) == 1
     # the cuts that were not chosen would send all spectra to each part, or all planes from each
     every = 8 * len(few.blocks[0].band) * 24 * 24
     assert few.traffic_bytes < len(few.parts) * every
-    assert many.traffic_bytes < len(many.parts) * 8 * 2 * 96 * 96 * 8
+    assert many.traffic_bytes < len(many.parts) * 8 * 2 * 96 * 96 * 12
 
 
 def test_parts_are_cut_until_they_fit():
