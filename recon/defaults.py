@@ -232,7 +232,7 @@ def _check_reach(capture: Capture, near_m: float, far_m: float) -> None:
         raise ReachError(
             "volume",
             f"depths to {far_m:g} m",
-            f"the last light of the record comes from {end_m / 2:.3g} m",
+            f"the last light of the record comes from {end_m / 2:.2f} m",
             f"End --depth there: FROM:{floor(end_m / 2 * 100) / 100:g}m:STEP.",
         )
 

@@ -172,7 +172,7 @@ def lateness_s(
     """Return by how much later than a voxel is read its pulse is at its peak.
 
     The envelope is exp(-(t - t_0)^2/(2 sigma_t^2)), so d ln|U| / dt = t_0 / sigma_t^2 at t = 0, which is
-    Re(U* dU/dt) / |U|^2; zero where there is no field.
+    Re(U* dU/dt) / |U|^2 = Re((dU/dt) / U); zero where there is no field.
 
     Parameters
     ----------
@@ -181,9 +181,9 @@ def lateness_s(
     pulse
         The virtual illumination.
     """
-    power = field.real**2 + field.imag**2
-    change = field.real * slope.real + field.imag * slope.imag
-    return pulse.sigma_s**2 * np.divide(change, power, out=np.zeros_like(power), where=power > 0)
+    # a quotient, since a product of field and slope overflows where the intensity does not
+    change = np.divide(slope, field, out=np.zeros_like(field), where=field != 0)
+    return pulse.sigma_s**2 * change.real
 
 
 def plan(

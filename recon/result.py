@@ -6,10 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import Camera
+from recon.errors import ReconError
 from recon.grid import VoxelGrid
 from recon.sampling import CONFOCAL, DepthBlock
 from recon.wave import VirtualPulse
 from recon.window import Window
+
+#: Largest part of a field: its square, 1e36, and 200 times that are within single precision.
+MOST_FIELD = 1e18
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,11 @@ class Image:
         Ratio of signal to noise power of a Wiener filter; None where there is none.
     notes
         What a reader has to know, in sentences.
+
+    Raises
+    ------
+    recon.errors.ReconError
+        If the field is not finite, or so large that its intensity would not be.
     """
 
     grid: VoxelGrid
@@ -56,6 +65,19 @@ class Image:
     falloff_power: float = 4.0
     snr: float | None = None
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.field is None or not self.field.size:
+            return
+        parts = (self.field.real, self.field.imag) if np.iscomplexobj(self.field) else (self.field,)
+        largest = max(max(float(part.max()), -float(part.min())) for part in parts)
+        if not largest <= MOST_FIELD:  # NaN is not, either
+            raise ReconError(
+                "image",
+                "an intensity in single precision",
+                f"the field reaches {largest:.2g}, and its square is too large or not finite",
+                "No detector counts so many photons: divide the counts by a constant.",
+            )
 
     @property
     def amplitude(self) -> NDArray[np.float32]:

@@ -93,6 +93,12 @@ def no_file(path: Path, remedy: str = "check the name") -> str:
     return f"{path} is a pipe or a device, not a file; {remedy}"
 
 
+def refuse_folder(path: Path, asked: str = "") -> None:
+    """Refuse the name of a folder for a file that is to be written, as ``asked`` by an option: UsageError."""
+    if os.path.isdir(path):  # also of names that no file can have
+        raise UsageError(f"{asked}{path} is a folder; give the name of a file in it, e.g. {path / 'NAME'}")
+
+
 def reason(problem: Exception) -> str:
     """Return why the system refused a file, in its words, without the name of the file."""
     return (isinstance(problem, OSError) and problem.strerror) or str(problem)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
-from drivers.delayers.text_delayer import DelayRange, TextDelayer
+from drivers.delayers.text_delayer import DelayRange, GatePulse, TextDelayer
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, RefusedError
 from drivers.lines.serial import SerialLine
 
@@ -66,19 +66,17 @@ _NUMBER = r"\s*([+-]?\d{1,20}(?:\.\d{0,20})?(?:[eE][+-]?\d{1,3})?)\s*"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dg645Settings:
-    """Everything that is set beside the delay, checked when it is made: no delayer is needed to be refused.
+class Dg645Settings(GatePulse):
+    """All settings but the delay, checked when they are made: no delayer is needed to be refused.
 
     Attributes
     ----------
     output
         The output that the detector's gate input is connected to.
-    pulse_width_s, amplitude_v, polarity
-        What a gate pulse is like; amplitude into 50 ohm.
-    trigger_edge, trigger_level_v
-        Which edge of the sync pulse triggers it, and where.
-    repetition_hz, divider
-        Sync pulses a second; a gate pulse is given for the first of so many.
+    amplitude_v
+        Of a gate pulse, into 50 ohm.
+    trigger_level_v
+        Level of the sync pulse that triggers it.
 
     Raises
     ------
@@ -87,18 +85,8 @@ class Dg645Settings:
     """
 
     output: Literal["AB", "CD", "EF", "GH"] = "AB"
-    pulse_width_s: float
     amplitude_v: float = 2.5
-    polarity: Literal["positive", "negative"] = "positive"
-    trigger_edge: Literal["rising", "falling"] = "rising"
     trigger_level_v: float = 0.5
-    repetition_hz: float
-    divider: int = 1
-
-    @property
-    def triggers_hz(self) -> float:
-        """Sync pulses a second that trigger it."""
-        return self.repetition_hz / self.divider
 
     def __post_init__(self) -> None:
         if objection := self.objection(0.0):

@@ -111,7 +111,7 @@ class PsdSettings:
             )
 
 
-class PsdDelayer:
+class Psd:
     """A Picosecond Delayer; a context manager that leaves its output off.
 
     Connecting leaves the output off too.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from drivers.delayers.text_delayer import DelayRange, TextDelayer
+from drivers.delayers.text_delayer import DelayRange, GatePulse, TextDelayer
 from drivers.errors import DeviceError, DeviceNotFoundError, LimitError, RefusedError
 from drivers.lines.serial import SerialLine
 
@@ -48,19 +48,15 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class T560Settings:
-    """Everything that is set beside the delay, checked when it is made: no delayer is needed to be refused.
+class T560Settings(GatePulse):
+    """All settings but the delay, checked when they are made: no delayer is needed to be refused.
 
     Attributes
     ----------
     output
-        The output that the detector's gate input is connected to.
-    pulse_width_s, polarity
-        What a gate pulse is like; its level is fixed.
-    trigger_edge, trigger_level_v
-        Which edge of the sync pulse triggers it, and where.
-    repetition_hz, divider
-        Sync pulses a second; a gate pulse is given for the first of so many.
+        The output that the detector's gate input is connected to; its level is fixed.
+    trigger_level_v
+        Level of the sync pulse that triggers it.
 
     Raises
     ------
@@ -69,17 +65,7 @@ class T560Settings:
     """
 
     output: Literal["A", "B", "C", "D"] = "A"
-    pulse_width_s: float
-    polarity: Literal["positive", "negative"] = "positive"
-    trigger_edge: Literal["rising", "falling"] = "rising"
     trigger_level_v: float = 1.25
-    repetition_hz: float
-    divider: int = 1
-
-    @property
-    def triggers_hz(self) -> float:
-        """Sync pulses a second that trigger it."""
-        return self.repetition_hz / self.divider
 
     def __post_init__(self) -> None:
         if objection := self.objection(0.0):

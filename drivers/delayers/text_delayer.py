@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import isfinite
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 from drivers.errors import LimitError, LinkError, ProtocolError, RefusedError
 from drivers.leaving import insist, leave
@@ -56,6 +56,32 @@ class DelayRange:
             f"its pulse ends {end_s * 1e9:.4g} ns after the trigger, and to be ready for the next one it "
             f"must end within {max(left_s, 0) * 1e9:.4g} ns at {repetition_hz / 1e6:g} MHz"
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GatePulse:
+    """The gate pulse, and what triggers it, as all of these delayers are set.
+
+    Attributes
+    ----------
+    pulse_width_s, polarity
+        What a gate pulse is like.
+    trigger_edge
+        Which edge of the sync pulse triggers it.
+    repetition_hz, divider
+        Sync pulses a second; a gate pulse is given for the first of so many.
+    """
+
+    pulse_width_s: float
+    polarity: Literal["positive", "negative"] = "positive"
+    trigger_edge: Literal["rising", "falling"] = "rising"
+    repetition_hz: float
+    divider: int = 1
+
+    @property
+    def triggers_hz(self) -> float:
+        """Sync pulses a second that trigger it."""
+        return self.repetition_hz / self.divider
 
 
 class TextDelayer(ABC):

@@ -1,6 +1,7 @@
 """Lines of text over a serial port: one command out, one answer back, and in step again after garbage."""
 
 import errno
+import os
 from types import TracebackType
 from typing import NoReturn
 
@@ -65,7 +66,7 @@ class SerialLine:
                 exclusive=True,
             )
         except (OSError, ValueError) as problem:
-            raise self._cannot_open(problem) from problem
+            raise cannot_open(self.name, problem) from problem
         self._port = tapped_port(port)
         self._in_step = True
 
@@ -191,18 +192,26 @@ class SerialLine:
             self.name, asked, f"the connection broke: {problem}", "Check the cable and plug it in again."
         ) from problem
 
-    def _cannot_open(self, problem: OSError | ValueError) -> DeviceNotFoundError | LinkError:
-        code = getattr(problem, "errno", None)
-        asked = "open the port"
-        if code in (errno.EACCES, errno.EPERM):
-            return LinkError(
-                self.name, asked, "permission was denied", "On Linux, join the group of the port (dialout)."
-            )
-        if code in (errno.EBUSY, errno.EAGAIN):
-            return LinkError(self.name, asked, "another program uses it", "Close the other program.")
-        return DeviceNotFoundError(
-            self.name, asked, f"there is no such port ({problem})", "Check power, cable and the address."
+
+def cannot_open(name: str, problem: OSError | ValueError) -> DeviceNotFoundError | LinkError:
+    """Return what it means that pyserial cannot open the port of a device, whose name has its address."""
+    asked = "open the port"
+    behind = (
+        problem,
+        problem.__context__,
+    )  # pyserial repeats what the system said, with its number or without
+    codes = [one.errno for one in behind if isinstance(one, OSError) and one.errno]
+    code = codes[0] if codes else None
+    if code in (errno.EACCES, errno.EPERM):
+        return LinkError(
+            name, asked, "permission was denied", "On Linux, join the group of the port (dialout)."
         )
+    if code in (errno.EBUSY, errno.EAGAIN):
+        return LinkError(name, asked, "another program uses it", "Close the other program.")
+    why = "" if code == errno.ENOENT else f" ({os.strerror(code) if code else problem})"
+    return DeviceNotFoundError(
+        name, asked, f"there is no such port{why}", "Check power, cable and the address in the configuration."
+    )
 
 
 class _Mapped:

@@ -6,13 +6,13 @@ program that was killed; so a shutter that opens at the high level closes then. 
 moment while a port is opened: the laser has to be dark then.
 """
 
-import errno
 from typing import Any, Literal
 
 import serial
 
 from drivers.clock import Clock
-from drivers.errors import DeviceNotFoundError, LinkError
+from drivers.errors import LinkError
+from drivers.lines.serial import cannot_open
 from drivers.shutters.line_shutter import LineShutter
 
 
@@ -58,7 +58,7 @@ class SerialShutter(LineShutter):
             setattr(port, self._line, not self._opens_high)  # before it is open: closed as soon as can be
             port.open()
         except (OSError, ValueError) as problem:
-            raise self._cannot_open(problem) from problem
+            raise cannot_open(self.name, problem) from problem
         self._port = port
         told = f", read back at {self._read_back.upper()}" if self._read_back else ""
         return f"shutter on {self._line.upper()} of {self._address}{told}"
@@ -88,17 +88,4 @@ class SerialShutter(LineShutter):
             asked,
             f"the connection broke: {problem}",
             "Check the cable, and that it has this line.",
-        )
-
-    def _cannot_open(self, problem: OSError | ValueError) -> DeviceNotFoundError | LinkError:
-        code = getattr(problem, "errno", None)
-        asked = "open the port"
-        if code in (errno.EACCES, errno.EPERM):
-            return LinkError(
-                self.name, asked, "permission was denied", "On Linux, join the group of the port (dialout)."
-            )
-        if code in (errno.EBUSY, errno.EAGAIN):
-            return LinkError(self.name, asked, "another program uses it", "Close the other program.")
-        return DeviceNotFoundError(
-            self.name, asked, f"there is no such port ({problem})", "Check power, cable and the address."
         )

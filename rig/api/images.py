@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.api import html
-from rig.errors import UsageError
+from rig.errors import UsageError, refuse_folder
 from rig.exporters import page
 from rig.exporters.convert import VOLUME_LAYOUTS, write_volume_as
 from rig.files.taken import is_scan
@@ -205,6 +205,7 @@ def _require_free(path: Path, replace: bool) -> None:
     """Refuse a name that is taken."""
     if not os.path.lexists(path):
         return
+    refuse_folder(path)
     if not replace:
         raise UsageError(
             f"{path} exists and is not overwritten; give another name, or replace it with replace=True"

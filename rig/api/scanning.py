@@ -19,7 +19,7 @@ from rig.acquire.interrupt import StopRequest
 from rig.acquire.preflight import Estimate, check
 from rig.api import html
 from rig.api.scans import Scan
-from rig.errors import InterruptedScanError, RefusedError, UsageError
+from rig.errors import InterruptedScanError, RefusedError, UsageError, refuse_folder
 from rig.files.taken import is_scan
 from rig.image.until import Rule, Until
 from rig.light.state import require_no_trip
@@ -280,6 +280,7 @@ def scan(
             f"a plan is given, so that {', '.join(options)} would have no effect; give it to rig.plan"
         )
     target, chosen = Path(path), plan if plan is not None else _planned(options)
+    refuse_folder(target)
     if os.path.lexists(target):
         named = "is a scan, and is" if is_scan(target) else "exists and is"
         raise UsageError(f"{target} {named} not overwritten; give another name, or move it away")

@@ -13,7 +13,7 @@ from typing import Any
 import rig
 from rig.cluster.tasks import fingerprint
 from rig.errors import ConfigError, UsageError, reason
-from rig.image.asked import OPTIONS, Option, asked
+from rig.image.asked import OPTIONS, Option
 from rig.image.request import Request
 
 #: Settings by the names of the options of ``rig recon``. A folder of calibrations changes without its name,
@@ -136,16 +136,16 @@ def _scans(path: Path, where: str, patterns: Any) -> list[Path]:
 
 
 def _request(where: str, settings: Mapping[str, Any], however_long: bool) -> Request:
-    options: dict[str, Any] = {"however_long": however_long}
+    """Read settings one by one, so that an error names the one that is wrong."""
+    fields: dict[str, Any] = {"however_long": however_long}
     for key, value in settings.items():
-        option = {key.replace("-", "_"): value}
+        option = SETTINGS[key]
         try:
-            _check_form(SETTINGS[key], value)
-            asked(**option)
+            _check_form(option, value)
+            fields[option.field] = option.read(value)
         except UsageError as error:
             raise ConfigError(f"{where}: {key}: {error}") from None
-        options |= option
-    return asked(**options)
+    return Request(**fields)
 
 
 def _check_form(option: Option, value: Any) -> None:

@@ -15,7 +15,7 @@ from rig.errors import RefusedError, UsageError, reason
 from rig.install import install_extra
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Security
 
 #: How a cluster is named.
 FORMS = "local, local:4, tcp://HOST:8786, tls://HOST:8786, or the name of a scheduler's FILE.json"
@@ -126,9 +126,9 @@ def _named(address: str) -> "Iterator[Client]":
     from distributed import Client
 
     scheduler = _scheduler(address)
-    _require_certificates(address, scheduler)
+    security = _security(address, scheduler)
     try:
-        client = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+        client = Client(scheduler, timeout=PATIENCE_S, security=security, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
         raise UsageError(
             f"--cluster {address}: no scheduler answers within {PATIENCE_S} s ({error}); check the address, "
@@ -161,19 +161,28 @@ def _scheduler(address: str) -> str:
     return found
 
 
-def _require_certificates(address: str, scheduler: str) -> None:
-    """Refuse TLS without certificates, for which dask has no words."""
+def _security(address: str, scheduler: str) -> "Security":
+    """Return how a scheduler is spoken to; refuse TLS without certificates, for which dask has no words.
+
+    Dask would read the files of certificates for other addresses too, which need none.
+    """
+    import dask
     from distributed import Security
 
+    if not scheduler.startswith(("tls:", "wss:")):
+        encrypted = bool(dask.config.get("distributed.comm.require-encryption"))
+        return Security(encrypted, tls_ca_file=None, tls_client_cert=None, tls_client_key=None)
+    security = Security()
     try:
-        known = Security().get_connection_args("client")["ssl_context"]
+        known = security.get_connection_args("client")["ssl_context"]
     except (OSError, ValueError) as error:  # a bad certificate is an OSError (ssl.SSLError)
         raise UsageError(
             f"--cluster {address}: dask's certificates cannot be used: {error}; check distributed.comm.tls "
             "in dask's configuration (docs/cluster.md, Security)"
         ) from error
-    if scheduler.startswith(("tls:", "wss:")) and known is None:
+    if known is None:
         raise UsageError(
             f"--cluster {address} needs certificates, and dask's configuration has none; set "
             "distributed.comm.tls there (docs/cluster.md, Security)"
         )
+    return security

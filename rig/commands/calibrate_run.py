@@ -119,6 +119,10 @@ def _facts(content: dict[str, Any]) -> dict[str, str]:
         label = name.removesuffix(suffix)
         if isinstance(value, float):
             facts[label.replace("_", " ")] = show(value, unit, 4) if unit else f"{value:.4g}"
-        elif isinstance(value, int | str):
-            facts[label.replace("_", " ")] = str(value)
+        elif isinstance(value, bool):
+            facts[label.replace("_", " ")] = "yes" if value else "no"
+        elif isinstance(value, int):
+            facts[label.replace("_", " ")] = f"{value:,}"
+        elif isinstance(value, str):
+            facts[label.replace("_", " ")] = value
     return facts

@@ -91,6 +91,7 @@ def compare(
     for file, sheet in zip(files, sheets, strict=True):
         with told_if_stopped(sheets), console.Working(f"comparing {file.name}") as working:
             found.append(compared(file, request, sheet, truth=truth, keep=keep, progress=working))
+        _warn(found[-1])
     if as_json:
         console.print_json({"comparisons": [one.as_dict() for one in found]})
     else:
@@ -127,6 +128,15 @@ def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path
     sheets = [out / f"{stem}-compare.png" for stem in stems]
     require_free([*sheets, *(path for file in files for path in volumes_of(file, out).values())], force=force)
     return sheets, out
+
+
+def _warn(found: "Comparison") -> None:
+    """Warn of what no method can image."""
+    from recon.defaults import on_one_line
+    from rig.commands import console
+
+    for sentence in on_one_line(found.work.capture):
+        console.warn(f"{found.file}: {sentence}")
 
 
 def _show(found: "list[Comparison]") -> None:

@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 
 from rig.commands.options import RESULTS
-from rig.errors import DataFileError, UsageError, no_file, reason
+from rig.errors import DataFileError, UsageError, no_file, reason, refuse_folder
 
 #: Longest name of a result, in bytes: what is written beside it first has a longer one, of 255 at most.
 LONGEST_NAME = 200
@@ -90,6 +90,7 @@ def require_free(paths: Iterable[Path], *, force: bool | None = None) -> None:
         if not _is_there(path):
             _require_folder(path)
             continue
+        refuse_folder(path)
         if not force:
             otherwise = "move it away" if force is None else "replace it with --force"
             raise UsageError(f"{path} exists and is not overwritten; give another name, or {otherwise}")

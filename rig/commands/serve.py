@@ -97,11 +97,12 @@ def _refuse_foreign(target: Path) -> None:
     rig.errors.UsageError
         If such a file is there.
     """
-    from rig.errors import UsageError
+    from rig.errors import UsageError, refuse_folder
 
+    refuse_folder(target, "--write-config ")
     try:
         foreign = target.exists() and not target.read_bytes().startswith(HEAD.encode("ascii"))
-    except OSError:  # a folder, or nothing of ours
+    except OSError:  # nothing of ours
         foreign = True
     if foreign:
         raise UsageError(f"{target} exists and is not overwritten; give another --write-config")

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO
 
-from rig.errors import UsageError, in_shell, printable, reason
+from rig.errors import UsageError, in_shell, printable, reason, refuse_folder
 
 
 class Voice:
@@ -103,6 +103,7 @@ def _now() -> str:
 
 def _require_log(path: Path) -> None:
     """Refuse what is no log: lines at the end of a scan would spoil it, and a pipe is waited for."""
+    refuse_folder(path, "--log ")
     try:
         mode = os.stat(path).st_mode
         foreign = not stat.S_ISCHR(mode) and (not stat.S_ISREG(mode) or not _is_log(path))

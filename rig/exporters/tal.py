@@ -19,6 +19,7 @@ from recon.errors import GeometryError
 from rig.errors import UsageError
 from rig.exporters.rectified import rectified
 from rig.files import ScanFile
+from rig.files.taken import MADE_OF_A_SCAN
 
 NAME = "TAL"
 ENDINGS = (".hdf5",)
@@ -78,7 +79,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False, part_bytes: int = P
             first_bin_s = scan.first_bin_s - delays.electronics_delay_s - channel.delay_s
         file["t_start"] = first_bin_s * C_M_PER_S
         file["t_accounts_first_and_last_bounces"] = delays is not None
-        file["scene_info"] = json.dumps({"original_format": "rig-scan", "file": scan.path.name})
+        file["scene_info"] = json.dumps({**MADE_OF_A_SCAN, "file": scan.path.name})
         part = max(1, min(capture.bins, part_bytes // (4 * capture.positions)))
         _write_signal(file, capture, place, shape, part)
 

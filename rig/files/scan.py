@@ -18,7 +18,7 @@ from rig.files.blocks import read, spans
 from rig.files.check import plain, reading
 from rig.files.description import Settings, rectified_by_s
 from rig.files.histograms import DenseHistograms, LaserHistograms, RepeatedHistograms, TaggedHistograms
-from rig.files.journal import Journal
+from rig.files.journal import Journal, journal_of
 from rig.files.outline import ScanOutline, why_mended
 from rig.model.config import RigConfig
 from rig.model.delays import PathDelays
@@ -310,14 +310,26 @@ class ScanFile(ScanOutline):
 
     @property
     def doubts(self) -> list[str]:
-        """What a person must know who reads the file now: whether it was mended, or altered."""
+        """What a person must know who reads it now: if it was mended, lacks its journal, or was altered."""
         found = [self.mended] if self.mended else []
+        if self._lacks_journal:
+            found.append(
+                f"{self.path} was not closed by the program that wrote it, and {journal_of(self.path).name} "
+                "is not in the same folder: the last positions of the scan may be missing here. If the file "
+                "was renamed or copied, put its journal there under that name; "
+                f"{in_shell('rig', 'resume', self.path)} measures what is missing"
+            )
         if self.altered.any():
             found.append(
                 f"{self.path}: positions {in_words(np.flatnonzero(self.altered))} changed after they were "
                 f"written, and are left out. {in_shell('rig', 'resume', self.path)} measures them again"
             )
         return found
+
+    @property
+    def _lacks_journal(self) -> bool:
+        """Whether nothing closed it, and it has no journal; programs that write no checksums wrote none."""
+        return not (self.mended or self.closed or self.growing) and "checksum" in self._file["transients"]
 
     def passes(self) -> list[ScanPass]:
         """Return the passes of the plan; a file without a plan is one.

@@ -14,17 +14,24 @@ from rig.model.quantities import show, show_length
 #: Bins of any instrument and renderer: light goes 0.3 um to 30 m in them.
 _LEAST_S, _MOST_S = 1e-15, 1e-7
 #: Part of the wall's extent that light has gone when the record ends: of a record of what is hidden it is
-#: hardly less than the first, and never less than the second. Millimetres as metres make it 1000 times less.
-_SHORT, _ABSURD = 0.2, 0.01
+#: hardly less than the first.
+_SHORT = 0.2
+#: Such parts for the record and for a bin below which, both together, a unit was misread.
+_MISREAD, _MISREAD_BIN = 1e-2, 1e-4
 
 
 def plausible(content: Content, path: Path) -> Content:
     """Hold a capture's times against its places; return it, with what is doubtful as a sentence.
 
+    A record that is too short to image what is hidden is still one to count or to draw: a curve of one bin,
+    or a few bins cut out. It is reported. It is refused where its bins, too, are finer than anything resolves
+    on such a wall: light goes less than 0.1 mm in a bin, for each metre of the wall. Millimetres as metres,
+    or nanoseconds as picoseconds, are wrong by 1000: bins of 4 ps over 1 m (1.2 mm a bin) become such.
+
     Raises
     ------
     DataFileError
-        If bins are none of a photon counter, or the wall is far too large for the record.
+        If bins are none of a photon counter, or bins and record are both far too short for the wall.
     """
     width_s = content.bin_width_s
     if not _LEAST_S <= width_s <= _MOST_S:
@@ -34,7 +41,7 @@ def plausible(content: Content, path: Path) -> Content:
         )
     end_s = content.first_bin_s + content.bins * width_s
     wall_m = float(np.ptp(np.concatenate([content.laser_m, content.detector_m]), axis=0).max())
-    if 0 < C_M_PER_S * end_s < _ABSURD * wall_m:
+    if 0 < C_M_PER_S * end_s < _MISREAD * wall_m and C_M_PER_S * width_s < _MISREAD_BIN * wall_m:
         raise DataFileError(f"{path}: {_small(wall_m, end_s)}")
     end_s -= least_delay_s(content)
     if end_s <= 0:

@@ -213,7 +213,7 @@ class LiveFigure:
         wave = show_length(picture.pulse.wavelength_m)
         self._front.set_title(title, size=11)
         self._front.text(0.02, 0.03, f"wavelength {wave}", transform=self._front.transAxes, color="white")
-        self._depth.set_title("depth of the surface (grey: none)", size=11)
+        self._depth.set_title("depth of the surface (light grey: none)", size=11)
 
 
 def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDArray[np.float64]], None]:
@@ -238,7 +238,7 @@ def _wall_image(axes: Axes, subject: Subject, scale: Normalize) -> Callable[[NDA
             note.set_text(squares_in_words(side))
             note.set_visible(side > 1)
 
-    axes.set_title("photons (grey: not measured)", size=11)
+    axes.set_title("photons (light grey: not measured)", size=11)
     return draw
 
 

@@ -166,11 +166,16 @@ def show(value: float, unit: str, digits: int = 3) -> str:
 
 
 def show_length(value_m: float, digits: int = 3) -> str:
-    """Write a length as a person in the lab would: metres, centimetres or millimetres."""
-    for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
-        if abs(value_m) >= size or unit == "mm":
-            return f"{value_m / size:.{digits}g} {unit}"
-    raise AssertionError("unreachable")
+    """Write a length as a person in the lab would: metres, centimetres, millimetres; kilometres, too."""
+    if not isfinite(value_m):
+        return f"{value_m:g} m"
+    unit, size = "mm", 1e-3
+    for larger in (("cm", 1e-2), ("m", 1.0), ("km", 1e3)):
+        # rounding first, so that 999.9 m is shown as 1 km rather than as 1e+03 m
+        if float(f"{abs(value_m) / larger[1]:.{digits}g}") >= 1:
+            unit, size = larger
+    text = f"{value_m / size:.{digits}g}"
+    return f"{float(text):,.0f} {unit}" if "e+" in text else f"{text} {unit}"
 
 
 def show_bytes(count: float) -> str:

@@ -162,7 +162,7 @@ def _measured(scan: ScanFile) -> Iterator[Html]:
             _wall_figure(spots_m, counted),
             "photons counted at each laser spot on the wall",
             f"From {counted.min():,.0f} to {counted.max():,.0f} at a spot, {np.median(counted):,.0f} in the "
-            "median. Grey: not measured.",
+            "median. Light grey: not measured.",
         )
     ]
     live_s = scan.live_time_s.astype(float)

@@ -17,7 +17,7 @@ from usb.core import USBError, USBTimeoutError
 from attacks.running import Attack, main
 from attacks.spoiled import NUMBERS, spoiled_bytes
 from drivers.delayers.dg645 import Dg645, Dg645Settings
-from drivers.delayers.psd import PsdDelayer
+from drivers.delayers.psd import Psd
 from drivers.delayers.t560 import T560, T560Settings
 from drivers.errors import DeviceError
 from drivers.harp.device import Harp
@@ -289,7 +289,7 @@ def read_mpd(said: Table) -> None:
 def read_psd(said: Table) -> None:
     """Connect, set a delay, switch the output on, ask for the settings."""
     answers["psd"] = deepcopy(said)
-    with PsdDelayer("noise://psd", clock=StepClock(), timeout_s=0.01) as delayer:
+    with Psd("noise://psd", clock=StepClock(), timeout_s=0.01) as delayer:
         delayer.set_delay(31.5e-9)
         delayer.enable()
         delayer.settings()

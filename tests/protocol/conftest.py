@@ -1,7 +1,10 @@
-"""A simulated galvo, laser and detector, each at its wire."""
+"""A simulated galvo, laser and detector, each at its wire; and transcripts in their place."""
+
+from functools import partial
 
 import pytest
 
+from support.protocol_script import playing
 from support.simulated_rig import simulated_rig
 
 
@@ -9,3 +12,9 @@ from support.simulated_rig import simulated_rig
 def rig():
     with simulated_rig() as rig:
         yield rig
+
+
+@pytest.fixture
+def play(monkeypatch):
+    """Play steps at an address, as a context, and hold the driver to all of them."""
+    return partial(playing, monkeypatch)

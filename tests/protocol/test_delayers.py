@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import count
 
 import pytest
-import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,8 +27,7 @@ from simulators.wire.dg645 import Dg645Box
 from simulators.wire.serial_url import protocol_sim
 from simulators.wire.t560 import INSERTION_S as T560_INSERTION_S
 from simulators.wire.t560 import T560Box
-from support import protocol_script
-from support.wire_script import Script, Step, read_transcript
+from support.wire_script import Step, read_transcript
 
 DG645 = Dg645Settings(pulse_width_s=20e-9, amplitude_v=3.3, repetition_hz=5e6)
 T560_AT = T560Settings(pulse_width_s=15e-9, repetition_hz=10e6)
@@ -64,20 +62,6 @@ def on_bench(name, **changes):
 @pytest.fixture(params=KINDS)
 def name(request):
     return request.param
-
-
-@pytest.fixture
-def play(monkeypatch):
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-
-    @contextmanager
-    def playing(steps):
-        script = Script(list(steps))
-        protocol_script.scripts["wire"] = script
-        yield "script://wire"
-        script.finish()
-
-    return playing
 
 
 def lines(*exchanges):

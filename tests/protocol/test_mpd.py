@@ -1,7 +1,7 @@
 """MPD's Fast-Gated SPAD: the driver against transcripts, wrong answers, and the simulated module."""
 
 import os
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from itertools import pairwise
 
 import pytest
@@ -22,27 +22,12 @@ from drivers.mpd.status import NAMES, NEEDED, parse_piece
 from simulators.bench import Bench
 from simulators.wire.mpd import MpdModule
 from simulators.wire.serial_url import protocol_sim
-from support import protocol_script
 from support.slow_wire import Slow
-from support.wire_script import Script, Step, StepClock, read_transcript
+from support.wire_script import Step, StepClock, read_transcript
 
 SESSION = read_transcript("mpd_session.txt")
 ASKED = SESSION[0]
 GOOD = SESSION[1].data
-
-
-@pytest.fixture
-def play(monkeypatch):
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-
-    @contextmanager
-    def playing(steps):
-        script = Script(list(steps))
-        protocol_script.scripts["wire"] = script
-        yield "script://wire"
-        script.finish()
-
-    return playing
 
 
 def times(said):

@@ -1,9 +1,6 @@
 """NKT's register protocol: telegrams to bytes and back, and what the driver makes of what comes."""
 
-from contextlib import contextmanager
-
 import pytest
-import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,8 +10,7 @@ from drivers.nkt.settings import NktSettings
 from drivers.nkt.telegram import Kind, Telegram, TelegramError, decoded, encoded
 from simulators.bench import Bench
 from simulators.wire import nkt
-from support import protocol_script
-from support.wire_script import Script, Step, StepClock, read_transcript
+from support.wire_script import Step, StepClock, read_transcript
 
 BYTES = st.integers(0, 255)
 TELEGRAMS = st.builds(Telegram, BYTES, BYTES, BYTES, BYTES, st.binary(max_size=240))
@@ -103,20 +99,6 @@ def test_the_mainboard_survives_and_its_light_obeys_the_interlock(pieces):
     assert 0.0 <= bench.light.power <= 1.0
     for answer in bytes(board.output).split(b"\n")[:-1]:
         decoded(answer)
-
-
-@contextmanager
-def playing(monkeypatch, steps):
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-    script = Script(list(steps))
-    protocol_script.scripts["wire"] = script
-    yield "script://wire"
-    script.finish()
-
-
-@pytest.fixture
-def play(monkeypatch):
-    return lambda steps: playing(monkeypatch, steps)
 
 
 SESSION = read_transcript("nkt_session.txt")

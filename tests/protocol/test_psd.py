@@ -1,13 +1,12 @@
 """MPD's Picosecond Delayer: the driver against transcripts, wrong answers, and the simulated unit."""
 
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 
 import pytest
-import serial
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.delayers.psd import ERRORS, PsdDelayer, PsdSettings
+from drivers.delayers.psd import ERRORS, Psd, PsdSettings
 from drivers.errors import (
     DeviceError,
     DeviceNotFoundError,
@@ -20,8 +19,7 @@ from simulators.bench import Bench
 from simulators.clock import BenchClock
 from simulators.wire.psd import PsdFirmware
 from simulators.wire.serial_url import protocol_sim
-from support import protocol_script
-from support.wire_script import Script, Step, StepClock, read_transcript
+from support.wire_script import Step, StepClock, read_transcript
 
 SESSION = read_transcript("psd_session.txt")
 SETTINGS = PsdSettings(trigger_level_v=-0.25)
@@ -31,22 +29,8 @@ BEGIN = read_transcript("psd_session.txt")[:12]
 END = read_transcript("psd_session.txt")[-4:]
 
 
-@pytest.fixture
-def play(monkeypatch):
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-
-    @contextmanager
-    def playing(steps):
-        script = Script(list(steps))
-        protocol_script.scripts["wire"] = script
-        yield "script://wire"
-        script.finish()
-
-    return playing
-
-
 def psd(address, settings=None):
-    return PsdDelayer(address, clock=StepClock(), settings=settings)
+    return Psd(address, clock=StepClock(), settings=settings)
 
 
 def asked(sent, answered):
@@ -154,7 +138,7 @@ def test_a_level_that_is_not_possible_is_refused_without_a_delayer(level_v):
 def unit():
     bench = Bench(clock=BenchClock())
     address = protocol_sim.attach("all/psd", PsdFirmware(bench), bench.clock)
-    with PsdDelayer(address, clock=bench.clock, settings=PsdSettings(repetition_hz=1e6)) as one:
+    with Psd(address, clock=bench.clock, settings=PsdSettings(repetition_hz=1e6)) as one:
         yield one, bench
     protocol_sim.detach(address)
 

@@ -1,11 +1,9 @@
 """The drivers against transcripts of what public documents say, with no simulator in sight."""
 
-from contextlib import contextmanager
 from math import atan, radians, tan
 
 import numpy as np
 import pytest
-import serial
 
 from drivers.errors import (
     DeviceNotFoundError,
@@ -19,24 +17,8 @@ from drivers.katana.dialects import KATANA_08HP
 from drivers.katana.laser import KatanaLaser
 from drivers.katana.settings import KatanaSettings
 from drivers.optotune import MirrorStatus, OptotuneLimits, OptotuneMirror
-from support import protocol_script
 from support.scripted_usb import USB_WORDS, ScriptedUsb, framed
-from support.wire_script import Script, Step, StepClock, read_transcript
-
-
-@pytest.fixture
-def play(monkeypatch):
-    """Play steps at an address and hold the driver to all of them."""
-    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
-
-    @contextmanager
-    def playing(steps):
-        script = Script(list(steps))
-        protocol_script.scripts["wire"] = script
-        yield "script://wire"
-        script.finish()
-
-    return playing
+from support.wire_script import Step, StepClock, read_transcript
 
 
 def lines(*exchanges):

@@ -7,6 +7,7 @@ import pytest
 
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.depth import peak_depth
+from recon.errors import ReconError
 from recon.grid import VoxelGrid
 from recon.imaging import image
 from recon.wave import VirtualPulse
@@ -44,6 +45,23 @@ def test_a_point_is_where_it_is(confocal, cycles, depth_m):
     point_m = np.array([[0.1, -0.06, depth_m]])
     (found_m,) = read(taken(point_m, confocal), VirtualPulse(0.08, cycles), 0.1, -0.06, depth_m).ravel()
     assert found_m == pytest.approx(depth_m, abs=4e-4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_too_large_for_single_precision_are_imaged_right_or_refused():
+    """A power of two changes no digit: the depth is the same, until the intensity itself is too large."""
+    capture, depths_m = taken(np.array([[0.1, -0.06, 1.0]]), True, side=11), []
+    ((_, counts),) = capture.histograms.blocks()
+    for scale in (1, 2**40, 2**70):
+        held = ArrayHistograms(counts.astype(np.float32) * np.float32(scale))
+        arguments = (replace(capture, histograms=held), VirtualPulse(0.08, 2), 0.1, -0.06, 1.0)
+        if scale == 2**70:
+            with pytest.raises(ReconError, match=r"square is too large.*divide the counts"):
+                read(*arguments)
+        else:
+            depths_m.append(read(*arguments).item())
+    assert depths_m[0] == pytest.approx(depths_m[1], abs=1e-6)
+    assert depths_m[0] == pytest.approx(1.0, abs=2e-3)
 
 
 @pytest.mark.parametrize("confocal", [True, False], ids=["confocal", "one spot"])

@@ -227,6 +227,17 @@ def test_what_is_not_cut_is_refused(rig, options, said):
     assert said in done.err
 
 
+def test_certificates_that_an_address_does_not_need_are_not_read(client):
+    import dask
+
+    missing = {f"distributed.comm.tls.{name}": "missing.pem" for name in ("ca-file", "client.cert")}
+    with dask.config.set(missing):
+        with joined(client.scheduler.address) as another:
+            assert len(another.nthreads()) == 2
+        with pytest.raises(UsageError, match="certificates cannot be used"), joined("tls://127.0.0.1:9"):
+            pass
+
+
 def test_an_address_without_a_scheduler_is_said(tmp_path):
     assert local_workers("tcp://127.0.0.1:9") is None
     with pytest.raises(UsageError, match="cannot be read"), joined("missing.json"):

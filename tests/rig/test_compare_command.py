@@ -11,12 +11,16 @@ import pytest
 from recon.capture import C_M_PER_S, ArrayHistograms, Capture
 from recon.wave import VirtualPulse
 from rig.commands import documents
+from rig.commands.compare import _warn as warn
 from rig.files import ScanFile, Volume, read_volume, write_volume
-from rig.image.compare import FWHM, METHODS, Compared, column, low_pass_sigma_s
+from rig.image.compare import FWHM, METHODS, Compared, Comparison, column, low_pass_sigma_s
 from rig.image.low_pass import low_passed
+from rig.image.request import Request
 from rig.image.truth import known_truth
+from rig.image.work import chosen
 from rig.importers import import_scan
 from rig.show.compare import Column, comparison_figure
+from support.point_scans import write_point_scan
 
 POINT = np.array([0.06, -0.03, 0.55])
 #: Wavelength and depths of all comparisons here: small, since each method runs in a process of its own.
@@ -112,6 +116,15 @@ def test_a_dark_capture_has_no_comparison(rig, tmp_path):
     assert done.code == 2
     assert "the record has no counts" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["dark.h5"]
+
+
+@pytest.mark.parametrize(("shape", "warned"), [((9, 1), True), ((3, 3), False)])
+def test_positions_on_one_line_are_warned_about(tmp_path, capsys, shape, warned):
+    path = write_point_scan(tmp_path / "line.h5", shape)
+    with ScanFile(path) as scan:
+        work, reason = chosen(scan, Request(wavelength_m=0.16, depth_m=(0.6, 0.8, 0.1)))
+        warn(Comparison(path, tmp_path / "a.png", None, work, reason, 0.0, ()))
+    assert ("line.h5: all positions are on one line" in capsys.readouterr().err) == warned
 
 
 def test_a_column_shows_the_volume_and_its_numbers():

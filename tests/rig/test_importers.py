@@ -135,6 +135,23 @@ def test_a_wall_that_is_wide_for_its_record_is_told_of(tmp_path):
     assert "its spots span" in " ".join(import_scan(tmp_path / "a.h5", tmp_path / "b.h5").assumed)
 
 
+@pytest.mark.parametrize(("bins", "wall_m"), [(1, 0.2), (4, 1.0)])
+def test_a_record_too_short_to_image_is_imported_to_be_counted(tmp_path, bins, wall_m):
+    corners_m = wall_m / 2 * np.array([[-1, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    neutral(
+        tmp_path / "a.h5",
+        counts=np.full((4, bins), 7, np.uint16),
+        time_s=4e-12 * (0.5 + np.arange(bins)),
+        laser_position_m=corners_m,
+        detector_position_m=np.zeros(3),
+    )
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["bin_width_s"] = 4e-12
+    assert "its spots span" in " ".join(import_scan(tmp_path / "a.h5", tmp_path / "b.h5").assumed)
+    with ScanFile(tmp_path / "b.h5") as scan:
+        assert scan.photons == 28 * bins
+
+
 def test_a_neutral_wall_beside_z_0_is_moved_there_with_its_heads(tmp_path):
     wrote = neutral(tmp_path / "a.h5", detector_position_m=np.array([[0.0, 0.0, 20.0]]))
     with h5py.File(tmp_path / "a.h5", "r+") as file:

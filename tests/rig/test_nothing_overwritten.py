@@ -10,6 +10,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -100,6 +101,42 @@ def test_force_replaces_results_and_no_scan(rig, scan, tmp_path, scanned):
     write_volume("old.h5", Volume(np.ones((1, 2, 2), "f4"), np.arange(2.0), np.arange(2.0), np.ones(1)))
     assert rig("recon", "a.h5", *COARSE, "--out", "old.h5", "--force").code == 0
     assert read_volume("old.h5").scan == "a.h5"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "scan --out .",
+        "recon a.h5 --out .",
+        "recon a.h5 --image . --force",
+        "export a.h5 .",
+        "import a.h5 .",
+        "report a.h5 --out .",
+        "init --defaults --out .",
+        "sim render letters .",
+        "sim serve --write-config .",
+        "doctor --log .",
+    ],
+)
+def test_a_folder_is_no_name_of_a_result(rig, scan, tmp_path, command):
+    done = rig(*command.split())
+    assert done.code == 2
+    assert ". is a folder; give the name of a file in it, e.g. NAME" in done.err
+    assert sorted(tmp_path.iterdir()) == [scan]
+
+
+def test_an_exported_scan_is_replaced_and_one_of_another_program_is_not(rig, scan, tmp_path):
+    export = ("export", "a.h5", "a.hdf5", "--force")
+    assert rig("export", "a.h5", "a.hdf5").code == 0
+    assert rig("export", "a.h5", "a.hdf5").code == 2
+    assert rig(*export).code == 0
+    with h5py.File("a.hdf5", "r+") as file:
+        file["scene_info"][()] = "original_format: y-tal"
+    kept = (tmp_path / "a.hdf5").read_bytes()
+    done = rig(*export)
+    assert done.code == 2
+    assert "a.hdf5 is a scan" in done.err
+    assert (tmp_path / "a.hdf5").read_bytes() == kept
 
 
 def test_a_picture_without_a_known_ending_is_refused_before_anything_is_computed(rig, scan, tmp_path):

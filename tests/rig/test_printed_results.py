@@ -6,6 +6,7 @@ import pytest
 
 from rig.acquire.events import StepDone
 from rig.commands import console
+from rig.commands.calibrate_run import _facts as facts
 from rig.model.plan import Step
 from rig.setup.doctor.finding import Finding
 
@@ -51,3 +52,8 @@ def test_progress_without_a_terminal_tells_the_truth(capsys):
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(" %")[0].strip() for line in lines] == ["25", "50", "75", "100"]
     assert [line for line in lines if line != line.rstrip()] == []
+
+
+def test_what_a_calibration_found_is_in_words():
+    found = facts({"simulated": True, "counts": 498_703, "fwhm_s": 66.15e-12, "shape": [1.0]})
+    assert found == {"simulated": "yes", "counts": "498,703", "fwhm": "66.15 ps"}

@@ -364,6 +364,27 @@ def test_a_file_moved_under_the_scan_ends_it_and_is_closed_where_it_is(tmp_path,
     assert measured_and_right(elsewhere) == 11
 
 
+def test_a_file_renamed_without_its_journal_is_reported(tmp_path, form):
+    path, renamed = tmp_path / "scan.h5", tmp_path / "renamed.h5"
+    writer = create(path, form)
+    for position in range(POSITIONS):
+        add(writer, position)
+        if position == POSITIONS - 2:
+            writer.checkpoint()
+            shutil.copy(path, renamed)  # as a program that is killed here leaves both
+            shutil.copy(journal_of(path), tmp_path / "aside")
+    writer.close("complete")
+    with ScanFile(path) as whole:
+        assert whole.doubts == []
+    with ScanFile(renamed) as scan:
+        (said,) = scan.doubts
+    assert "renamed.h5.journal is not in the same folder" in said
+    (tmp_path / "aside").rename(journal_of(renamed))
+    with ScanFile(renamed) as scan:
+        assert "is read from its journal" in scan.doubts[0]
+        assert scan.done.sum() == POSITIONS - 1
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not delete an open file")
 @pytest.mark.parametrize("also_the_journal", [False, True])
 def test_a_file_deleted_under_the_scan_is_saved_under_another_name(tmp_path, form, also_the_journal):

@@ -20,7 +20,7 @@ from rig.commands.documents import Served
 from rig.files.scan import ScanFile
 from rig.light.state import forget_trip
 from rig.model.config import load
-from support.served_bench import rig_command, served
+from support.served_bench import rig_command, scan_served, served
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
@@ -38,9 +38,7 @@ def bench(tmp_path_factory):
 
 
 def scan(rig, bench, name):
-    done = rig("scan", "--config", bench.config, *GRID, "--out", name, "--json", "--yes")
-    assert done.code == 0, done.err
-    return json.loads(done.out)
+    return json.loads(scan_served(rig, bench, Path(name), *GRID, "--json").out)
 
 
 def counts(path):

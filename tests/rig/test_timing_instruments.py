@@ -12,7 +12,7 @@ from rig.files import ScanFile
 from rig.files.picoquant import read_head
 from rig.model.config import RigConfig, TimeHarp260Config, load, recorded
 from rig.setup.doctor import timing
-from support.served_bench import served
+from support.served_bench import scan_served, served
 
 #: What a configuration says of each, beside its kind; nothing where its usual settings do.
 KINDS = {
@@ -279,8 +279,7 @@ def test_another_instrument_on_a_served_bench(rig, tmp_path):
         told = load(bench.config).tcspc
         assert isinstance(told, TimeHarp260Config)
         assert (told.board, told.address) == ("N", bench.told["timing"])
-        done = rig("scan", "--config", bench.config, *PLAN[:-2], "--out", "served.h5", "--yes")
-        assert done.code == 0, done.err
+        scan_served(rig, bench, tmp_path / "served.h5", *PLAN[:-2])
     with ScanFile(tmp_path / "served.h5") as scan:
         assert scan.devices["tcspc"]["identity"].startswith("PicoQuant TimeHarp 260 N, part SIM")
         assert scan.photons > 10_000

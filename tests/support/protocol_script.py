@@ -1,5 +1,8 @@
 """pyserial's handler for ``script://NAME``: a port whose far end is a transcript."""
 
+from contextlib import contextmanager
+
+import serial
 from serial.serialutil import SerialBase
 
 from support.wire_script import Script
@@ -30,3 +33,13 @@ class Serial(SerialBase):
 
     def _reconfigure_port(self) -> None:
         pass
+
+
+@contextmanager
+def playing(monkeypatch, steps):
+    """Play steps at an address, and hold the driver to all of them."""
+    monkeypatch.setattr(serial, "protocol_handler_packages", ["serial.urlhandler", "support"])
+    script = Script(list(steps))
+    scripts["wire"] = script
+    yield "script://wire"
+    script.finish()

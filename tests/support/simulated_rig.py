@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import fields
 
 from drivers.delayers.dg645 import Dg645, Dg645Settings
-from drivers.delayers.psd import PsdDelayer, PsdSettings
+from drivers.delayers.psd import Psd, PsdSettings
 from drivers.delayers.t560 import T560, T560Settings
 from drivers.id120 import Id120Settings, Id120Spad
 from drivers.katana.dialects import KATANA_08HP
@@ -100,10 +100,10 @@ class Rig:
         address = self.plug_in("mpd", MpdModule)
         return MpdSpad(address, clock=self.bench.clock, settings=settings, **options)
 
-    def psd(self, **options) -> PsdDelayer:
+    def psd(self, **options) -> Psd:
         settings = PsdSettings(**settings_in(options, PsdSettings))
         address = self.plug_in("psd", PsdFirmware)
-        return PsdDelayer(address, clock=self.bench.clock, settings=settings, **options)
+        return Psd(address, clock=self.bench.clock, settings=settings, **options)
 
     def dg645(self, **options) -> Dg645:
         settings = Dg645Settings(**{"pulse_width_s": 20e-9, "repetition_hz": 5e6, **options})

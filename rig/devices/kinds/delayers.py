@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from drivers.delayers.dg645 import Dg645, Dg645Settings
-from drivers.delayers.psd import PsdDelayer, PsdSettings
+from drivers.delayers.psd import Psd, PsdSettings
 from drivers.delayers.t560 import T560, T560Settings
 from rig.devices.by_hand import DelayerByHand
 from rig.devices.kinds.kind import Kind, Kinds
@@ -21,7 +21,7 @@ def psd_settings(config: PsdConfig, sync_hz: float) -> PsdSettings:
 
 def open_psd(config: PsdConfig, wires: Wires) -> AbstractContextManager[GateDelayer]:
     """Return a Picosecond Delayer, to be entered."""
-    return PsdDelayer(wires.delayer, clock=wires.clock, settings=psd_settings(config, wires.sync_hz))
+    return Psd(wires.delayer, clock=wires.clock, settings=psd_settings(config, wires.sync_hz))
 
 
 def dg645_settings(config: Dg645Config, sync_hz: float) -> Dg645Settings:

@@ -130,14 +130,14 @@ function showPictures() {
   const { colours } = state.scan;
   const { wall, picture, histogram, rates } = state;
   drawImage(at("wall"), wall, colours.counts, { label: "photons", note: wall.note });
-  put("wall-said", `${wall.said}. Grey: not measured.`);
+  put("wall-said", `${wall.said}. Light grey: not measured.`);
   drawImage(at("front"), picture?.front, colours.amplitude, {
     label: "amplitude / maximum", note: picture?.empty ? "no signal above noise" : "",
   });
   put("front-title", picture ? upper(picture.title) : "Live image");
   put("front-said", picture ? `Wavelength ${picture.wavelength}. ${picture.said}` : "Not yet.");
   drawImage(at("depth"), picture?.depth, colours.depth, { label: "depth z (m)", note: "" });
-  put("depth-said", picture ? "Grey: no surface." : "Not yet.");
+  put("depth-said", picture ? "Light grey: no surface." : "Not yet.");
   drawHistogram(at("histogram"), histogram, picture?.imaged_ns);
   put("histogram-said", histogram ? histogramInWords(histogram, picture) : "No photons yet.");
   drawCurve(at("rates"), rates);
