@@ -225,6 +225,7 @@ def _read_some(read, good: Path, folder: Path, seeds: range, pipe) -> None:
 def attack(parser: str, number: int, first: int = 0, told: Counter | None = None) -> list[Fault]:
     """Read the files of so many seeds; return the faults."""
     faults: list[Fault] = []
+    late: set[int] = set()  # read once more: a computer that stood still is no fault of the reader
     told = Counter() if told is None else told
     context = multiprocessing.get_context("fork")
     seed, stop = first, first + number
@@ -234,6 +235,7 @@ def attack(parser: str, number: int, first: int = 0, told: Counter | None = None
         worker.start()
         theirs.close()
         now, outcome = seed, ""
+        seed = stop
         try:
             while ours.poll(DEADLINE_S):
                 now, outcome = ours.recv()
@@ -244,13 +246,16 @@ def attack(parser: str, number: int, first: int = 0, told: Counter | None = None
                     if outcome not in {"read", "refused"}:
                         faults.append(Fault(now, outcome))
             else:
-                faults.append(Fault(now, f"longer than {DEADLINE_S} s"))
+                seed = now + 1 if outcome else now
+                if seed in late:
+                    faults.append(Fault(seed, f"longer than {DEADLINE_S} s"))
+                seed, _ = seed + (seed in late), late.add(seed)
         except EOFError:
             worker.join()
             faults.append(Fault(now, f"the process died: {worker.exitcode}"))
+            seed = now + 1
         worker.kill()
         worker.join()
-        seed = stop if outcome == "end" else now + 1
     return faults
 
 
