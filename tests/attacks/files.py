@@ -222,7 +222,9 @@ def _read_some(read, good: Path, folder: Path, seeds: range, pipe) -> None:
         pipe.send((seed, _outcome(read, path)))
 
 
-def attack(parser: str, number: int, first: int = 0, told: Counter | None = None) -> list[Fault]:
+def attack(
+    parser: str, number: int, first: int = 0, told: Counter | None = None, deadline_s: float = DEADLINE_S
+) -> list[Fault]:
     """Read the files of so many seeds; return the faults."""
     faults: list[Fault] = []
     late: set[int] = set()  # read once more: a computer that stood still is no fault of the reader
@@ -237,7 +239,7 @@ def attack(parser: str, number: int, first: int = 0, told: Counter | None = None
         now, outcome = seed, ""
         seed = stop
         try:
-            while ours.poll(DEADLINE_S):
+            while ours.poll(deadline_s):
                 now, outcome = ours.recv()
                 if outcome == "end":
                     break
@@ -248,7 +250,7 @@ def attack(parser: str, number: int, first: int = 0, told: Counter | None = None
             else:
                 seed = now + 1 if outcome else now
                 if seed in late:
-                    faults.append(Fault(seed, f"longer than {DEADLINE_S} s"))
+                    faults.append(Fault(seed, f"longer than {deadline_s} s"))
                 seed, _ = seed + (seed in late), late.add(seed)
         except EOFError:
             worker.join()

@@ -25,6 +25,31 @@ def test_readers_read_or_refuse(parser):
     assert attack(parser, 20) == []
 
 
+def plain_file(folder):
+    (folder / "good.txt").write_bytes(bytes(100))
+    return folder / "good.txt"
+
+
+@pytest.mark.parametrize(
+    ("read", "what", "deadline_s"),
+    [
+        (doing.die, "the process died: -", 20.0),
+        (doing.swallow, "MemoryError", 20.0),
+        (doing.turn, "longer than 0.5 s", 0.5),
+        (lambda path: 1 // 0, "ZeroDivisionError", 20.0),
+    ],
+)
+def test_an_attack_finds_what_must_not_be(monkeypatch, read, what, deadline_s):
+    def sometimes(path):
+        if path.parent.name == "1":
+            read(path)
+
+    monkeypatch.setitem(PARSERS, "planted", (plain_file, sometimes))
+    found = attack("planted", 3, deadline_s=deadline_s)
+    assert [one.seed for one in found] == [1]
+    assert what in found[0].what
+
+
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     return scan_file(tmp_path_factory.mktemp("good"))
