@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from attacks.files import PARSERS, attack, read_scan, scan_file
+from attacks.files import PARSERS, attack, import_as_it_is, read_scan, scan_file, tal_file
 from rig.errors import DataFileError
 from rig.files.trial import tried
 from support import tried as doing
@@ -128,6 +128,20 @@ def test_what_is_refused_and_why(good, tmp_path, edit, said):
     with pytest.raises(DataFileError, match=said) as caught:
         read_scan(path)
     assert "edited.h5" in str(caught.value)
+
+
+@pytest.mark.parametrize(("chunks", "written"), [((64, 12), 0), ((64, 12), 1), (None, 0)])
+def test_an_import_of_what_was_never_written(tmp_path, chunks, written):
+    path = tal_file(tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file["H"]
+        file.create_dataset("H", (2**31, 12), "i8", chunks=chunks)
+        if written:
+            file["H"][:64] = 1
+    began_s = time.monotonic()
+    with pytest.raises(DataFileError, match="written"):
+        import_as_it_is(path)
+    assert time.monotonic() - began_s < 5
 
 
 def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):
