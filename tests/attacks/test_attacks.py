@@ -93,6 +93,7 @@ FOUND = [
     ("toml", "a = " + "[" * 100_000),
     ("toml", "a" + ".a" * 100_000 + " = 1"),
     ("toml", "a = " + "9" * 5000),
+    ("toml", '[laser]\nkind = "nkt"\noscillator = "80MHz"\nrepetition = "1e-320MHz"\n'),
     ("recorded configuration", '{"a":' * 100_000),
     ("plan", "[" * 100_000),
     ("plan", '{"columns": 1e308, "rows": {}, "spacing_m": [], "exposure_s": null, "detector_spot_m": 1}'),
