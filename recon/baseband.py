@@ -45,6 +45,15 @@ class Cells:
     all: NDArray[np.complexfloating]
     before: NDArray[np.complexfloating]
 
+    def joined(self, others: Sequence["Cells"]) -> "Cells":
+        """Return these and others as one."""
+        if not others:
+            return self
+        return Cells(
+            np.concatenate([self.all, *(one.all for one in others)]),
+            np.concatenate([self.before, *(one.before for one in others)], axis=1),
+        )
+
 
 class Mixer:
     """Mixes histograms down, and takes their spectra over runs of bins.

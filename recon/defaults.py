@@ -6,7 +6,6 @@ from math import ceil, floor, inf, isfinite, log10, pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
@@ -70,7 +69,10 @@ def _spacing_of_m(spots_m: NDArray[np.float64]) -> float:
         aperture = recognise(spots_m - [0, 0, (spots_m[:, 2].min() + spots_m[:, 2].max()) / 2])
     except GeometryError:
         return _side_of_each_m(spots_m)
-    pitch_m, side_m = max(aperture.x.pitch_m, aperture.y.pitch_m), _side_of_each_m(spots_m)
+    pitch_m = max(aperture.x.pitch_m, aperture.y.pitch_m)
+    if len(spots_m) >= COMPLETE * aperture.x.count * aperture.y.count:
+        return pitch_m
+    side_m = _side_of_each_m(spots_m)
     for spacings in _complete_spacings(aperture):
         if spacings * pitch_m < UNEVEN * side_m:
             return float(spacings * pitch_m)
@@ -107,6 +109,8 @@ def shortest_wavelength_m(response_fwhm_s: float) -> float:
 
 def _side_of_each_m(spots_m: NDArray[np.float64]) -> float:
     """Return sqrt(area / positions), of the hull as seen from the front; of the distances, if it has none."""
+    from scipy.spatial import ConvexHull, KDTree, QhullError
+
     try:
         hull = ConvexHull(spots_m[:, :2])
     except (QhullError, ValueError):

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from recon.capture import C_M_PER_S, Capture, Positions, UnreadHistograms
 from recon.grid import VoxelGrid
@@ -207,6 +206,8 @@ def tallied(capture: Capture, pulse: VirtualPulse, window: Window) -> tuple[Capt
 
 def photon_noise(tally: Tally, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
     """Evaluate the noise over a volume, from what was summed up while it was imaged."""
+    from scipy.ndimage import gaussian_filter1d
+
     capture, tiles = tally.capture, len(tally.cells)
     cell_s = tally.group * capture.bin_width_s
     # |pulse|^2 is a Gaussian of sigma_t / sqrt(2), with a peak of one.
@@ -215,24 +216,24 @@ def photon_noise(tally: Tally, pulse: VirtualPulse, grid: VoxelGrid) -> Noise:
     members = np.bincount(tally.tile, minlength=tiles)
 
     def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        full = np.broadcast_to(values, (capture.positions, *values.shape[1:]))
-        sums = np.zeros((tiles, *values.shape[1:]))
-        np.add.at(sums, tally.tile, full)
-        return (sums.T / members).T
+        full = np.broadcast_to(values, (capture.positions, *values.shape[1:])).reshape(capture.positions, -1)
+        sums = [np.bincount(tally.tile, column, minlength=tiles) for column in full.T]
+        return (np.array(sums) / members).T.reshape(tiles, *values.shape[1:])
 
     begin_s, laser_m, detector_m = mean(capture.first_bin_s), mean(capture.laser_m), mean(capture.detector_m)
     x_m, y_m = (np.linspace(axis[0], axis[-1], min(PLACES, len(axis))) for axis in (grid.x_m, grid.y_m))
 
-    def distances_m(spots_m: NDArray[np.float64], z_m: float) -> NDArray[np.float64]:
+    def beside_m2(spots_m: NDArray[np.float64]) -> NDArray[np.float64]:
         across, up = (x_m[:, None] - spots_m[:, 0]) ** 2, (y_m[:, None] - spots_m[:, 1]) ** 2
-        return np.sqrt(across + up[:, None] + (z_m - spots_m[:, 2]) ** 2)
+        return across + up[:, None]
 
+    beside_laser_m2, beside_detector_m2 = beside_m2(laser_m), beside_m2(detector_m)
     levels = np.empty((len(grid.z_m), len(y_m), len(x_m)))
     for k, z_m in enumerate(grid.z_m):
-        r_p = distances_m(laser_m, z_m)
-        delay_s = (r_p + distances_m(detector_m, z_m)) / C_M_PER_S
-        cell = np.clip(((delay_s - begin_s) / cell_s).astype(int), 0, seen.shape[1] - 1)
-        weights = 1 / r_p**2
+        r_p2 = beside_laser_m2 + (z_m - laser_m[:, 2]) ** 2
+        path_m = np.sqrt(r_p2) + np.sqrt(beside_detector_m2 + (z_m - detector_m[:, 2]) ** 2)
+        cell = np.clip(((path_m / C_M_PER_S - begin_s) / cell_s).astype(np.intp), 0, seen.shape[1] - 1)
+        weights = 1 / r_p2
         levels[k] = (seen[np.arange(tiles), cell] * weights).sum(axis=-1)
         levels[k] += HANDFUL * weights.mean(axis=-1)
     return Noise(levels, photons=True)

@@ -29,6 +29,8 @@ Spectra = Callable[
     list[NDArray[np.complexfloating]],
 ]
 
+#: Positions whose cells are multiplied at once: fewer would have threads wait for one another more often.
+TOGETHER = 512
 #: Positions and their counts.
 Block = tuple[slice, NDArray]
 
@@ -82,7 +84,7 @@ def spectra(
         return transform.spectra
     with one_thread_each():
         for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
-            transform.add(positions, counts)
+            transform.add(positions, counts, at_least=TOGETHER if positions.stop < capture.positions else 0)
             if progress:
                 progress(positions.stop / capture.positions)
     return transform.spectra
@@ -136,8 +138,9 @@ class Transform:
         first = min((part.bins.start for part in self._reached.values()), default=0)
         self.bins = slice(first, max((part.bins.stop for part in self._reached.values()), default=first))
         self._edges = Edges(capture, window, self.bins)
+        self._waiting: list[tuple[NDArray[np.intp], Cells]] = []
 
-    def add(self, positions: Positions, counts: NDArray) -> None:
+    def add(self, positions: Positions, counts: NDArray, at_least: int = 0) -> None:
         """Add the counts of some positions, each of them once.
 
         Parameters
@@ -146,9 +149,15 @@ class Transform:
             Which.
         counts
             (block, bins) of `bins`; they may be reused afterwards.
+        at_least
+            They may be kept until so many positions have come; then all are added.
         """
         where = np.arange(self._capture.positions)[positions]
-        self._add(where, self._mixer.counts(counts, self._edges.start(where)))
+        self._waiting.append((where, self._mixer.counts(counts, self._edges.start(where))))
+        if sum(len(some) for some, _ in self._waiting) >= at_least:
+            places, cells = zip(*self._waiting, strict=True)
+            self._waiting.clear()
+            self._add(np.concatenate(places), cells[0].joined(cells[1:]))
 
     def add_photons(
         self, positions: NDArray[np.intp], offset: NDArray[np.integer], photon_bins: NDArray[np.integer]

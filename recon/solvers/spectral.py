@@ -6,10 +6,11 @@ a propagator, plane by plane. All else, which bins, which frequencies, which pas
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import islice
+from functools import partial
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -132,20 +133,25 @@ def spectral(
     def focus(problem: ImagingProblem) -> Iterator[Field]:
         if check:
             check(problem)
-        passes = problem.passes or (problem.depth_blocks,)
-        work = sum(_work(depth_block) for depth_block in problem.depth_blocks)
+        if problem.passes:
+            yield from in_passes(problem)
+            return
+        steps = _Steps(problem)
+        found = steps.spectra(problem.depth_blocks, dtype)
+        begin = (
+            partial(_planes, focus_block, steps.alone(block), found, dtype) for block in problem.depth_blocks
+        )
+        yield from _overlapping(list(begin), problem)
+
+    def in_passes(problem: ImagingProblem) -> Iterator[Field]:
+        """Take the depth blocks in pieces that keep to a bound on memory, one after the other."""
         missing = deque(len(depth_block.band) for depth_block in problem.depth_blocks)
         held: list[Field] = []
-        done = 0.0
-        for pieces in passes:
-            told = part_of(problem.progress, done, done := done + READING / len(passes))
-            found = problem.spectra(problem.capture, pieces, problem.window, told, dtype)
+        steps = _Steps(problem)
+        for pieces in problem.passes:
+            found = steps.spectra(pieces, dtype)
             for piece in pieces:
-                told = part_of(problem.progress, done, done := done + (1 - READING) * _work(piece) / work)
-                voxels = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[piece.planes])
-                part = replace(problem, grid=voxels, depth_blocks=(piece,), progress=told)
-                # Taken out of the list, so that its memory is free when its piece is done.
-                planes = _planes(focus_block, part, found.pop(0), dtype)
+                planes = _planes(focus_block, steps.alone(piece), found, dtype)
                 missing[0] -= len(piece.band)
                 if held:
                     for sum_, plane in zip(held, planes, strict=True):
@@ -161,6 +167,57 @@ def spectral(
     return focus
 
 
+class _Steps:
+    """The steps of a problem, each with its part of the progress.
+
+    Parameters
+    ----------
+    problem
+        All of it.
+    """
+
+    def __init__(self, problem: ImagingProblem) -> None:
+        self._problem = problem
+        self._work = sum(_work(depth_block) for depth_block in problem.depth_blocks)
+        self._done = 0.0
+
+    def spectra(self, pieces: Sequence[DepthBlock], dtype: DTypeLike) -> list[Field]:
+        """Take the spectra of depth blocks, or pieces of them, in one pass over the record."""
+        problem, told = self._problem, self._next(READING / max(1, len(self._problem.passes)))
+        return problem.spectra(problem.capture, pieces, problem.window, told, dtype)
+
+    def alone(self, piece: DepthBlock) -> ImagingProblem:
+        """Return a problem of a depth block, or a piece of one, alone."""
+        told, grid = self._next((1 - READING) * _work(piece) / self._work), self._problem.grid
+        voxels = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[piece.planes])
+        return replace(self._problem, grid=voxels, depth_blocks=(piece,), progress=told)
+
+    def _next(self, part: float) -> Callable[[float], None]:
+        began, self._done = self._done, self._done + part
+        return part_of(self._problem.progress, began, self._done)
+
+
+def _overlapping(begin: Sequence[Callable[[], Iterator[Field]]], problem: ImagingProblem) -> Iterator[Field]:
+    """Yield the planes of all depth blocks; each begins while the last planes of the one before are in work.
+
+    Otherwise cores would wait for one another at the end of each block.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        following = thread.submit(_begun, begin[0])
+        for number, block in enumerate(problem.depth_blocks):
+            last = block.planes.stop - block.planes.start - 1
+            for index, plane in enumerate(following.result()):
+                if index == max(0, last - problem.threads) and number + 1 < len(begin):
+                    following = thread.submit(_begun, begin[number + 1])
+                yield plane
+
+
+def _begun(begin: Callable[[], Iterator[Field]]) -> Iterator[Field]:
+    """Begin to compute planes before they are asked for."""
+    planes = begin()
+    return chain([next(planes)], planes)
+
+
 def _work(piece: DepthBlock) -> int:
     return piece.reached * (piece.planes.stop - piece.planes.start) * len(piece.band)
 
@@ -168,10 +225,14 @@ def _work(piece: DepthBlock) -> int:
 def _planes(
     focus_block: Callable[[ImagingProblem, Field], Iterator[Field]],
     part: ImagingProblem,
-    emitted: Field,
+    found: list[Field],
     dtype: DTypeLike,
 ) -> Iterator[Field]:
-    """Image a problem of one depth block: darkness, where the record does not reach it."""
+    """Image a problem of one depth block: darkness, where the record does not reach it.
+
+    Its spectra are taken out of the list, the first of them, so that their memory is free when it is done.
+    """
+    emitted = found.pop(0)
     if not part.depth_blocks[0].reached:
         return (np.zeros((part.frames + part.slopes, *part.grid.shape[1:]), dtype) for _ in part.grid.z_m)
     # In the spectra's own precision: weights of another are converted number by number.

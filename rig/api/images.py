@@ -20,7 +20,8 @@ from rig.image.measures import measure
 from rig.image.picture import picture
 from rig.image.result import Result
 from rig.image.truth import true_depth
-from rig.show.volume import check_picture, save
+from rig.show.endings import check_picture
+from rig.show.volume import save
 
 #: Endings of the program's own volume files.
 _OWN = (".h5", ".hdf5")

@@ -35,8 +35,8 @@ def list_(
         require_free([sheet], force=force)
     found = catalogue(folder)
     if sheet is not None:
+        from rig.show.endings import check_picture
         from rig.show.thumbnails import save_sheet
-        from rig.show.volume import check_picture
 
         check_picture(sheet)
         with told_if_stopped([sheet]), console.Working("drawing") as working:

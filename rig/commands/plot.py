@@ -35,7 +35,8 @@ def plot(
       rig plot office-10ms.h5 office-5ms.h5 office-1ms.h5 --image compared.png
     """
     from rig.commands import console
-    from rig.show.volume import check_picture, save
+    from rig.show.endings import check_picture
+    from rig.show.volume import save
 
     picture = names(files[0], {"picture": "-plot.png"}, {"picture": image}, force=force)["picture"]
     check_picture(picture)

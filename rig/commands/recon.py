@@ -260,7 +260,7 @@ def recon(
     from rig.commands import console
     from rig.image.asked import asked
     from rig.image.reconstruct import reconstruct
-    from rig.show.volume import check_picture
+    from rig.show.endings import check_picture
 
     request = asked(
         camera=camera.value,
@@ -314,7 +314,7 @@ def _preview(
     from rig.commands import console
     from rig.errors import UsageError
     from rig.image.preview import preview
-    from rig.show.volume import check_picture
+    from rig.show.endings import check_picture
 
     if given := [option for option, path in others.items() if path is not None]:
         raise UsageError(f"a preview is only a picture: leave {' and '.join(given)} out, or --preview")

@@ -234,7 +234,7 @@ def _check_film(plan: "ScanPlan", live: bool, fresh_to: str | None, video: Path 
     if fresh_to and not parse(fresh_to, "length") > 0:
         raise UsageError(f"--fresh-to {fresh_to}: the depth must be above 0; use e.g. 1m")
     if video is not None:
-        from rig.show.video import check_video
+        from rig.show.endings import check_video
 
         check_video(video)
 

@@ -10,7 +10,6 @@ from recon.imaging import image
 from recon.noise import Noise, photon_noise, quiet_level, tallied
 from recon.registry import name_of
 from recon.result import Image
-from recon.solvers.classic.solve import baseline_image
 from recon.spectrum import Spectra, spectra
 from recon.surface import Surface, find
 from recon.wave import VirtualPulse
@@ -155,6 +154,8 @@ def memory_bytes_of(work: Work) -> int | None:
 
 def classic(work: Work, progress: Callable[[float], None] | None) -> tuple[Volume, tuple[str, ...]]:
     """Image with one of the methods that come before virtual waves; return what to say about it, too."""
+    from recon.solvers.classic.solve import baseline_image
+
     request = work.request
     found = baseline_image(
         work.capture,

@@ -3,24 +3,24 @@
 import dataclasses
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Protocol
 
 from recon.camera import PhotoCamera, TransientCamera
 from recon.registry import entry_of
 from rig.errors import UsageError
-from rig.exporters import page
 from rig.files.scan import ScanFile
 from rig.files.volume import Volume, write_volume
 from rig.image.film import film_of_light
 from rig.image.focus import classic, focused, still
 from rig.image.forecast import Workers, forecast_of, require_possible
 from rig.image.frames import check_frames, frame_by_frame
-from rig.image.picture import picture, save_film
 from rig.image.request import Request, check, check_elsewhere, check_page
 from rig.image.result import Result
 from rig.image.work import Fields, Work, camera_of, chosen, warnings_of
-from rig.show.volume import check_picture, save
+from rig.show.endings import check_picture
 
 
 class Elsewhere(Protocol):
@@ -72,15 +72,27 @@ def reconstruct(
     check_picture(picture_path)
     check_page(request, page_path)
     with ScanFile(scan_path) as scan:
+        Thread(target=_prepare_the_end, daemon=True).start()
         result = imaged(scan, request, progress, volume_path, elsewhere)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
+    from rig.image.picture import picture, save_film
+    from rig.show.volume import save
+
     save(picture(result.volume), picture_path)
     if page_path:
+        from rig.exporters import page
+
         page.save(result.volume, page_path)
     if video_path:
         save_film(result.volume, request, video_path)
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
+
+
+def _prepare_the_end() -> None:
+    """Import what finds the noise and draws: it takes a while, and cores wait for the file meanwhile."""
+    for module in ("scipy.ndimage", "rig.image.picture"):
+        import_module(module)
 
 
 def imaged(

@@ -8,8 +8,7 @@ from recon.filming import Over
 from recon.registry import CAMERAS, SOLVERS, entry_of, name_of, taking
 from recon.solvers.problem import Solver
 from rig.errors import UsageError
-from rig.exporters import page
-from rig.show.video import check_video
+from rig.show.endings import check_video
 
 
 @dataclass(frozen=True)
@@ -183,6 +182,8 @@ def check_page(request: Request, page_path: Path | None) -> None:
     """
     if page_path is None:
         return
+    from rig.exporters import page
+
     if request.filmed:
         raise UsageError("a film has no page; leave out --page, or image without a time axis")
     if page_path.suffix.lower() not in page.ENDINGS:

@@ -1,6 +1,5 @@
 """A transient camera's video as a moving picture, drawn and written one frame at a time."""
 
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +13,10 @@ from numpy.typing import NDArray
 from PIL import GifImagePlugin, Image
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError
 from rig.files.volume import Volume
 from rig.files.words import parameters_line
+from rig.show.endings import check_video
 from rig.show.sheet import film_colours, outline, stamp, video_amplitude, video_label
 from rig.show.volume import draw_front
 
@@ -28,24 +28,6 @@ _DPI = 80
 _WIDTH_IN = 8.0
 #: Colours of a GIF, 256 in all: those of the scale, and greys for letters.
 _SCALE_COLOURS = 208
-_ENDINGS = (".gif", ".mp4")
-
-
-def check_video(path: Path) -> None:
-    """Refuse a name that cannot be written, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If the ending is unknown, or MP4 is asked for and ffmpeg is not installed.
-    """
-    if path.suffix.lower() not in _ENDINGS:
-        raise UsageError(f"cannot write the video {path}: its ending must be .gif or .mp4")
-    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
-        raise UsageError(
-            f"cannot write the video {path}: MP4 needs the program ffmpeg, which is not on the PATH; "
-            f"install it, or write a GIF: {path.with_suffix('.gif')}"
-        )
 
 
 def save_video(volume: Volume, path: Path, compensation: str = "") -> None:
@@ -57,7 +39,7 @@ def save_video(volume: Volume, path: Path, compensation: str = "") -> None:
     Raises
     ------
     UsageError
-        As of `check_video`.
+        As of `rig.show.endings.check_video`.
     DataFileError
         If the file cannot be written.
     """

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
@@ -16,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError
 from rig.files.volume import Volume
 from rig.files.words import caption, parameters_line
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
@@ -176,22 +175,6 @@ def say_nothing_seen(volume: Volume, panels: Sequence[Axes]) -> None:
     if not volume.parameters.get("signal", True):
         for axes in panels:
             say_across(axes, "no signal above noise")
-
-
-def check_picture(path: Path) -> None:
-    """Refuse a name that no picture can have, before any work is done.
-
-    Raises
-    ------
-    UsageError
-        If the ending is not that of a picture.
-    """
-    known = sorted(FigureCanvasBase.get_supported_filetypes())
-    if path.suffix.lower().lstrip(".") not in known:
-        raise UsageError(
-            f"cannot write the picture {path}: its ending '{path.suffix}' is not one of {', '.join(known)}; "
-            "use .png, or .pdf for print"
-        )
 
 
 def save(figure: Figure, path: str | Path) -> None:
