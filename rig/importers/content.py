@@ -18,8 +18,8 @@ from rig.model.quantities import show_length
 
 #: Bytes of a dataset read at once.
 _BLOCK_BYTES = 2**24
-#: Chunks that a dataset may claim for each that was written.
-_MOST_UNWRITTEN = 1000
+#: Chunks that a dataset may claim for each that was written, and bytes without chunks that were not.
+_MOST_UNWRITTEN, _MOST_ZEROS_BYTES = 1000, 2**30
 
 
 @dataclass(frozen=True)
@@ -110,13 +110,13 @@ def stored_dtype(dataset: h5py.Dataset) -> np.dtype:
 
 def _check_written(path: Path, dataset: h5py.Dataset) -> None:
     """Refuse a dataset that claims far more than was ever written: reading its zeros may take hours."""
-    if dataset.size and not dataset.id.get_storage_size():
-        raise DataFileError(f"{path}: {dataset.name} has shape {dataset.shape}, but was never written")
     if dataset.chunks is None:
+        if not dataset.id.get_storage_size() and dataset.nbytes > _MOST_ZEROS_BYTES:
+            raise DataFileError(f"{path}: {dataset.name} has shape {dataset.shape}, but was never written")
         return
     claimed = prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
     written = dataset.id.get_num_chunks()
-    if claimed > _MOST_UNWRITTEN * written:
+    if claimed > _MOST_UNWRITTEN * (1 + written):
         raise DataFileError(
             f"{path}: {dataset.name} has shape {dataset.shape}, but {written} chunks of {claimed:,} were "
             "written; it is damaged, or its measurement ended early: copy the measured part to a new file"
