@@ -98,9 +98,9 @@ def stored_dtype(dataset: h5py.Dataset) -> np.dtype:
         If it does not hold real numbers, was not written, or is damaged.
     """
     path = Path(dataset.file.filename)
-    if dataset.dtype.kind not in "uif":
-        raise DataFileError(f"{path}: {dataset.name} has type {dataset.dtype}, not real numbers")
-    with reading(path):
+    with reading(path):  # a type that no numbers here have is refused when it is asked for
+        if dataset.dtype.kind not in "uif":
+            raise DataFileError(f"{path}: {dataset.name} has type {dataset.dtype}, not real numbers")
         _check_written(path, dataset)
     if dataset.dtype.kind == "u":
         return dataset.dtype.newbyteorder("<")
