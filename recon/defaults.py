@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil, floor, inf, log10, pi
+from math import ceil, floor, inf, isfinite, log10, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError, ReachError
 from recon.grid import VoxelGrid
-from recon.sampling import path_limits_m
+from recon.sampling import distance_limits_m
 from recon.wave import ContinuousWave, Light, VirtualPulse
 
 #: Full width at half maximum of a Gaussian in standard deviations.
@@ -249,8 +249,12 @@ def _on_the_lattice_m(capture: Capture, spacing_m: float) -> float:
 
 def _snapped(voxels_m: NDArray[np.float64], pitch_m: float, wall: LatticeAxis) -> NDArray[np.float64]:
     """Move an axis onto the wall's lattice if its pitch is a whole number of the wall's."""
-    stride = pitch_m / wall.pitch_m
-    if round(stride) < 1 or abs(stride - round(stride)) * len(voxels_m) > 0.1:
+    stride = pitch_m / float(wall.pitch_m)
+    if (
+        not isfinite(stride * len(voxels_m))
+        or round(stride) < 1
+        or abs(stride - round(stride)) * len(voxels_m) > 0.1
+    ):
         return voxels_m
     start = round((voxels_m[0] - wall.start_m) / wall.pitch_m)
     return wall.start_m + wall.pitch_m * (start + round(stride) * np.arange(len(voxels_m), dtype=np.float64))
@@ -346,10 +350,22 @@ def on_one_line(capture: Capture) -> list[str]:
     ]
 
 
+def shortest_path_m(capture: Capture, grid: VoxelGrid) -> float:
+    """Bound the shortest path as `recon.sampling.path_limits_m`, but axis by axis: a volume may be large."""
+    if capture.round_trip:
+        nearest_m = 0.0
+        ends = [capture.laser_m, capture.laser_m if capture.confocal else capture.detector_m]
+    else:
+        axes = zip((grid.x_m, grid.y_m, grid.z_m), capture.detector_m[0], strict=True)
+        nearest_m = float(np.sqrt(sum(((axis_m - at_m) ** 2).min() for axis_m, at_m in axes)))
+        ends = [capture.laser_m]
+    return nearest_m + sum(distance_limits_m(spots_m, grid)[0] for spots_m in ends)
+
+
 def dark_parts(capture: Capture, grid: VoxelGrid) -> list[str]:
     """List the voxels of which the record holds no light."""
     found = []
-    shortest_m, _ = path_limits_m(capture, grid)
+    shortest_m = shortest_path_m(capture, grid)
     begin_m = float(capture.first_bin_s.max()) * C_M_PER_S
     end_m = (float(capture.first_bin_s.min()) + capture.bins * capture.bin_width_s) * C_M_PER_S
     if shortest_m < begin_m:

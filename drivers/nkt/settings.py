@@ -58,6 +58,9 @@ class NktSettings:
                 f"the repetition rate {rate:g} Hz is not above 0 and at most the oscillator's "
                 f"{oscillator:g} Hz"
             )
-        if self.picked > MOST_SKIPPED or abs(oscillator / self.picked - rate) > RATE_WITHIN * rate:
+        if (
+            oscillator > (MOST_SKIPPED + 0.5) * rate
+            or abs(oscillator / self.picked - rate) > RATE_WITHIN * rate
+        ):
             return f"{oscillator:g} Hz is not a whole multiple of {rate:g} Hz"
         return ""

@@ -26,6 +26,8 @@ from rig.importers.options import Options, positive
 
 #: More points than any plan has.
 _MOST_POINTS = 5_000_000
+#: Inputs that records can name: six bits.
+_MOST_INPUTS = 64
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,15 @@ def _own(head: Head) -> Visits:
     laser_m, inputs = head.numbers(LASER), head.numbers(INPUTS)
     detector_m, channels = head.numbers(DETECTOR), len(inputs)
     points = len(laser_m) // 3
+    if (
+        not np.isin(inputs, np.arange(_MOST_INPUTS)).all()
+        or len(np.unique(inputs)) != channels
+        or not channels
+    ):
+        raise DataFileError(
+            f"{head.path}: the tag {INPUTS} of its header must hold different whole numbers from 0 to "
+            f"{_MOST_INPUTS - 1}, the inputs of the channels; it is damaged"
+        )
     if (
         len(laser_m) != 3 * points
         or len(detector_m) not in {3 * channels, 3 * channels * points}

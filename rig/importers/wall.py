@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from rig.errors import DataFileError
 
+#: No wall has spots farther away, and squares of what is far beyond are no numbers.
+_FARTHEST_M = 1e6
+
 #: A wall whose spots are within this of a plane is flat [m].
 FLAT_M = 1e-4
 #: A wall that is not flat is kept as it stands where its normal is within 45 degrees of z.
@@ -60,6 +63,10 @@ class WallFrame:
             If the spots do not tell a plane, its side is not known, or it is a floor.
         """
         spots_m = _there(spots_m)
+        if np.abs(spots_m).max() > _FARTHEST_M:
+            raise DataFileError(
+                f"the wall's spots lie up to {np.abs(spots_m).max():.3g} m away; it is damaged"
+            )
         middle_m = (spots_m.min(axis=0) + spots_m.max(axis=0)) / 2
         normal = None if normals is None else normals[np.isfinite(normals).all(axis=1)].sum(axis=0)
         spread, directions = np.linalg.svd(spots_m - spots_m.mean(axis=0), full_matrices=False)[1:]

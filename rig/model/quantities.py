@@ -71,16 +71,17 @@ def parse(text: str, kind: str) -> float:
     ):  # the registry would take a whole expression, and fail on some in its own ways
         raise unknown
     try:
-        magnitude = (float(number.group()) * _registry().Unit(symbol)).to(unit).magnitude
+        magnitude = (float(number.group().strip()) * _registry().Unit(symbol)).to(unit).magnitude
     except pint.DimensionalityError:
         raise UsageError(
             f"'{text}' is not a {kind}; write it with a unit of {kind}, e.g. {example}"
         ) from None
     except (pint.PintError, AttributeError, OverflowError, TypeError):  # such as of logarithmic units
         raise unknown from None
-    if not isfinite(magnitude):
+    value = float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
+    if not isfinite(value):
         raise UsageError(f"'{text}' is too large; write a {kind} such as {example}")
-    return float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
+    return value
 
 
 def si(value: str | float | None, kind: str) -> float | None:

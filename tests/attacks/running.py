@@ -11,7 +11,7 @@ import time
 import traceback
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -19,7 +19,9 @@ from typing import Any
 
 LONGEST_S = 10
 MOST_BYTES = 10**9
+_TOO_LONG = f"took more than {LONGEST_S} s"
 _PROJECT = Path(__file__).parents[2]
+_STATM, _CLEAR_REFS = Path("/proc/self/statm"), Path("/proc/self/clear_refs")
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,16 @@ def attack(
 
 
 def refused_badly(one: Attack, given: Any) -> str:
-    """Give a reader one input; return what it did that it must not, empty where all is well."""
+    """Give a reader one input; return what it did that it must not, empty where all is well.
+
+    What takes too long is read once more: a computer that stood still meanwhile is no fault of the reader.
+    """
+    what = _read_badly(one, given)
+    return _read_badly(one, given) if what.startswith(_TOO_LONG) else what
+
+
+def _read_badly(one: Attack, given: Any) -> str:
+    _forget_peak()
     before = _peak_bytes()
     try:
         with _limited():
@@ -80,7 +91,7 @@ def refused_badly(one: Attack, given: Any) -> str:
     except one.allowed:
         pass
     except TooLongError:
-        return f"took more than {LONGEST_S} s {_place(sys.exc_info()[2])}"
+        return f"{_TOO_LONG} {_place(sys.exc_info()[2])}"
     except Exception as error:
         return f"{type(error).__name__} {_place(error.__traceback__)}: {str(error)[:80]!r}"
     gained = _peak_bytes() - before
@@ -93,12 +104,23 @@ def _limited() -> Iterator[None]:
         raise TooLongError
 
     before = signal.signal(signal.SIGALRM, too_long)
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    if _STATM.exists():  # address space is not memory: libraries and threads may claim more than they use
+        now = int(_STATM.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (now + 3 * MOST_BYTES, limits[1]))
     signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
     try:
         yield
     finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+def _forget_peak() -> None:
+    """Let the peak begin anew, where Linux can: an input must not hide behind the peak of one before it."""
+    with suppress(OSError):
+        _CLEAR_REFS.write_text("5", encoding="ascii")
 
 
 def _peak_bytes() -> int:

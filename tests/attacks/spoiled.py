@@ -3,6 +3,7 @@
 import copy
 import json
 import re
+from contextlib import suppress
 from random import Random
 from typing import Any
 
@@ -68,7 +69,9 @@ def spoiled_tree(random: Random, good: Any, rounds: int = 3) -> Any:
             case 2 if isinstance(parent, list):
                 del parent[key]
             case 3 if isinstance(parent[key], float | int) and not isinstance(parent[key], bool):
-                parent[key] *= random.choice([-1, 0, 1e9, 1e-9, 10**30])
+                factor = random.choice([-1, 0, 1e9, 1e-9, 10**30])
+                with suppress(OverflowError):  # what this program cannot write, it need not read
+                    parent[key] *= factor
             case _:
                 parent[key] = copy.deepcopy(random.choice(VALUES))
     return tree

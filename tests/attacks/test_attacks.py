@@ -1,10 +1,12 @@
 """A short pass of all attacks, and what they found before."""
 
 import sys
+import time
 
+import numpy as np
 import pytest
 
-from attacks import texts, wire
+from attacks import running, texts, wire
 from attacks.running import attack, refused_badly
 
 NUMBER = 150
@@ -49,12 +51,37 @@ def test_an_attack_finds_what_must_not_be():
     assert "ZeroDivisionError" in found[0].what
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks can be forgotten on Linux alone")
+def test_an_attack_finds_too_much_memory(monkeypatch):
+    monkeypatch.setattr(running, "MOST_BYTES", 10**8)
+    # the second takes less than the first, and is found all the same; the third is stopped before it has it
+    sizes = iter([12e7, 11e7, 5e8])
+    greedy = wire.Attack("greedy", lambda _: int(next(sizes)), lambda size: np.ones(size, "u1"), ())
+    found = attack(greedy, 3)
+    assert [one.number for one in found] == [0, 1, 2]
+    assert [("MiB of memory" in one.what, "MemoryError" in one.what) for one in found] == [
+        (True, False),
+        (True, False),
+        (False, True),
+    ]
+
+
+def test_an_attack_finds_what_takes_too_long(monkeypatch):
+    monkeypatch.setattr(running, "LONGEST_S", 0.2)
+    waits = iter([0.0, 1.0, 0.0])
+    slow = wire.Attack("slow", lambda _: next(waits), time.sleep, ())
+    assert ["took more than" in one.what for one in attack(slow, 3)] == [True]
+
+
 #: Inputs that once ended in a traceback, in a hang, or in gigabytes.
 FOUND = [
     ("quantity", ("10dB", "time")),
     ("quantity", ("1mdegC", "angle")),
     ("quantity", ("1e400s", "time")),
     ("quantity", ("9" * 5000 + "s", "time")),
+    ("quantity", ("1.7976931348623157e308 V", "voltage")),
+    ("quantity", ("\x1f10mm", "angle")),
+    ("quantity", ("1\x1d Hz", "length")),
     ("grid", ("9" * 5000 + "x2", "1cm", "10ms")),
     ("grid", ("99999999999x2", "1cm", "10ms")),
     ("grid", ("2x2", "1cm", "1e400s")),
@@ -66,6 +93,7 @@ FOUND = [
     ("toml", "a = " + "[" * 100_000),
     ("toml", "a" + ".a" * 100_000 + " = 1"),
     ("toml", "a = " + "9" * 5000),
+    ("toml", '[laser]\nkind = "nkt"\noscillator = "80MHz"\nrepetition = "1e-320MHz"\n'),
     ("recorded configuration", '{"a":' * 100_000),
     ("plan", "[" * 100_000),
     ("plan", '{"columns": 1e308, "rows": {}, "spacing_m": [], "exposure_s": null, "detector_spot_m": 1}'),

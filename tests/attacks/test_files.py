@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from attacks.files import PARSERS, attack, read_scan, scan_file
+from attacks.files import PARSERS, attack, import_as_it_is, read_scan, scan_file, tal_file
 from rig.errors import DataFileError
 from rig.files.trial import tried
 from support import tried as doing
@@ -23,6 +23,31 @@ REPRO = Path(os.environ.get("RIG_TEST_FAULTS") or Path(__file__).parents[3] / "s
 @pytest.mark.parametrize("parser", PARSERS)
 def test_readers_read_or_refuse(parser):
     assert attack(parser, 20) == []
+
+
+def plain_file(folder):
+    (folder / "good.txt").write_bytes(bytes(100))
+    return folder / "good.txt"
+
+
+@pytest.mark.parametrize(
+    ("read", "what", "deadline_s"),
+    [
+        (doing.die, "the process died: -", 20.0),
+        (doing.swallow, "MemoryError", 20.0),
+        (doing.turn, "longer than 0.5 s", 0.5),
+        (lambda path: 1 // 0, "ZeroDivisionError", 20.0),
+    ],
+)
+def test_an_attack_finds_what_must_not_be(monkeypatch, read, what, deadline_s):
+    def sometimes(path):
+        if path.parent.name == "1":
+            read(path)
+
+    monkeypatch.setitem(PARSERS, "planted", (plain_file, sometimes))
+    found = attack("planted", 3, deadline_s=deadline_s)
+    assert [one.seed for one in found] == [1]
+    assert what in found[0].what
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +128,20 @@ def test_what_is_refused_and_why(good, tmp_path, edit, said):
     with pytest.raises(DataFileError, match=said) as caught:
         read_scan(path)
     assert "edited.h5" in str(caught.value)
+
+
+@pytest.mark.parametrize(("chunks", "written"), [((64, 12), 0), ((64, 12), 1), (None, 0)])
+def test_an_import_of_what_was_never_written(tmp_path, chunks, written):
+    path = tal_file(tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file["H"]
+        file.create_dataset("H", (2**31, 12), "i8", chunks=chunks)
+        if written:
+            file["H"][:64] = 1
+    began_s = time.monotonic()
+    with pytest.raises(DataFileError, match="written"):
+        import_as_it_is(path)
+    assert time.monotonic() - began_s < 5
 
 
 def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):

@@ -177,6 +177,7 @@ def test_a_line_that_is_not_right_is_told_as_what_it_is(play, answer, told):
         {"repetition_hz": 81e6},
         {"repetition_hz": 30e6},
         {"repetition_hz": 1e3},
+        {"repetition_hz": 1e-320},
         {"oscillator_hz": float("inf")},
     ],
 )

@@ -256,9 +256,13 @@ def test_time_goes_on_between_sweeps(tmp_path, description):
         (SWEEPS, 1, 25.0, "do not follow one another"),
         (SWEEPS, 1, float("nan"), "is not a list of numbers"),
         (SWEEPS, 0, -1.0, "no complete point of 24"),
+        ("NLOS_Inputs", 0, 2.0**64, "different whole numbers from 0 to 63"),
+        ("NLOS_Inputs", 0, 64.0, "different whole numbers from 0 to 63"),
+        ("NLOS_Inputs", 0, -1.0, "different whole numbers from 0 to 63"),
+        ("NLOS_Inputs", 0, 0.5, "different whole numbers from 0 to 63"),
     ],
 )
-def test_damaged_sweeps_are_named(tmp_path, description, tag, number, value, said):
+def test_damaged_tags_are_named(tmp_path, description, tag, number, value, said):
     recorder = PtuRecorder(tmp_path / "a.ptu", description)
     measure(recorder, 0, seed=1)
     recorder.close(len(PLAN))

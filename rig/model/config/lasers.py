@@ -113,6 +113,10 @@ class Katana08Config(LaserConfig):
         return f"power {self.power_w:g} W"
 
 
+#: A pulse picker lets every 65535th pulse out at the most: its register has 16 bits.
+_MOST_PICKED = 65535
+
+
 class NktConfig(LaserConfig):
     """An NKT Photonics SuperK laser with a pulse picker, whose level is in percent."""
 
@@ -133,7 +137,7 @@ class NktConfig(LaserConfig):
     @model_validator(mode="after")
     def _possible(self) -> "NktConfig":
         require_ceiling("level_percent", self.level_percent, self.max_level_percent)
-        picked = max(1, round(self.oscillator_hz / self.repetition_hz))
+        picked = max(1, round(min(self.oscillator_hz / self.repetition_hz, _MOST_PICKED)))
         nearest_hz = self.oscillator_hz / picked
         if abs(nearest_hz - self.repetition_hz) > 1e-3 * self.repetition_hz:
             raise ValueError(
