@@ -54,9 +54,9 @@ def path_limits_m(capture: Capture, grid: VoxelGrid, camera: Camera = CONFOCAL) 
     reading times are bounded apart, so the bounds are safe for any arrangement, and exact where one voxel is
     nearest to, and one farthest from, both ends.
     """
-    times_s = [plane_times_s(capture, grid, camera, z_m) for z_m in grid.z_m]
-    shortest_m = C_M_PER_S * min(float(plane.min()) for plane in times_s)
-    longest_m = C_M_PER_S * max(float(plane.max()) for plane in times_s)
+    planes_s = (plane_times_s(capture, grid, camera, z_m) for z_m in grid.z_m)  # one at a time
+    limits_s = [(float(plane.min()), float(plane.max())) for plane in planes_s]
+    shortest_m, longest_m = C_M_PER_S * min(limits_s)[0], C_M_PER_S * max(one for _, one in limits_s)
     ends = [capture.laser_m]
     if capture.round_trip:
         ends.append(capture.laser_m if capture.confocal else capture.detector_m)
