@@ -196,11 +196,8 @@ class SerialLine:
 def cannot_open(name: str, problem: OSError | ValueError) -> DeviceNotFoundError | LinkError:
     """Return what it means that pyserial cannot open the port of a device, whose name has its address."""
     asked = "open the port"
-    behind = (
-        problem,
-        problem.__context__,
-    )  # pyserial repeats what the system said, with its number or without
-    codes = [one.errno for one in behind if isinstance(one, OSError) and one.errno]
+    said = problem, problem.__context__  # pyserial repeats what the system said, with its number or without
+    codes = [one.errno for one in said if isinstance(one, OSError) and one.errno]
     code = codes[0] if codes else None
     if code in (errno.EACCES, errno.EPERM):
         return LinkError(
