@@ -12,6 +12,7 @@ import json
 import os
 import struct
 import sys
+import time
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -38,6 +39,8 @@ else:
         fcntl.flock(descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
 
 
+#: One who looks at a scan holds its journal for a moment: for so long it is asked for again, so often.
+READ_S, AGAIN_S = 0.5, 0.02
 MAGIC = b"rigJ"
 _HEADER = struct.Struct("<4sBQI")
 _PLACE = struct.Struct("<QI")
@@ -154,19 +157,23 @@ class Journal:
         self._lock(alone)
 
     def _lock(self, alone: bool) -> None:
-        try:
-            _flock(self.descriptor, alone)
-        except BlockingIOError:
-            if not alone:
-                self.growing = True
+        refused_s = time.monotonic() + READ_S
+        while True:
+            try:
+                _flock(self.descriptor, alone)
                 return
-            self.close()
-            scan = str(self.path).removesuffix(".journal")
-            raise DataFileError(
-                f"{scan} is being written by another program; wait until it has ended"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
+            except BlockingIOError:
+                if not alone:
+                    self.growing = True
+                    return
+                if time.monotonic() > refused_s:
+                    break
+            except OSError:
+                return  # a file system without locks
+            time.sleep(AGAIN_S)
+        self.close()
+        scan = str(self.path).removesuffix(".journal")
+        raise DataFileError(f"{scan} is being written by another program; wait until it has ended")
 
     @property
     def descriptor(self) -> int:

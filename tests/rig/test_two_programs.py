@@ -2,11 +2,14 @@
 
 import os
 import subprocess
+import threading
 import time
 
 import pytest
 
+from rig.errors import DataFileError
 from rig.files import ScanFile
+from rig.files.journal import Journal
 from support.served_bench import rig_command
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no lock on the journal")
@@ -111,3 +114,17 @@ def test_a_scan_whose_messages_nobody_takes_is_whole(tmp_path, full):
     assert code == (2 if "stdout" in full else 0)  # its results could not be told
     with ScanFile(tmp_path / "a.h5") as file:
         assert file.status == "complete"
+
+
+def test_a_look_at_a_journal_does_not_keep_a_scan_from_going_on(tmp_path):
+    """One who looks holds the journal for a moment; who wants to write asks again, up to half a second."""
+    path = tmp_path / "a.h5.journal"
+    Journal(path, new=True).close()
+    looks = Journal(path, alone=False)
+    ending = threading.Timer(0.1, looks.close)
+    ending.start()
+    writer = Journal(path, alone=True)  # the lock is a writer's own: not while the other looks
+    ending.join()
+    with pytest.raises(DataFileError, match=r"a\.h5 is being written by another program"):
+        Journal(path, alone=True)
+    writer.close()

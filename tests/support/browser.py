@@ -57,8 +57,16 @@ def screenshot(path: Path, at: str = "", size: tuple[int, int] = (1000, 700), *o
 
 
 def became(path: Path, *options: str, at: str = "") -> str:
-    """Return the page's elements after its program ran, as text."""
-    return _run(path.as_uri() + at, path.parent, "--dump-dom", *options)
+    """Return the page's elements after its program ran, as text.
+
+    The browser does not wait for what another thread of it unpacks, so it may have to look again.
+    """
+    elements = ""
+    for _ in range(3):
+        elements = _run(path.as_uri() + at, path.parent, "--dump-dom", *options)
+        if "data-shown=" in elements:
+            break
+    return elements
 
 
 def attribute(elements: str, name: str) -> str:
