@@ -3,9 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from typing import Protocol
 
 from recon.camera import PhotoCamera, TransientCamera
@@ -72,7 +70,6 @@ def reconstruct(
     check_picture(picture_path)
     check_page(request, page_path)
     with ScanFile(scan_path) as scan:
-        Thread(target=_prepare_the_end, daemon=True).start()
         result = imaged(scan, request, progress, volume_path, elsewhere)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
@@ -87,12 +84,6 @@ def reconstruct(
     if video_path:
         save_film(result.volume, request, video_path)
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
-
-
-def _prepare_the_end() -> None:
-    """Import what finds the noise and draws: it takes a while, and cores wait for the file meanwhile."""
-    for module in ("scipy.ndimage", "rig.image.picture"):
-        import_module(module)
 
 
 def imaged(
