@@ -17,7 +17,8 @@ from support import browser
 
 pytestmark = pytest.mark.skipif(browser.FOUND is None, reason=browser.MISSING)
 #: Takes two minutes of real time, in which a processor has little to do: it is stopped long before.
-SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "0.6s")
+#: Four minutes, of which the test waits for a few positions: it is to be stopped, also by a slow browser.
+SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "1.2s")
 REAL_TIME = "[simulation]\nreal_time = true\n"
 NASTY = "<img src=x onerror=alert(1)>"
 #: A busy machine draws its first picture late.
