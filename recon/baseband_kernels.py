@@ -68,7 +68,11 @@ def add_turned(
         turn[p] = complex(np.cos(angle), -np.sin(angle))
         angle = step_rad_per_s * begins_s[p]
         step[p] = complex(np.cos(angle), -np.sin(angle))
+    line = np.empty(many, spectra.dtype)
     for f in range(len(sums)):
-        for p in range(many):
-            spectra[f, where[p]] += sums[f, p] * turn[p]
+        row, target = sums[f], spectra[f]
+        for p in range(many):  # apart from places that are anywhere: so it is vectorised
+            line[p] = row[p] * turn[p]
             turn[p] *= step[p]
+        for p in range(many):
+            target[where[p]] += line[p]

@@ -6,11 +6,14 @@ a matrix product for each depth block. The time of the first bin, which may diff
 phase on its result.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import chain
+from threading import Lock
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -31,8 +34,11 @@ Spectra = Callable[
 
 #: Positions whose cells are multiplied at once: fewer would have threads wait for one another more often.
 TOGETHER = 512
-#: Positions and their counts.
-Block = tuple[slice, NDArray]
+#: Blocks that are read ahead: about as many as are read while compiled loops are loaded.
+READ_AHEAD = 8
+#: Some positions, and their cells.
+Mixed = tuple[NDArray[np.intp], "Cells"]
+Item = TypeVar("Item")
 
 
 def spectra(
@@ -82,26 +88,60 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    with one_thread_each():
-        for positions, counts in ahead(capture.histograms.blocks(transform.bins)):
-            transform.add(positions, counts, at_least=TOGETHER if positions.stop < capture.positions else 0)
+    read = ahead(capture.histograms.blocks(transform.bins), READ_AHEAD)
+    with one_thread_each:
+        for where, cells in _gathered(ahead(transform.mixed(*block) for block in read)):
+            transform.add_cells(where, cells)
             if progress:
-                progress(positions.stop / capture.positions)
+                progress((int(where[-1]) + 1) / capture.positions)
     return transform.spectra
 
 
-def one_thread_each() -> AbstractContextManager[object]:
-    """Let matrix products take one thread: the other cores read, and small products wait for more threads."""
-    return threadpool_limits(limits=1, user_api="blas")
+class _OneThreadEach:
+    """Lets matrix products take one thread: the other cores read, and small products wait for more threads.
+
+    The limit is that of the whole process: the first who comes sets it, and the last who leaves lifts it.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._users = Lock(), 0
+        self._limits = ExitStack()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._users:
+                self._limits.enter_context(threadpool_limits(limits=1, user_api="blas"))
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                self._limits.close()
 
 
-def ahead(blocks: Iterator[Block]) -> Iterator[Block]:
-    """Yield the same, each read in a thread while the one before is worked at."""
+one_thread_each = _OneThreadEach()
+
+
+def ahead(items: Iterator[Item], many: int = 1) -> Iterator[Item]:
+    """Yield the same, so many of them made in a thread while the one before is worked at."""
     with ThreadPoolExecutor(1) as thread:
-        following = thread.submit(next, blocks, None)
-        while (block := following.result()) is not None:
-            following = thread.submit(next, blocks, None)
-            yield block
+        following = deque(thread.submit(next, items, None) for _ in range(many))
+        while (item := following.popleft().result()) is not None:
+            following.append(thread.submit(next, items, None))
+            yield item
+
+
+def _gathered(mixed: Iterator[Mixed]) -> Iterator[Mixed]:
+    """Yield the cells of `TOGETHER` positions or more at once; at the end, of all that are left."""
+    some: list[Mixed] = []
+    for one in chain(mixed, [None]):
+        if one:
+            some.append(one)
+        if some and (one is None or sum(len(where) for where, _ in some) >= TOGETHER):
+            places, cells = zip(*some, strict=True)
+            yield np.concatenate(places), cells[0].joined(cells[1:])
+            some.clear()
 
 
 class Transform:
@@ -131,16 +171,16 @@ class Transform:
         dtype: DTypeLike = np.complex64,
     ) -> None:
         self._capture, self._dtype = capture, dtype
+        # Written, not only asked for: memory that is first touched column by column takes ten times as long.
         self.spectra: list[NDArray[np.complexfloating]] = [
-            np.zeros((part.reached * len(part.band), capture.positions), dtype) for part in depth_blocks
+            np.full((part.reached * len(part.band), capture.positions), 0, dtype) for part in depth_blocks
         ]
         self._reached = {number: part for number, part in enumerate(depth_blocks) if part.reached}
         first = min((part.bins.start for part in self._reached.values()), default=0)
         self.bins = slice(first, max((part.bins.stop for part in self._reached.values()), default=first))
         self._edges = Edges(capture, window, self.bins)
-        self._waiting: list[tuple[NDArray[np.intp], Cells]] = []
 
-    def add(self, positions: Positions, counts: NDArray, at_least: int = 0) -> None:
+    def add(self, positions: Positions, counts: NDArray) -> None:
         """Add the counts of some positions, each of them once.
 
         Parameters
@@ -149,15 +189,13 @@ class Transform:
             Which.
         counts
             (block, bins) of `bins`; they may be reused afterwards.
-        at_least
-            They may be kept until so many positions have come; then all are added.
         """
+        self.add_cells(*self.mixed(positions, counts))
+
+    def mixed(self, positions: Positions, counts: NDArray) -> Mixed:
+        """Mix down the counts of some positions, as of `add`; nothing is added yet."""
         where = np.arange(self._capture.positions)[positions]
-        self._waiting.append((where, self._mixer.counts(counts, self._edges.start(where))))
-        if sum(len(some) for some, _ in self._waiting) >= at_least:
-            places, cells = zip(*self._waiting, strict=True)
-            self._waiting.clear()
-            self._add(np.concatenate(places), cells[0].joined(cells[1:]))
+        return where, self._mixer.counts(counts, self._edges.start(where))
 
     def add_photons(
         self, positions: NDArray[np.intp], offset: NDArray[np.integer], photon_bins: NDArray[np.integer]
@@ -178,10 +216,10 @@ class Transform:
         inside = (photon_bins >= self.bins.start) & (photon_bins < self.bins.stop)
         row, bins = row[inside], photon_bins[inside].astype(np.intp)
         weight = self._edges.start_at(where[row], bins)
-        self._add(where, self._mixer.photons(len(where), row, bins - self.bins.start, weight))
+        self.add_cells(where, self._mixer.photons(len(where), row, bins - self.bins.start, weight))
 
-    def _add(self, where: NDArray[np.intp], cells: "Cells") -> None:
-        """Add the cells of some positions to the spectra of all depth blocks."""
+    def add_cells(self, where: NDArray[np.intp], cells: "Cells") -> None:
+        """Add the cells of some positions, each of them once, to the spectra of all depth blocks."""
         from recon.baseband_kernels import add_turned
 
         begins_s = np.broadcast_to(self._capture.begins_s(where), where.shape)

@@ -1,12 +1,15 @@
 """Spectra of the record against the naive Fourier sum, and the choice of bins and frequencies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import depth_blocks, path_limits_m
-from recon.spectrum import spectra
+from recon.spectrum import one_thread_each, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 from support.hidden_points import C, histograms, wall
@@ -42,6 +45,37 @@ def test_is_the_fourier_sum(dtype, each):
             wanted = (faded * np.exp(-1j * frequency * times_s))[:, part.bins].sum(axis=1)
             # Single precision of a sum of some hundred counts.
             np.testing.assert_allclose(found[index], wanted, atol=1e-6 * faded.sum(axis=1).max())
+
+
+class _First(ArrayHistograms):
+    """Yields the first positions only."""
+
+    def blocks(self, bins=slice(None)):
+        blocks = super().blocks(bins)
+        yield from (next(blocks) for _ in range(3))
+
+
+def test_takes_all_that_is_read_however_little():
+    capture = random_capture()
+    few = replace(capture, histograms=_First(capture.histograms.counts, 7))
+    parts = depth_blocks(capture, PULSE, GRID)
+    for found, whole in zip(spectra(few, parts, Window()), spectra(capture, parts, Window()), strict=True):
+        assert np.abs(whole[:, :21]).min() > 0
+        np.testing.assert_allclose(found[:, :21], whole[:, :21], atol=1e-6 * np.abs(whole).max())
+        assert not found[:, 21:].any()
+
+
+def test_threads_of_matrix_products_are_given_back_in_any_order():
+    def threads():
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    before = threads()
+    one_thread_each.__enter__()
+    one_thread_each.__enter__()
+    one_thread_each.__exit__()
+    assert set(threads()) == {1}
+    one_thread_each.__exit__()
+    assert threads() == before
 
 
 @pytest.mark.parametrize("confocal", [False, True])
