@@ -65,8 +65,8 @@ class FresnelPropagator(LatticePropagator):
         return plan_axis(wall, voxels_m, self._wavenumber * min(1.0, farthest_m / near_m))
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
-        """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
-        for index in reversed(range(len(self.band))):
+        """From the lowest frequency up, leave the kernel's transform in `work` and yield the index."""
+        for index in range(len(self.band)):
             k = self._round_trip_factor * self.band.frequencies_rad_per_s[index] / C_M_PER_S
             along_y, along_x = (_chirp(axis, k, z_m) for axis in (self._y, self._x))
             kernels.outer(along_y * np.complex64(np.exp(1j * k * z_m) / z_m), along_x, work.kernel)

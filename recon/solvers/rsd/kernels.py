@@ -32,14 +32,14 @@ def _unit(turns: float) -> tuple[np.float32, np.float32]:
 def spherical_wave(
     y_m: F64, x_m: F64, z_m: float, turns_per_m: float, step_turns_per_m: float, wave: F32, step: F32
 ) -> None:
-    """Evaluate exp(2 pi i a r)/r, and the factor exp(-2 pi i b r) that takes it one frequency down.
+    """Evaluate exp(2 pi i a r)/r, and the factor exp(2 pi i b r) that takes it one frequency up.
 
     Parameters
     ----------
     y_m, x_m, z_m
         Offsets along the axes, and depth; r is their norm.
     turns_per_m, step_turns_per_m
-        a and b: highest frequency and spacing, in turns of phase for each metre of r.
+        a and b: lowest frequency and spacing, in turns of phase for each metre of r.
     wave, step
         (2, y, x) float32 results.
     """
@@ -52,18 +52,16 @@ def spherical_wave(
             wave[1, j, i] = s / r
             c, s = _unit(step_turns_per_m * r)
             step[0, j, i] = c
-            step[1, j, i] = -s
+            step[1, j, i] = s
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def phase(times_s: F64, turns_per_s: float, step_turns_per_s: float, base: C64, step: C64) -> None:
-    """Evaluate exp(2 pi i a t) into `base` and exp(2 pi i b t) into `step`, all (y, x)."""
+def phase(times_s: F64, turns_per_s: float, turned: C64) -> None:
+    """Evaluate exp(2 pi i a t) into `turned`, both (y, x)."""
     for j in range(times_s.shape[0]):
         for i in range(times_s.shape[1]):
             c, s = _unit(turns_per_s * times_s[j, i])
-            base[j, i] = complex(c, s)
-            c, s = _unit(step_turns_per_s * times_s[j, i])
-            step[j, i] = complex(c, s)
+            turned[j, i] = complex(c, s)
 
 
 @njit(nogil=True, cache=True, fastmath=True)

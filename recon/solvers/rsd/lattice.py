@@ -128,16 +128,21 @@ class Wave:
         rho = step_m * self.wavenumber_rad_per_m / pi
         if self.near_m is None:
             return taps_half_width(rho) if rho <= DENSEST + 1e-9 else None
-        rho *= self.farthest_m / hypot(self.farthest_m, self.near_m)
+        rho *= self.sine
         return _least_width(self, step_m, taps_half_width(rho)) if rho < 1 else None
 
-    def error(self, step_m: float, half_width: int) -> float:
+    @property
+    def sine(self) -> float:
+        """Its oscillation at the longest offset, as a part of k."""
+        return 1.0 if self.near_m is None else self.farthest_m / hypot(self.farthest_m, self.near_m)
+
+    def error(self, step_m: float, half_width: int, designed: float = INTERPOLATION_ERROR) -> float:
         """Return the greatest error of interpolating it, as a part of its size there."""
         assert self.near_m is not None
         # Between two lattice points, where it is greatest.
         steps = np.floor(np.linspace(0, self.farthest_m / step_m, OFFSETS))
         offsets_m = (steps[:, None] + [0.25, 0.5]).reshape(-1) * step_m
-        first, weights = kaiser_sinc(offsets_m / step_m, half_width)
+        first, weights = kaiser_sinc(offsets_m / step_m, half_width, designed)
         lattice_m = (first[:, None] + np.arange(2 * half_width)) * step_m
         found = (weights * self._at(lattice_m)).sum(axis=1)
         return float(np.abs(found / self._at(offsets_m) - 1).max())
@@ -226,6 +231,29 @@ def _through(wall: LatticeAxis, voxels_m: NDArray[np.float64], wave: Wave) -> It
         yield _picked(stride * np.arange(count), points, step_m, (first - first[0], weights))
 
 
+def coarse_axis(
+    wall: LatticeAxis, voxels_m: NDArray[np.float64], step_m: float, half_width: int, error: float
+) -> tuple[AxisPlan, NDArray[np.float64], Taps]:
+    """Plan a lattice of a given step that voxels lie between: its points are read, and interpolated later.
+
+    Returns
+    -------
+    plan
+        It reads all points that voxels lie between.
+    points_m
+        (points,) their coordinates.
+    taps
+        (voxels,) the first of them that each voxel is interpolated from, and (voxels, 2 W) weights.
+    """
+    start_m = float(voxels_m[0]) - (half_width - 0.5) * step_m  # so that the first voxel reads from point 0
+    taps = kaiser_sinc((voxels_m - start_m) / step_m, half_width, error)
+    points = np.arange(int(taps[0][-1]) + 2 * half_width)
+    first, weights = kaiser_sinc((wall.coordinates_m - start_m) / step_m, half_width, error)
+    emitting = np.arange(first[0], first[-1] + weights.shape[1])
+    plan = _picked(points, emitting, step_m, (first - first[0], weights))
+    return plan, start_m + step_m * points, taps
+
+
 def _picked(
     voxels: NDArray[np.intp], wall: NDArray[np.intp], step_m: float, spread: Taps | None = None
 ) -> AxisPlan:
@@ -273,15 +301,15 @@ def _smooth(size: int, most: int) -> bool:
     return size == 1
 
 
-def taps_half_width(rho: float) -> int:
+def taps_half_width(rho: float, error: float = INTERPOLATION_ERROR) -> int:
     """Return W, for a field sampled at `rho` of the critical rate."""
-    return max(2, ceil(-log(INTERPOLATION_ERROR) / (pi * (1 - rho))))
+    return max(2, ceil(-log(error) / (pi * (1 - rho))))
 
 
-def kaiser_sinc(at: NDArray[np.float64], half_width: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+def kaiser_sinc(at: NDArray[np.float64], half_width: int, error: float = INTERPOLATION_ERROR) -> Taps:
     """Return first lattice point and 2 W weights with which to read a field at `at` [lattice steps]."""
     first = np.floor(at).astype(np.intp) - half_width + 1
     distance = at[:, None] - (first[:, None] + np.arange(2 * half_width))
     inside = np.clip(1 - (distance / half_width) ** 2, 0, None)
-    beta = -log(INTERPOLATION_ERROR)
+    beta = -log(error)
     return first, (np.sinc(distance) * np.i0(beta * np.sqrt(inside)) / np.i0(beta)).astype(np.float32)

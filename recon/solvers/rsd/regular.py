@@ -111,6 +111,8 @@ class LatticePropagator(Propagator):
         Where the wave's transforms are kept for later images; None keeps none.
     threads
         How many transform the wall; None takes one for each core.
+    plans
+        Plans of the axes y and x; None plans them.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class LatticePropagator(Propagator):
         wall_bytes: int = ImagingProblem.wall_bytes,
         kernels: Kernels | None = None,
         threads: int | None = None,
+        plans: tuple[AxisPlan, AxisPlan] | None = None,
     ) -> None:
         self.band = band
         self._kernels = kernels
@@ -130,8 +133,10 @@ class LatticePropagator(Propagator):
         self._shape = grid.shape[1:]
         self._round_trip_factor = round_trip_factor
         near_m = float(grid.z_m[0])
-        self._y = self._planned(aperture.y, grid.y_m, near_m)
-        self._x = self._planned(aperture.x, grid.x_m, near_m)
+        self._y, self._x = plans or (
+            self._planned(aperture.y, grid.y_m, near_m),
+            self._planned(aperture.x, grid.x_m, near_m),
+        )
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
@@ -207,26 +212,37 @@ class LatticePropagator(Propagator):
         """Sum the fields over all frequencies at moments t, and their slope: (T, y, x) complex64."""
         if len(times_s) > 1:
             return super().focus(z_m, times_s)
-        slopes = reference_rad_per_s is not None
-        fields = (
-            self._at_once(z_m, times_s, slopes) if times_s.size == 1 else self._read(z_m, times_s, slopes)
-        )
-        if reference_rad_per_s is not None:
-            # What was summed is n times the field of frequency number n.
-            fields[1] *= 1j * self.band.step_rad_per_s
-            fields[1] += 1j * (self.band.first_rad_per_s - reference_rad_per_s) * fields[0]
+        fields = self.slow(z_m, times_s, reference_rad_per_s)
+        turn(fields, self.band.last_rad_per_s, times_s)
         return fields
 
+    def slow(
+        self, z_m: float, times_s: NDArray[np.float64], reference_rad_per_s: float | None = None
+    ) -> Field:
+        """Return what `focus` does at one moment, times exp(-i omega t) with the band's highest omega.
+
+        Where the moments change in space by no more than light does, this oscillates in space no faster than
+        the field of that frequency, whichever frequencies are summed.
+        """
+        slopes = reference_rad_per_s is not None
+        sums = self._at_once(z_m, times_s, slopes) if times_s.size == 1 else self._read(z_m, times_s, slopes)
+        if reference_rad_per_s is not None:
+            # What was summed is n times the field of the n-th frequency from the last.
+            sums[1] *= -1j * self.band.step_rad_per_s
+            sums[1] += 1j * (self.band.last_rad_per_s - reference_rad_per_s) * sums[0]
+        return sums
+
     def _at_once(self, z_m: float, times_s: NDArray[np.float64], slopes: bool) -> Field:
-        """Sum at one moment for all voxels; with slopes, the sum of n times the n-th field, too."""
+        """Sum at one moment for all voxels; with slopes, the sum of n times the n-th from the last, too."""
         work = self._workspace()
         fields = np.zeros((1 + slopes, *self._shape), np.complex64)
-        turns = np.exp(1j * self.band.frequencies_rad_per_s * times_s.item()).astype(np.complex64)
+        since = self.band.frequencies_rad_per_s - self.band.last_rad_per_s
+        turns = np.exp(1j * since * times_s.item()).astype(np.complex64)
         work.spectrum[:] = 0
         sums = np.zeros_like(work.spectrum) if slopes else None
         for index in self._walk(z_m, work):
             if sums is not None:
-                sums += work.spectrum  # so that the n-th frequency is added n times by the end
+                sums += work.spectrum  # so that the n-th from the last is added n times by the end
             wall = self._wall(index)
             wall = wall * turns[index] if turns[index] != 1 else wall
             kernels.multiply(wall, work.kernel, work.spectrum, True)
@@ -237,17 +253,10 @@ class LatticePropagator(Propagator):
         return fields
 
     def _read(self, z_m: float, times_s: NDArray[np.float64], slopes: bool) -> Field:
-        """Sum at a moment for each voxel, by Horner's rule; with slopes, of n times the n-th field, too."""
+        """Sum at a moment for each voxel, by Horner's rule; with slopes, of n times the n-th from the last."""
         work = self._workspace()
         fields = np.zeros((1 + slopes, *self._shape), np.complex64)
-        base, step = np.empty_like(fields[0]), np.empty_like(fields[0])
-        kernels.phase(
-            np.ascontiguousarray(np.broadcast_to(times_s[0], self._shape)),
-            self.band.first_rad_per_s / (2 * np.pi),
-            self.band.step_rad_per_s / (2 * np.pi),
-            base,
-            step,
-        )
+        step = phases(times_s, -self.band.step_rad_per_s, self._shape)
         for index in self._walk(z_m, work):
             kernels.multiply(self._wall(index), work.kernel, work.spectrum, False)
             rows = self._rows(work)
@@ -255,7 +264,6 @@ class LatticePropagator(Propagator):
                 kernels.add_field_and_slope(fields[0], fields[1], step, rows, self._x.first, self._x.weights)
             else:
                 kernels.add_field(fields[0], step, rows, self._x.first, self._x.weights)
-        fields *= base
         return fields
 
     def walls_of(self, emitted: Sequence[NDArray[np.complex64]]) -> NDArray[np.complex64]:
@@ -314,8 +322,8 @@ class LatticePropagator(Propagator):
         fields = np.zeros((2, *self._shape), np.complex64)
         turns, steps = (np.empty(times_s.shape, np.complex64) for _ in range(2))
         for moments_s, turn, step in zip(times_s, turns, steps, strict=True):
-            rates = self.band.last_rad_per_s / (2 * np.pi), -self.band.step_rad_per_s / (2 * np.pi)
-            kernels.phase(np.ascontiguousarray(moments_s), *rates, turn, step)
+            turn[:] = phases(moments_s, self.band.first_rad_per_s, moments_s.shape)
+            step[:] = phases(moments_s, self.band.step_rad_per_s, moments_s.shape)
         part = np.empty_like(fields[0])
         # written out once for all groups, the wave is multiplied in half of the time
         wave = np.empty(walls.shape[2:], np.complex64) if work.spectrum.shape == walls.shape[2:] else None
@@ -344,11 +352,10 @@ class LatticePropagator(Propagator):
         return plan_axis(wall, voxels_m, self._wavenumber, near_m)
 
     def _walk(self, z_m: float, work: Workspace) -> Iterator[int]:
-        """From the highest frequency down, leave the kernel's transform in `work` and yield the index."""
+        """From the lowest frequency up, leave the kernel's transform in `work` and yield the index."""
         kept = self._kernels.of_plane(z_m) if self._kernels else None
         if kept is not None:
-            for index in reversed(range(len(self.band))):
-                work.kernel = kept[index]
+            for index, work.kernel in enumerate(kept):
                 yield index
             return
         work.kernel, made = work.own_kernel, []
@@ -356,20 +363,20 @@ class LatticePropagator(Propagator):
             np.arange(self._y.half + 1, dtype=np.float64) * self._y.step_m,
             np.arange(self._x.half + 1, dtype=np.float64) * self._x.step_m,
             z_m,
-            self._round_trip_factor * self.band.last_rad_per_s / (2 * np.pi * C_M_PER_S),
+            self._round_trip_factor * self.band.first_rad_per_s / (2 * np.pi * C_M_PER_S),
             self._round_trip_factor * self.band.step_rad_per_s / (2 * np.pi * C_M_PER_S),
             work.wave,
             work.step,
         )
-        for index in reversed(range(len(self.band))):
+        for index in range(len(self.band)):
+            if index:
+                kernels.next_frequency(work.wave, work.step)
             dct(work.wave, axes=(1, 2), type=1, out=work.kernel, nthreads=1)
             if self._kernels and self._kernels.room:
                 made.append(work.kernel.copy())
             yield index
-            if index:
-                kernels.next_frequency(work.wave, work.step)
         if self._kernels and len(made) == len(self.band):
-            self._kernels.keep(z_m, made[::-1])
+            self._kernels.keep(z_m, made)
 
     def _wall(self, index: int) -> NDArray[np.complex64]:
         """Return the transform of what the wall emits at a frequency, (lattice y, lattice x)."""
@@ -404,6 +411,21 @@ class LatticePropagator(Propagator):
         if not hasattr(self._threads, "work"):
             self._threads.work = Workspace(self._y, self._x)
         return self._threads.work
+
+
+def phases(
+    times_s: NDArray[np.float64], omega_rad_per_s: float, shape: tuple[int, ...]
+) -> NDArray[np.complex64]:
+    """Return exp(i omega t) for moments, (..., y or 1, x or 1), at all (y, x) voxels."""
+    turned = np.empty(shape, np.complex64)
+    moments_s = np.ascontiguousarray(np.broadcast_to(times_s.reshape(times_s.shape[-2:]), shape))
+    kernels.phase(moments_s, omega_rad_per_s / (2 * np.pi), turned)
+    return turned
+
+
+def turn(fields: Field, omega_rad_per_s: float, times_s: NDArray[np.float64]) -> None:
+    """Multiply (..., y, x) fields by exp(i omega t), with t the (1, y or 1, x or 1) moment of each voxel."""
+    fields *= phases(times_s, omega_rad_per_s, fields.shape[-2:])
 
 
 def needs(
