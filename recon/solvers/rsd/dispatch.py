@@ -16,6 +16,7 @@ The quickest is chosen by counting what each does; the times for that are measur
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import repeat
 from math import pi
 from os import cpu_count
@@ -27,7 +28,7 @@ from recon.aperture import TOLERANCE_M, Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
-from recon.sampling import DepthBlock
+from recon.sampling import DepthBlock, plane_times_s
 from recon.solvers.problem import ImagingProblem, Need, Way, part_of
 from recon.solvers.rsd import array as rsd_array
 from recon.solvers.rsd import regular as rsd_regular
@@ -35,6 +36,7 @@ from recon.solvers.rsd import tabulated
 from recon.solvers.rsd.direct_f32 import TermwisePropagator
 from recon.solvers.rsd.gridding import NEAREST_WAVELENGTHS, TAP_BYTES, lattice_axis, spread
 from recon.solvers.rsd.lattice import plan_axis, taps_half_width
+from recon.solvers.rsd.levels import LevelPropagator
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.solvers.spectral import Field, by_planes, spectral
 from recon.wave import Band
@@ -328,18 +330,23 @@ def _propagation(
 ) -> Callable[[float, NDArray[np.float64], float | None], Field]:
     """Return what focuses a group on a plane at moments that do not hold the group's own detector path."""
     aperture, emitted = _put(problem, emitted, group)
-    through = LatticePropagator(
-        aperture,
-        emitted,
-        problem.band,
-        _planned_for(group, problem),
-        group.round_trip_factor,
-        problem.wall_bytes,
-        threads=problem.threads,
-    )
-    return lambda z_m, times_s, reference: through.focus(
-        z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m), reference
-    )
+    arguments = aperture, emitted, problem.band, _planned_for(group, problem), group.round_trip_factor
+    if problem.frames > 1:
+        whole = LatticePropagator(*arguments, problem.wall_bytes, threads=problem.threads)
+        return lambda z_m, times_s, reference: whole.focus(
+            z_m - group.depth_m, times_s + group.detector_time_s(problem.grid, z_m), reference
+        )
+    moments = partial(_moments_s, problem, group)
+    through = LevelPropagator(*arguments, moments, problem.wall_bytes, problem.threads)
+    return lambda z_m, _, reference: through.focus(z_m - group.depth_m, reference)
+
+
+def _moments_s(
+    problem: ImagingProblem, group: PlanarGroup, grid: VoxelGrid, z_m: float
+) -> NDArray[np.float64]:
+    """Return when voxels are read, those of a plane at a depth before the group's."""
+    times_s = plane_times_s(problem.capture, grid, problem.camera, z_m + group.depth_m)
+    return times_s + group.detector_time_s(grid, z_m + group.depth_m)
 
 
 def _on_device(

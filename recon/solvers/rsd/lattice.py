@@ -251,7 +251,7 @@ def coarse_axis(
     first, weights = kaiser_sinc((wall.coordinates_m - start_m) / step_m, half_width, error)
     emitting = np.arange(first[0], first[-1] + weights.shape[1])
     plan = _picked(points, emitting, step_m, (first - first[0], weights))
-    return plan, start_m + step_m * points, taps
+    return plan, np.asarray(start_m + step_m * points, np.float64), taps
 
 
 def _picked(

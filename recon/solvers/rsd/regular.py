@@ -111,8 +111,6 @@ class LatticePropagator(Propagator):
         Where the wave's transforms are kept for later images; None keeps none.
     threads
         How many transform the wall; None takes one for each core.
-    plans
-        Plans of the axes y and x; None plans them.
     """
 
     def __init__(
@@ -125,18 +123,13 @@ class LatticePropagator(Propagator):
         wall_bytes: int = ImagingProblem.wall_bytes,
         kernels: Kernels | None = None,
         threads: int | None = None,
-        plans: tuple[AxisPlan, AxisPlan] | None = None,
     ) -> None:
         self.band = band
         self._kernels = kernels
         self._emitted = emitted
         self._shape = grid.shape[1:]
         self._round_trip_factor = round_trip_factor
-        near_m = float(grid.z_m[0])
-        self._y, self._x = plans or (
-            self._planned(aperture.y, grid.y_m, near_m),
-            self._planned(aperture.x, grid.x_m, near_m),
-        )
+        self._y, self._x = self._plans(aperture, grid)
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
@@ -253,7 +246,7 @@ class LatticePropagator(Propagator):
         return fields
 
     def _read(self, z_m: float, times_s: NDArray[np.float64], slopes: bool) -> Field:
-        """Sum at a moment for each voxel, by Horner's rule; with slopes, of n times the n-th from the last."""
+        """Sum at a moment for each voxel, by Horner's rule; with slopes, of n times the n-th from last."""
         work = self._workspace()
         fields = np.zeros((1 + slopes, *self._shape), np.complex64)
         step = phases(times_s, -self.band.step_rad_per_s, self._shape)
@@ -346,6 +339,14 @@ class LatticePropagator(Propagator):
     def _wavenumber(self) -> float:
         """The wave's k at the highest frequency [rad/m]."""
         return self._round_trip_factor * self.band.finest_rad_per_s / C_M_PER_S
+
+    def _plans(self, aperture: Aperture, grid: VoxelGrid) -> tuple[AxisPlan, AxisPlan]:
+        """Plan the axes y and x."""
+        near_m = float(grid.z_m[0])
+        return (
+            self._planned(aperture.y, grid.y_m, near_m),
+            self._planned(aperture.x, grid.x_m, near_m),
+        )
 
     def _planned(self, wall: LatticeAxis, voxels_m: NDArray[np.float64], near_m: float) -> AxisPlan:
         """Plan an axis for the wave."""
