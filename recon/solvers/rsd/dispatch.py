@@ -36,7 +36,7 @@ from recon.solvers.rsd import tabulated
 from recon.solvers.rsd.direct_f32 import TermwisePropagator
 from recon.solvers.rsd.gridding import NEAREST_WAVELENGTHS, TAP_BYTES, lattice_axis, spread
 from recon.solvers.rsd.lattice import plan_axis, taps_half_width
-from recon.solvers.rsd.levels import LevelPropagator
+from recon.solvers.rsd.levels import LevelPropagator, Scene, plan_levels, work_points
 from recon.solvers.rsd.regular import LatticePropagator
 from recon.solvers.spectral import Field, by_planes, spectral
 from recon.wave import Band
@@ -220,8 +220,24 @@ def way(problem: ImagingProblem, part: DepthBlock) -> Way:
     if not _by_fft(problem, part.band, planes, groups):
         count_ns = _other_ns(len(laser_m), part.band, planes, problem.frames)
         return Way(1e-9 * count_ns, False, ())
-    count_ns = _lattice_ns(groups, laser_m, part.band, planes)
+    if len(groups) == 1 and problem.frames == 1:
+        count_ns = _levels_ns(replace(problem, grid=planes), part.band, groups[0])
+    else:
+        count_ns = _lattice_ns(groups, laser_m, part.band, planes)
     return Way(1e-9 * count_ns, True, tuple(group.records for group in groups))
+
+
+def _levels_ns(problem: ImagingProblem, band: Band, group: PlanarGroup) -> float:
+    """Return the time that the planes of a problem take level by level [ns]."""
+    laser_m, grid = problem.capture.laser_m, _planned_for(group, problem)
+    try:
+        aperture = recognise(laser_m - [0, 0, group.depth_m])
+    except GeometryError:
+        axes = lattice(laser_m, group.round_trip_factor, band, problem.grid)
+        aperture = Aperture(*axes, np.zeros(0, np.intp), np.zeros(0, np.intp))
+    scene = Scene.of(aperture, grid, group.round_trip_factor, partial(_moments_s, problem, group))
+    points = work_points(plan_levels(scene, band)) / group.round_trip_factor
+    return LATTICE_NS * points * len(problem.grid.z_m)
 
 
 def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:

@@ -89,9 +89,10 @@ class Level:
     x: Axis
 
     @property
-    def points(self) -> int:
-        """Number of points of its FFT."""
-        return self.y.plan.length * self.x.plan.length
+    def points(self) -> float:
+        """Points of its FFTs: half of the work is the wave's, and half that on what is left when folded."""
+        y, x = self.y.plan, self.x.plan
+        return (y.length * x.length + y.folded * x.folded) / 2
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ def plan_levels(scene: Scene, band: Band) -> tuple[Level, ...]:
 
 
 def work_points(levels: tuple[Level, ...]) -> float:
-    """Return what a plane takes, in points of an FFT."""
+    """Return what a plane takes, in points of FFTs."""
     return sum(level.points * (level.part.stop - level.part.start) for level in levels)
 
 
@@ -354,9 +355,10 @@ def window_half_widths(
         In lattice steps; infinite where a lattice is too coarse.
     """
     found = np.zeros(np.broadcast_shapes(np.shape(wavenumber), steps_m.shape))
+    evanescent = -log(ERROR) / near_m  # what oscillates faster is damped to the error on its way
     for _ in range(5):
         end_m = reach_m + found * steps_m
-        rho = steps_m * wavenumber / pi * end_m / np.hypot(end_m, near_m)
+        rho = steps_m / pi * np.hypot(wavenumber * end_m / np.hypot(end_m, near_m), evanescent)
         found = -log(ERROR) / (pi * (1 - np.minimum(rho, DENSEST)))
     return np.where(rho < DENSEST, np.ceil(SAFETY * found) + 1, inf)
 

@@ -450,7 +450,8 @@ def needs(
     # One wall field is put on its lattice at a time, in two steps where it is spread.
     fixed, wall = problem.threads * thread + 16 * points, 8 * points
     if problem.frames == 1:
-        return Need(24 * grid.size + fixed, wall, 1)
+        levels = 2 * problem.threads * thread  # two coarser lattices, at most
+        return Need(24 * grid.size + fixed + levels, wall, 1)
     return Need(fixed, min(many * wall, problem.wall_bytes), many)
 
 

@@ -1,0 +1,171 @@
+"""Low frequencies on coarse lattices, against the sum itself and against one lattice for all of a band."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from recon.aperture import LatticeAxis, recognise
+from recon.grid import VoxelGrid
+from recon.solvers.rsd.lattice import Wave
+from recon.solvers.rsd.levels import (
+    ERROR,
+    LevelPropagator,
+    Scene,
+    Side,
+    plan_levels,
+    window_half_widths,
+    work_points,
+)
+from recon.solvers.rsd.regular import LatticePropagator
+from recon.wave import VirtualPulse
+from support.hidden_points import C
+
+DETECTOR_M = np.array([0.1, -0.05, 0.0])
+OMEGA = 2 * np.pi * C / 0.04
+
+
+def centred(count, spacing_m, centre_m=0.0):
+    return centre_m + (np.arange(count) - (count - 1) / 2) * spacing_m
+
+
+def wall(columns=96, rows=72, pitch_m=0.01):
+    x, y = (one.ravel() for one in np.meshgrid(centred(columns, pitch_m), centred(rows, pitch_m)))
+    return np.stack([x, y, 0 * x], axis=1)
+
+
+def emissions(many, positions, seed=4):
+    parts = np.random.default_rng(seed).normal(size=(many, 2 * positions))
+    return parts.astype(np.float32).view(np.complex64)
+
+
+def by_detector(grid, z_m):
+    across = (grid.x_m - DETECTOR_M[0]) ** 2 + (grid.y_m[:, None] - DETECTOR_M[1]) ** 2
+    return np.sqrt(across + z_m**2)[None] / C
+
+
+def at_once(grid, z_m):
+    return np.full((1, 1, 1), 1.3e-9)
+
+
+def both(laser_m, band, grid, factor, moments):
+    """Return the same plane by one lattice and by levels, with slopes, and the levels."""
+    emitted = emissions(len(band), len(laser_m))
+    near_m = float(grid.z_m[0])
+    aperture = recognise(laser_m)
+    one = LatticePropagator(aperture, emitted, band, grid, factor).focus(near_m, moments(grid, near_m), OMEGA)
+    through = LevelPropagator(aperture, emitted, band, grid, factor, moments, 2**28, 1)
+    levels = plan_levels(Scene.of(aperture, grid, factor, moments), band)
+    return one, through.focus(near_m, OMEGA), levels
+
+
+def differ(one, other):
+    """Return the greatest difference of field and of slope, as a part of each one's peak."""
+    return [float(np.abs(a - b).max() / np.abs(a).max()) for a, b in zip(one, other, strict=True)]
+
+
+@pytest.mark.parametrize(("factor", "moments"), [(1, by_detector), (1, at_once), (2, at_once)])
+@pytest.mark.parametrize("near_m", [0.6, 1.0, 3.0])
+def test_levels_are_one_lattice(near_m, factor, moments):
+    grid = VoxelGrid(centred(96, 0.01), centred(72, 0.01), np.array([near_m]))
+    band = VirtualPulse(0.06 * factor, 2).band(12e-9 * factor)
+    one, found, levels = both(wall(), band, grid, factor, moments)
+    assert levels[0].x.taps
+    # Each wave is interpolated twice along two axes; errors of all waves add up by chance.
+    assert max(differ(one, found)) < 2 * ERROR
+
+
+def test_levels_are_the_sum():
+    grid = VoxelGrid(centred(96, 0.01), centred(72, 0.01), np.array([1.5]))
+    laser_m, band = wall(), VirtualPulse(0.05, 2).band(12e-9)
+    _, found, levels = both(laser_m, band, grid, 1, by_detector)
+    assert len(levels) > 1
+    times_s = by_detector(grid, 1.5)[0]
+    omega = band.frequencies_rad_per_s
+    wanted = []
+    places = [(0, 0), (71, 95), (11, 40), (30, 5)]
+    for row, column in places:
+        r = np.sqrt((grid.x_m[column] - laser_m[:, 0]) ** 2 + (grid.y_m[row] - laser_m[:, 1]) ** 2 + 1.5**2)
+        terms = emissions(len(band), len(laser_m)) * np.exp(1j * np.outer(omega, r / C)) / r
+        wanted.append((np.exp(1j * omega * times_s[row, column]) * terms.sum(axis=1)).sum())
+    at = [found[0, row, column] for row, column in places]
+    assert np.abs(np.array(at) - wanted).max() < 2 * ERROR * np.abs(found[0]).max()
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(1, 40),
+    st.floats(0.004, 0.05),
+    st.floats(-0.6, 0.6),
+    st.floats(0.3, 4),
+    st.floats(2, 6),
+    st.floats(0.05, 0.3),
+)
+def test_any_voxels(count, spacing_m, centre_m, near_m, cycles, wavelength_m):
+    grid = VoxelGrid(centred(count, spacing_m, centre_m), centred(9, 0.02), np.array([near_m]))
+    band = VirtualPulse(wavelength_m, cycles).band(5e-9)
+    one, found, _ = both(wall(32, 24), band, grid, 1, by_detector)
+    # What one lattice interpolates, voxels off the wall's, is designed for 3e-4 along each axis. The field of
+    # few voxels may be small beside what is interpolated; its scale is that of terms that add up by chance.
+    scale = np.sqrt(32 * 24 * 2 * np.square(band.weights.size)) / near_m
+    assert np.abs(one - found)[0].max() < 2 * 3e-4 * max(scale, float(np.abs(one[0]).max()))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(10, 2000), st.floats(0.05, 10), st.floats(0.05, 6), st.floats(0.001, 0.3))
+def test_windows_interpolate_as_well_as_they_should(wavenumber, near_m, reach_m, step_m):
+    half_width = float(window_half_widths(wavenumber, near_m, reach_m, np.array([step_m]))[0])
+    assume(np.isfinite(half_width))
+    wave = Wave(wavenumber, near_m, reach_m)
+    assert wave.error(step_m, int(half_width), ERROR) <= ERROR
+
+
+def scene(near_m, slope=0.5):
+    y, x = (
+        Side(
+            LatticeAxis(-0.005 * (many - 1), 0.01, many), -0.005 * (many - 1), 0.005 * (many - 1), many, slope
+        )
+        for many in (130, 180)
+    )
+    return Scene(y, x, near_m, 1)
+
+
+def test_deep_rooms_take_less():
+    band = VirtualPulse(0.04, 2).band(12e-9)
+    taken = [
+        work_points(plan_levels(scene(near_m), band)) / len(band) / (270 * 360) for near_m in (0.5, 1.5, 3)
+    ]
+    assert taken == sorted(taken, reverse=True)
+    assert taken[0] < 0.85
+    assert taken[-1] < 0.5
+
+
+def test_levels_cover_the_band_in_turn():
+    for near_m in np.geomspace(0.1, 20, 12):
+        band = VirtualPulse(0.04, 2).band(12e-9)
+        parts = [level.part for level in plan_levels(scene(float(near_m)), band)]
+        edges = [0, *(part.stop for part in parts)]
+        assert [part.start for part in parts] == edges[:-1]
+        assert edges[-1] == len(band)
+
+
+@pytest.mark.parametrize("slope", [1.0, 7.0])
+def test_moments_that_change_faster_than_light_are_read_on_one_lattice(slope):
+    (level,) = plan_levels(scene(2.0, slope), VirtualPulse(0.04, 2).band(12e-9))
+    assert level.x.taps is None
+
+
+def test_runs_of_a_band_add_up():
+    grid = VoxelGrid(centred(96, 0.01), centred(72, 0.01), np.array([1.0]))
+    aperture, band = recognise(wall()), VirtualPulse(0.05, 2).band(12e-9)
+    emitted = emissions(len(band), len(wall()))
+
+    def focused(part):
+        part_of_band, given = band[part], emitted[part]
+        return LevelPropagator(aperture, given, part_of_band, grid, 1, by_detector, 2**28, 1).focus(
+            1.0, OMEGA
+        )
+
+    whole = focused(slice(0, len(band)))
+    cut = focused(slice(0, 11)) + focused(slice(11, len(band)))
+    assert max(differ(whole, cut)) < 2 * ERROR
