@@ -7,6 +7,7 @@ ten seconds, or more than 1 GB.
 
 import argparse
 import multiprocessing
+import shutil
 import tempfile
 import time
 import traceback
@@ -19,15 +20,16 @@ import h5py
 import numpy as np
 import scipy.io
 
+import rig.importers  # noqa: F401  loaded once, not in each worker
 from attacks.mutants import by_bytes, by_structure
+from attacks.shared import Shared
 from recon.errors import ReconError
 from rig.errors import RigError
-from rig.files.inspection import inspect_all
 
 #: Seconds and bytes that one input may cost; a busy machine is given twice the time.
 DEADLINE_S, MEMORY_BYTES = 20.0, 2**30
-#: Files that one process walks through: its copy costs ten times what the walk does.
-AT_ONCE = 10
+#: Where files cost no disk, if there is such a place.
+QUICK = next((one for one in ("/dev/shm",) if Path(one).is_dir()), None)
 
 
 def tagged_scan_file(folder: Path) -> Path:
@@ -207,7 +209,9 @@ def _outcome(read, path: Path) -> str:
     try:
         read(path)
     except (RigError, ReconError) as error:
-        said = str(error)
+        said, left = str(error), {one.name for one in path.parent.iterdir()} - {path.name}
+        if left:
+            return f"left behind: {', '.join(sorted(left))}"
         return "refused" if path.name in said or "\n" not in said else f"said: {said}"
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)
@@ -216,32 +220,32 @@ def _outcome(read, path: Path) -> str:
     return "read"
 
 
-def _work(parser: str, seeds: range, pipe) -> None:
+def _work(parser: str, seeds: range, pipe, closed) -> None:
     import resource
 
+    closed.close()
     pages = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     make, read = PARSERS[parser]
-    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
+    with tempfile.TemporaryDirectory(dir=QUICK) as folder, np.errstate(all="ignore"):
         good = make(Path(folder))
+        shared = Shared.install(pipe)
         most = pages + MEMORY_BYTES + 2**30  # address space: libraries that are loaded later take some
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-        for first in range(seeds.start, seeds.stop, AT_ONCE):
-            with tempfile.TemporaryDirectory() as some:
-                _read_some(read, good, Path(some), seeds[first - seeds.start :][:AT_ONCE], pipe)
+        resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+        for seed in seeds:
+            pipe.send((seed, ""))
+            pipe.send((seed, _read_one(read, good, Path(folder) / str(seed), seed)))
+        shared.end()
     pipe.send((-1, "end"))
 
 
-def _read_some(read, good: Path, folder: Path, seeds: range, pipe) -> None:
-    """Read the files of some seeds; they are walked through together, and one by one where that breaks."""
-    paths = [folder / str(seed) / f"input{good.suffix}" for seed in seeds]
-    for seed, path in zip(seeds, paths, strict=True):
-        path.parent.mkdir()
-        write_input(good, path, seed)
-    if good.suffix == ".h5":
-        inspect_all(paths)
-    for seed, path in zip(seeds, paths, strict=True):
-        pipe.send((seed, ""))
-        pipe.send((seed, _outcome(read, path)))
+def _read_one(read, good: Path, folder: Path, seed: int) -> str:
+    """Write the file of a seed into a folder of its own, and read it."""
+    folder.mkdir()
+    path = folder / f"input{good.suffix}"
+    write_input(good, path, seed)
+    outcome = _outcome(read, path)
+    shutil.rmtree(folder)
+    return outcome
 
 
 def attack(
@@ -255,7 +259,7 @@ def attack(
     seed, stop = first, first + number
     while seed < stop:
         ours, theirs = context.Pipe(duplex=False)
-        worker = context.Process(target=_work, args=(parser, range(seed, stop), theirs))
+        worker = context.Process(target=_work, args=(parser, range(seed, stop), theirs, ours))
         worker.start()
         theirs.close()
         now, outcome = seed, ""
