@@ -10,7 +10,7 @@ import sys
 import time
 import traceback
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,12 +38,20 @@ class Attack:
         Reads it.
     allowed
         The errors with which it may be refused.
+    first
+        Inputs that come first, in order; those made from random numbers have the numbers after them.
     """
 
     name: str
     make: Callable[[Random], Any]
     read: Callable[[Any], object]
     allowed: tuple[type[BaseException], ...]
+    first: Callable[[], Sequence[Any]] = tuple
+
+    def given(self, number: int) -> Any:
+        """Return the input of a number."""
+        first = self.first()
+        return first[number] if number < len(first) else self.make(Random(f"{self.name} {number}"))
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,7 @@ def attack(
     """Give a reader so many inputs; tell and return the first finding of each kind."""
     found: dict[str, Finding] = {}
     for index in range(first, first + number):
-        given = one.make(Random(f"{one.name} {index}"))
+        given = one.given(index)
         what = refused_badly(one, given)
         if what and what not in found:
             found[what] = Finding(index, what, repr(given)[:300])

@@ -5,6 +5,7 @@ answered: the program's own trial decides then, with its own limits and words. A
 that follow.
 """
 
+import faulthandler
 import json
 import multiprocessing
 import resource
@@ -85,6 +86,7 @@ def _serve(pipe, *closed) -> None:
     """Answer trials until nobody asks; what else than an answer comes ends the process."""
     for one in closed:
         one.close()
+    faulthandler.disable()
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     began_with = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     with suppress(Exception):
