@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import scipy.io
 
-import rig.importers  # noqa: F401  loaded once, not in each worker
+from attacks import layouts
 from attacks.mutants import by_bytes, by_structure
 from attacks.shared import Shared
 from recon.errors import ReconError
@@ -186,6 +186,7 @@ PARSERS = {
     "import-kept-records": (kept_records_file, import_as_it_is),
     "import-older-records": (older_records_file, import_older),
     "import-older-curves": (older_curves_file, import_older),
+    **layouts.parsers(),
 }
 
 
@@ -197,23 +198,32 @@ class Fault:
     what: str
 
 
-def write_input(good: Path, target: Path, seed: int) -> None:
-    """Write the file of a seed: even ones are mutated by bytes, odd ones by structure where it is HDF5."""
-    if seed % 2 and good.suffix == ".h5":
-        target.write_bytes(good.read_bytes())
+def write_input(good: Path, folder: Path, seed: int) -> Path:
+    """Write the file of a seed, and those of MATLAB beside it; return it.
+
+    Even seeds mutate one of them by bytes, odd ones by structure where it is HDF5.
+    """
+    files = [good, *sorted(path for path in good.parent.glob("*.mat") if path != good)]
+    spoiled = files[int(np.random.default_rng([seed, 3]).integers(len(files)))]
+    for path in files:
+        shutil.copy(path, folder)
+    target = folder / spoiled.name
+    if seed % 2 and h5py.is_hdf5(target):
         with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError):
             by_structure(target, seed)  # what the library does not write, it need not read
     else:
-        target.write_bytes(by_bytes(good.read_bytes(), seed))
+        target.write_bytes(by_bytes(target.read_bytes(), seed))
+    return folder / good.name
 
 
 def _outcome(read, path: Path) -> str:
+    given = set(path.parent.iterdir())
     try:
         read(path)
     except (RigError, ReconError) as error:
-        said, left = str(error), {one.name for one in path.parent.iterdir()} - {path.name}
+        said, left = str(error), set(path.parent.iterdir()) - given
         if left:
-            return f"left behind: {', '.join(sorted(left))}"
+            return f"left behind: {', '.join(one.suffix for one in left)}"
         return "refused" if path.name in said or "\n" not in said else f"said: {said}"
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)
@@ -243,9 +253,7 @@ def _work(parser: str, folder: Path, seeds: range, pipe, closed) -> None:
 def _read_one(read, good: Path, folder: Path, seed: int) -> str:
     """Write the file of a seed into a folder of its own, and read it."""
     folder.mkdir()
-    path = folder / f"input{good.suffix}"
-    write_input(good, path, seed)
-    outcome = _outcome(read, path)
+    outcome = _outcome(read, write_input(good, folder, seed))
     shutil.rmtree(folder)
     return outcome
 
