@@ -63,7 +63,7 @@ _VALUES += [
     "scene:letters",
     "3",
     "1e-9m",
-    "1km",
+    "30m",
     "90ns",
     "1THz",
 ]
@@ -127,6 +127,10 @@ def verbs(command: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         yield name, command
 
 
+#: What makes an image as large as somebody likes; its making is then left out.
+_SIZES = {"--depth", "--width", "--height", "--voxel"}
+
+
 @cache
 def _places() -> tuple[tuple[str, str | int], ...]:
     """Return (verb, option) for each option that takes a value, and (verb, 0) for its first argument, ..."""
@@ -142,17 +146,19 @@ def _places() -> tuple[tuple[str, str | int], ...]:
 def each() -> tuple[list[str], ...]:
     """Return a command line for each place and each hostile value."""
     return tuple(
-        [*verb.split(), *_given(_BASE[verb], place, value)] for verb, place in _places() for value in _VALUES
+        [*verb.split(), *_given(verb, _BASE[verb], place, value)]
+        for verb, place in _places()
+        for value in _VALUES
     )
 
 
 def command_line(random: Random) -> list[str]:
     """Return a command line with one or two hostile values."""
     verb, place = random.choice(_places())
-    given = _given(_BASE[verb], place, _hostile(random))
+    given = _given(verb, _BASE[verb], place, _hostile(random))
     if random.random() < 0.3:
         place = random.choice([other for its, other in _places() if its == verb])
-        given = _given(given, place, _hostile(random))
+        given = _given(verb, given, place, _hostile(random))
     return [*verb.split(), *given]
 
 
@@ -174,8 +180,10 @@ def _argument(text: str) -> str:
     return text.replace("\0", "")[:100_000]
 
 
-def _given(base: list[str], place: str | int, value: str) -> list[str]:
+def _given(verb: str, base: list[str], place: str | int, value: str) -> list[str]:
     """Return a verb's arguments with a value in one place."""
+    if verb == "recon" and place in _SIZES:
+        base = [*base, "--dry-run"]
     if isinstance(place, str):
         return [*base, f"{place}={value}"] if value.startswith("-") else [*base, place, value]
     count = next((number for number, word in enumerate(base) if word.startswith("--")), len(base))

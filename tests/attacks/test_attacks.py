@@ -68,7 +68,7 @@ def test_an_attack_finds_too_much_memory(monkeypatch):
 
 def test_an_attack_finds_what_takes_too_long(monkeypatch):
     monkeypatch.setattr(running, "LONGEST_S", 0.2)
-    waits = iter([0.0, 1.0, 0.0])
+    waits = iter([0.0, 2.0, 0.0])
     slow = wire.Attack("slow", lambda _: next(waits), time.sleep, ())
     assert ["took more than" in one.what for one in attack(slow, 3)] == [True]
 
