@@ -192,7 +192,7 @@ _CLOCK_S = 1e15
 
 
 def show_duration(duration_s: float) -> str:
-    """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``; in seconds where no clock has it."""
+    """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``, or seconds beyond any clock."""
     if duration_s < 60 or not duration_s < _CLOCK_S:
         return f"{duration_s:.3g} s"
     minutes, seconds = divmod(round(duration_s), 60)
