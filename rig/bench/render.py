@@ -19,7 +19,7 @@ from rig.model.state import RigState
 
 #: Positions that are rendered at a time: 8 MB of 15 000 bins, and work enough for all cores. Fewer of more
 #: bins, so that they are no more than so many values.
-BLOCK, _BLOCK_VALUES = 64, 2**24
+BLOCK, _BLOCK_VALUES = 64, 2**22
 
 
 @dataclass(frozen=True)
