@@ -135,10 +135,7 @@ def check_rig(plan: ScanPlan, state: RigState) -> Estimate:
     drivers.errors.LimitError
         If laser or timing instrument cannot be set so.
     """
-    if not len(plan):
-        raise RefusedError(
-            "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
-        )
+    plan.require_positions()
     found = estimate(plan, state)
     _check_angles(plan, state, found)
     if plan.continuous:

@@ -17,8 +17,9 @@ from rig.model.config import RigConfig
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 
-#: Positions that are rendered at a time: 8 MB of 15 000 bins, and work enough for all cores.
-BLOCK = 64
+#: Positions that are rendered at a time: 8 MB of 15 000 bins, and work enough for all cores. Fewer of more
+#: bins, so that they are no more than so many values.
+BLOCK, _BLOCK_VALUES = 64, 2**22
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,14 @@ def render(
     ------
     rig.errors.UsageError
         If ``target`` exists, or its folder does not.
+    rig.errors.RefusedError
+        If the plan has no positions.
     rig.errors.ConfigError
         If there is no such scene.
     """
     if target.exists():
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
+    plan.require_positions()
     state = RigState(config)
     description = ScanDescription(
         laser_m=plan.spots_m,
@@ -168,14 +172,16 @@ def _blocks(plan: ScanPlan, config: RigConfig, axis: TimeAxis) -> Iterator[NDArr
     spots_m = np.array([channel.spot_m for channel in config.channels])
     counted_m2 = _counted_m2(config, plan.passes[0].exposure_s, spots_m)
 
+    step = max(1, min(BLOCK, _BLOCK_VALUES // (axis.bins * len(of_channels))))
+
     def rendered(first: int) -> NDArray[np.float64]:
-        spots_m = plan.spots_m[first : first + BLOCK]
+        spots_m = plan.spots_m[first : first + step]
         light = [transients(paths, spots_m, edges_s) for paths in of_channels]
         return np.stack(light, axis=1) * counted_m2[:, None]
 
     with ThreadPoolExecutor(1) as ahead:
         following = ahead.submit(rendered, 0)
-        for first in range(BLOCK, len(plan) + BLOCK, BLOCK):
+        for first in range(step, len(plan) + step, step):
             block = following.result()
             following = ahead.submit(rendered, first)
             yield block

@@ -157,8 +157,8 @@ def import_(
 def _numbers(text: str) -> tuple[int, ...]:
     from rig.errors import UsageError
 
-    parts = text.split(",")
-    if not all(part.strip().isdecimal() for part in parts):
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and len(part) < 10 for part in parts):
         raise UsageError(f"'{text}' is not a list of bounces; write numbers from 1, e.g. --bounces 2,3")
     return tuple(int(part) for part in parts)
 

@@ -100,11 +100,14 @@ def problem(path: str) -> None:
         file = h5py.File(path, "r")
     except OSError:
         return
-    with file:
-        for place, group, depth in _groups(path, file):
-            if depth > DEPTH:
-                raise _refused(path, place, f"lies more than {DEPTH} groups deep")
-            _attributes(path, place, group)
+    try:
+        with file:
+            for place, group, depth in _groups(path, file):
+                if depth > DEPTH:
+                    raise _refused(path, place, f"lies more than {DEPTH} groups deep")
+                _attributes(path, place, group)
+    except _UNREADABLE as error:  # of the groups themselves: there is nothing without them
+        raise DataFileError(f"{path} is damaged: {error}; copy it again") from error
 
 
 def _refused(path: str, place: str, what: str) -> DataFileError:

@@ -2,14 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError
 from rig.files.blocks import read, spans
 from rig.files.check import reading
 from rig.importers.wall import WallFrame
@@ -18,8 +16,6 @@ from rig.model.quantities import show_length
 
 #: Bytes of a dataset read at once.
 _BLOCK_BYTES = 2**24
-#: Chunks that a dataset may claim for each that was written, and bytes without chunks that were not.
-_MOST_UNWRITTEN, _MOST_ZEROS_BYTES = 1000, 2**30
 
 
 @dataclass(frozen=True)
@@ -92,35 +88,20 @@ def stored_dtype(dataset: h5py.Dataset) -> np.dtype:
 
     What is no unsigned integer is read until a value is none, as that decides it.
 
+    Parameters
+    ----------
+    dataset
+        Of `Source.dataset`, which has looked at it.
+
     Raises
     ------
     DataFileError
-        If it does not hold real numbers, was not written, or is damaged.
+        If it is damaged.
     """
-    path = Path(dataset.file.filename)
-    with reading(path):  # a type that no numbers here have is refused when it is asked for
-        if dataset.dtype.kind not in "uif":
-            raise DataFileError(f"{path}: {dataset.name} has type {dataset.dtype}, not real numbers")
-        _check_written(path, dataset)
     if dataset.dtype.kind == "u":
         return dataset.dtype.newbyteorder("<")
-    with reading(path):
+    with reading(Path(dataset.file.filename)):
         return np.dtype("<u4" if all(map(_are_counts, _parts(dataset))) else "<f4")
-
-
-def _check_written(path: Path, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset that claims far more than was ever written: reading its zeros may take hours."""
-    if dataset.chunks is None:
-        if not dataset.id.get_storage_size() and dataset.nbytes > _MOST_ZEROS_BYTES:
-            raise DataFileError(f"{path}: {dataset.name} has shape {dataset.shape}, but was never written")
-        return
-    claimed = prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
-    written = dataset.id.get_num_chunks()
-    if claimed > _MOST_UNWRITTEN * (1 + written):
-        raise DataFileError(
-            f"{path}: {dataset.name} has shape {dataset.shape}, but {written} chunks of {claimed:,} were "
-            "written; it is damaged, or its measurement ended early: copy the measured part to a new file"
-        )
 
 
 def _parts(dataset: h5py.Dataset) -> Iterator[NDArray]:

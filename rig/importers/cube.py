@@ -58,7 +58,7 @@ def cube_blocks(source: Source, name: str) -> tuple[np.dtype, Iterator[NDArray]]
         If the cube does not hold real numbers, or is damaged.
     """
     if source.hdf5 is not None:
-        dataset = source.hdf5[name]
+        dataset = source.dataset(name)
         return stored_dtype(dataset), _lines(source, dataset)
     cube = source.matlab_array(name)
     if cube.dtype.kind not in "uifb":

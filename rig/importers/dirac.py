@@ -35,7 +35,6 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If arrays do not fit together.
     """
-    assert source.hdf5 is not None
     da_m = source.numbers("da", -1)
     grid = source.shapes["xg"] or ()
     x_m, y_m = (source.numbers(name, *grid) for name in ("xg", "yg"))
@@ -50,7 +49,7 @@ def read(source: Source, options: Options) -> Content:
         raise DataFileError(f"{source.path}: da is not evenly spaced, rising")
     delay_s = _delays(source, options, x_m.size)
     spots_m = np.column_stack([x_m.ravel(), y_m.ravel(), np.zeros(x_m.size)])
-    dataset = source.hdf5["data_t"]
+    dataset = source.dataset("data_t")
     return Content(
         laser_m=spots_m,
         detector_m=spots_m,
@@ -69,7 +68,7 @@ def read(source: Source, options: Options) -> Content:
 
 def _delays(source: Source, options: Options, positions: int) -> NDArray[np.float64] | None:
     """Return the flight to each position, None where time is rectified."""
-    if source.has("offset_laser") and np.asarray(source.read("offset_laser"), float).any():
+    if source.has("offset_laser") and source.numbers("offset_laser", -1).any():
         return None
     told = options.optional("time_origin")
     if told is None:

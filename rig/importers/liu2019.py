@@ -44,7 +44,6 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If there is more than one detector, or arrays do not fit together.
     """
-    assert source.hdf5 is not None
     (laser_m,), unmeasured = zeros_as_missing(_points(source, "laserPos"))
     camera_m = _points(source, "cameraPos")
     shape = source.shapes["dataset/data"]
@@ -62,7 +61,7 @@ def read(source: Source, options: Options) -> Content:
     normals = _points(source, "laserNorm") if source.has("dataset/laserNorm") else None
     with named(source.path):
         frame = WallFrame.of(laser_m, normals, laser_head_m)
-    dataset = source.hdf5["dataset/data"]
+    dataset = source.dataset("dataset/data")
     return Content(
         laser_m=frame.bring(laser_m),
         detector_m=frame.bring(camera_m),

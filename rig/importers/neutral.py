@@ -56,7 +56,6 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If arrays do not fit together, or its time includes legs of which it does not tell.
     """
-    assert source.hdf5 is not None
     if source.has("counts", "transient"):
         raise DataFileError(f"{source.path} holds both counts and transient; keep only the right one")
     name = "counts" if source.has("counts") else "transient"
@@ -92,7 +91,7 @@ def read(source: Source, options: Options) -> Content:
             laser_head_m=frame.bring(delays.laser_head_m),
             detector_head_m=frame.bring(delays.detector_head_m),
         )
-    dataset = source.hdf5[name]
+    dataset = source.dataset(name)
     return Content(
         laser_m=laser_m,
         detector_m=detector_m,

@@ -9,6 +9,7 @@ from recon.capture import C_M_PER_S
 from rig.errors import DataFileError
 from rig.importers.content import Content
 from rig.importers.held import least_delay_s
+from rig.importers.wall import named, require_near
 from rig.model.quantities import show, show_length
 
 #: Bins of any instrument and renderer: light goes 0.3 um to 30 m in them.
@@ -31,8 +32,11 @@ def plausible(content: Content, path: Path) -> Content:
     Raises
     ------
     DataFileError
-        If bins are none of a photon counter, or bins and record are both far too short for the wall.
+        If places lie beyond any room, bins are none of a photon counter, or bins and record are both far too
+        short for the wall.
     """
+    with named(path):
+        _require_near(content)
     width_s = content.bin_width_s
     if not _LEAST_S <= width_s <= _MOST_S:
         raise DataFileError(
@@ -54,6 +58,16 @@ def plausible(content: Content, path: Path) -> Content:
     else:
         return content
     return replace(content, assumed=(*content.assumed, said))
+
+
+def _require_near(content: Content) -> None:
+    require_near("the laser's spots", content.laser_m)
+    require_near("the detector's spots", content.detector_m)
+    if content.delays is not None:
+        require_near(
+            "the laser's and the detector's heads",
+            np.array([content.delays.laser_head_m, content.delays.detector_head_m]),
+        )
 
 
 def _small(wall_m: float, end_s: float) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ _FOREIGN = {
     b"PK\x03\x04": "an archive, as NumPy's .npz are",
     b"\x80": "a pickle of Python's",
 }
+#: Chunks that a dataset may claim for each that was written, and bytes without chunks that were not.
+_MOST_UNWRITTEN, _MOST_ZEROS_BYTES = 1000, 2**30
 #: Words that a flag may hold, and how numbers are written that mean the same.
 _YES, _NO = {"true", "yes", "1", "1.0"}, {"false", "no", "0", "0.0"}
 
@@ -95,6 +98,22 @@ class Source:
         assert self.hdf5 is not None
         with reading(self.path):
             return None if self.shapes[name] is None else read(self.hdf5[name])
+
+    def dataset(self, name: str) -> h5py.Dataset:
+        """Return an array of an HDF5 file, to be read in parts.
+
+        Raises
+        ------
+        DataFileError
+            If it does not hold real numbers, was not written, or is damaged.
+        """
+        assert self.hdf5 is not None
+        with reading(self.path):  # a type that no numbers here have is refused when it is asked for
+            dataset: h5py.Dataset = self.hdf5[name]
+            if dataset.dtype.kind not in "uif":
+                raise DataFileError(f"{self.path}: {name} has type {dataset.dtype}, not real numbers")
+            _check_written(self.path, dataset)
+        return dataset
 
     def matlab_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
@@ -217,6 +236,21 @@ class Source:
         parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]
         more = f" and {len(parts) - named} more" if len(parts) > named else ""
         return (", ".join(parts[:named]) or "nothing") + more
+
+
+def _check_written(path: Path, dataset: h5py.Dataset) -> None:
+    """Refuse a dataset that claims far more than was ever written: reading its zeros may take hours."""
+    if dataset.chunks is None:
+        if not dataset.id.get_storage_size() and dataset.nbytes > _MOST_ZEROS_BYTES:
+            raise DataFileError(f"{path}: {dataset.name} has shape {dataset.shape}, but was never written")
+        return
+    claimed = prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))
+    written = dataset.id.get_num_chunks()
+    if claimed > _MOST_UNWRITTEN * (1 + written):
+        raise DataFileError(
+            f"{path}: {dataset.name} has shape {dataset.shape}, but {written} chunks of {claimed:,} were "
+            "written; it is damaged, or its measurement ended early: copy the measured part to a new file"
+        )
 
 
 @contextmanager

@@ -57,7 +57,6 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If ``H`` is in the frequency domain, or arrays do not fit together.
     """
-    assert source.hdf5 is not None
     code = int(source.numbers("H_format", 1)[0])
     if code not in _AXES:
         what = f"{code}, frequency domain" if code >= _FREQUENCIES else str(code)
@@ -96,7 +95,7 @@ def read(source: Source, options: Options) -> Content:
         confocal=code not in _EXHAUSTIVE and len(laser_m) == len(sensor_m),
         laser_outer=True,
     )
-    dataset = source.hdf5["H"]
+    dataset = source.dataset("H")
     return Content(
         laser_m=spots.laser_m,
         detector_m=spots.detector_m,

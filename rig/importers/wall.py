@@ -63,10 +63,7 @@ class WallFrame:
             If the spots do not tell a plane, its side is not known, or it is a floor.
         """
         spots_m = _there(spots_m)
-        if np.abs(spots_m).max() > _FARTHEST_M:
-            raise DataFileError(
-                f"the wall's spots lie up to {np.abs(spots_m).max():.3g} m away; it is damaged"
-            )
+        require_near("the wall's spots", spots_m)
         middle_m = (spots_m.min(axis=0) + spots_m.max(axis=0)) / 2
         normal = None if normals is None else normals[np.isfinite(normals).all(axis=1)].sum(axis=0)
         spread, directions = np.linalg.svd(spots_m - spots_m.mean(axis=0), full_matrices=False)[1:]
@@ -144,6 +141,21 @@ def named(path: Path) -> Iterator[None]:
         yield
     except DataFileError as error:
         raise DataFileError(f"{path}: {error}") from None
+
+
+def require_near(what: str, places_m: NDArray) -> None:
+    """Refuse places that are farther away than any room is large; those that are NaN are none.
+
+    Raises
+    ------
+    DataFileError
+        If there is such a place; it says what lies there.
+    """
+    farthest_m = np.max(np.abs(places_m), initial=0.0, where=np.isfinite(places_m))
+    if farthest_m > _FARTHEST_M:
+        raise DataFileError(
+            f"{what} lie up to {farthest_m:.3g} m away; the file is damaged, or its places are not in m"
+        )
 
 
 def _there(spots_m: NDArray) -> NDArray:

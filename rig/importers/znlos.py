@@ -9,6 +9,7 @@ time includes the legs from the laser to the wall and from the wall to the camer
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -49,7 +50,6 @@ def read(source: Source, options: Options) -> Content:
     DataFileError
         If arrays do not fit together.
     """
-    assert source.hdf5 is not None
     shape = source.shapes["data"] or ()
     reversed_ = _is_reversed(source, shape)
     ordered = shape[::-1] if reversed_ else shape
@@ -74,7 +74,7 @@ def read(source: Source, options: Options) -> Content:
     spots = each_with_each(
         camera_m, laser_m, camera_head_m, laser_head_m, confocal=confocal, laser_outer=False
     )
-    layout = _Signal(source, reversed_, bounces)
+    signal = _Signal(source.path, source.dataset("data"), reversed_, bounces)
     return Content(
         laser_m=spots.laser_m,
         detector_m=spots.detector_m,
@@ -82,7 +82,7 @@ def read(source: Source, options: Options) -> Content:
         bin_width_s=delta_m / C_M_PER_S,
         first_bin_s=start_m / C_M_PER_S,
         dtype=np.dtype("<f4"),
-        blocks=layout.blocks(),
+        blocks=signal.blocks(),
         delays=spots.delays,
         simulated=True,
         assumed=(
@@ -129,8 +129,13 @@ def _grid_shape(source: Source, name: str, reversed_: bool) -> tuple[int, ...] |
 
 def _points(source: Source, name: str, reversed_: bool) -> NDArray[np.float64]:
     """Return (n, 3) points, the grid's y fastest; NaN where there is none."""
-    points = np.asarray(source.read(name), float)
-    return (points.T if reversed_ else points).reshape(3, -1).T
+    points = np.asarray(source.read(name))
+    if _grid_shape(source, name, reversed_) is None or points.dtype.kind not in "uif":
+        raise DataFileError(
+            f"{source.path}: {name} has shape {points.shape} and type {points.dtype}; points (3, x, y), or "
+            "reversed as the data are, are needed"
+        )
+    return (points.T if reversed_ else points).reshape(3, -1).T.astype(float)
 
 
 def _bounces(source: Source, held: int, asked: tuple[int, ...] | None) -> tuple[int, ...]:
@@ -148,18 +153,17 @@ def _bounces(source: Source, held: int, asked: tuple[int, ...] | None) -> tuple[
 class _Signal:
     """The data, colours and bounces added up, as (positions, bins) blocks: laser points fastest."""
 
-    source: Source
+    path: Path
+    dataset: h5py.Dataset
     reversed: bool
     bounces: tuple[int, ...]
 
     def blocks(self) -> Iterator[NDArray]:
         """Yield the signal of some of the sensor grid's lines."""
-        assert self.source.hdf5 is not None
-        dataset: h5py.Dataset = self.source.hdf5["data"]
-        axis = dataset.ndim - 4 if self.reversed else 3
-        for some in spans(dataset, axis, _BLOCK_BYTES):
-            with reading(self.source.path):
-                block = read_part(dataset, *[slice(None)] * axis, some)
+        axis = self.dataset.ndim - 4 if self.reversed else 3
+        for some in spans(self.dataset, axis, _BLOCK_BYTES):
+            with reading(self.path):
+                block = read_part(self.dataset, *[slice(None)] * axis, some)
             block = block.T if self.reversed else block
             summed = block[:, :, list(self.bounces)].sum(axis=(0, 2), dtype=np.float64)
             yield summed.reshape(len(summed), -1).T

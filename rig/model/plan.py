@@ -14,13 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, RefusedError, UsageError
 from rig.model.config import RigConfig
 from rig.model.devices import Preparation
 from rig.model.problems import in_words
 from rig.model.quantities import show, show_length
 
-Point = tuple[float, float, float]
+#: No wall has a position farther away, and squares of what is far beyond are no numbers.
+FARTHEST_M = 1e6
+Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Distance = Annotated[float, Field(gt=0, le=FARTHEST_M)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 
 #: Spots of a list that are put on disk together, as those of a grid's line are.
 SPOTS_OF_A_LINE = 100
@@ -47,9 +51,9 @@ class _Part(BaseModel):
 class Square(_Part):
     """A square of the wall that a grid leaves out."""
 
-    x_m: float
-    y_m: float
-    side_m: float = Field(gt=0)
+    x_m: Coordinate
+    y_m: Coordinate
+    side_m: Distance
 
 
 class Grid(_Part):
@@ -58,9 +62,9 @@ class Grid(_Part):
     kind: Literal["grid"] = "grid"
     columns: int = Field(ge=1)
     rows: int = Field(ge=1)
-    spacing_m: float = Field(gt=0)
+    spacing_m: Distance
     """Distance between neighbours along x, and along y unless `row_spacing_m` says otherwise."""
-    row_spacing_m: float | None = Field(None, gt=0)
+    row_spacing_m: Distance | None = None
     """Distance between lines, where a detector of many pixels sees what is between them."""
     order: Literal["snake", "unidirectional", "random", "progressive"] = "snake"
     """snake: lines alternate in direction, so that the mirror never jumps. unidirectional: all lines run to
@@ -354,6 +358,13 @@ class ScanPlan(_Part):
     def __len__(self) -> int:
         """Return the number of steps."""
         return len(self.spots_m)
+
+    def require_positions(self) -> None:
+        """Raise RefusedError where nothing is left to measure."""
+        if not len(self):
+            raise RefusedError(
+                "the plan has no positions: the skipped square covers the whole grid; make skip smaller"
+            )
 
     def steps(self, first: int = 0) -> Iterator[Step]:
         """Yield the steps from ``first`` on."""

@@ -187,9 +187,13 @@ def show_bytes(count: float) -> str:
     return f"{count:.0f} bytes"
 
 
+#: Longer than any clock goes: 30 million years.
+_CLOCK_S = 1e15
+
+
 def show_duration(duration_s: float) -> str:
-    """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``."""
-    if duration_s < 60:
+    """Write a duration as hours, minutes and seconds, e.g. ``4 min 12 s``, or seconds beyond any clock."""
+    if duration_s < 60 or not duration_s < _CLOCK_S:
         return f"{duration_s:.3g} s"
     minutes, seconds = divmod(round(duration_s), 60)
     hours, minutes = divmod(minutes, 60)

@@ -7,6 +7,7 @@ ten seconds, or more than 1 GB.
 
 import argparse
 import multiprocessing
+import shutil
 import tempfile
 import time
 import traceback
@@ -19,15 +20,18 @@ import h5py
 import numpy as np
 import scipy.io
 
+from attacks import layouts
 from attacks.mutants import by_bytes, by_structure
+from attacks.shared import Shared
 from recon.errors import ReconError
 from rig.errors import RigError
-from rig.files.inspection import inspect_all
 
 #: Seconds and bytes that one input may cost; a busy machine is given twice the time.
 DEADLINE_S, MEMORY_BYTES = 20.0, 2**30
-#: Files that one process walks through: its copy costs ten times what the walk does.
-AT_ONCE = 10
+#: Files that one process reads from the command line: what a library lost in one must not gather.
+AT_MOST = 5000
+#: Where files cost no disk, if there is such a place.
+QUICK = next((one for one in ("/dev/shm",) if Path(one).is_dir()), None)
 
 
 def tagged_scan_file(folder: Path) -> Path:
@@ -182,6 +186,7 @@ PARSERS = {
     "import-kept-records": (kept_records_file, import_as_it_is),
     "import-older-records": (older_records_file, import_older),
     "import-older-curves": (older_curves_file, import_older),
+    **layouts.parsers(),
 }
 
 
@@ -193,21 +198,32 @@ class Fault:
     what: str
 
 
-def write_input(good: Path, target: Path, seed: int) -> None:
-    """Write the file of a seed: even ones are mutated by bytes, odd ones by structure where it is HDF5."""
-    if seed % 2 and good.suffix == ".h5":
-        target.write_bytes(good.read_bytes())
+def write_input(good: Path, folder: Path, seed: int) -> Path:
+    """Write the file of a seed, and those of MATLAB beside it; return it.
+
+    Even seeds mutate one of them by bytes, odd ones by structure where it is HDF5.
+    """
+    files = [good, *sorted(path for path in good.parent.glob("*.mat") if path != good)]
+    spoiled = files[int(np.random.default_rng([seed, 3]).integers(len(files)))]
+    for path in files:
+        shutil.copy(path, folder)
+    target = folder / spoiled.name
+    if seed % 2 and h5py.is_hdf5(target):
         with suppress(OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError):
             by_structure(target, seed)  # what the library does not write, it need not read
     else:
-        target.write_bytes(by_bytes(good.read_bytes(), seed))
+        target.write_bytes(by_bytes(target.read_bytes(), seed))
+    return folder / good.name
 
 
 def _outcome(read, path: Path) -> str:
+    given = set(path.parent.iterdir())
     try:
         read(path)
     except (RigError, ReconError) as error:
-        said = str(error)
+        said, left = str(error), set(path.parent.iterdir()) - given
+        if left:
+            return f"left behind: {', '.join(one.suffix for one in left)}"
         return "refused" if path.name in said or "\n" not in said else f"said: {said}"
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)
@@ -216,32 +232,30 @@ def _outcome(read, path: Path) -> str:
     return "read"
 
 
-def _work(parser: str, seeds: range, pipe) -> None:
+def _work(parser: str, folder: Path, seeds: range, pipe, closed) -> None:
     import resource
 
+    closed.close()
     pages = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     make, read = PARSERS[parser]
-    with tempfile.TemporaryDirectory() as folder, np.errstate(all="ignore"):
-        good = make(Path(folder))
+    with np.errstate(all="ignore"):
+        good = make(folder)
+        shared = Shared.install(pipe)
         most = pages + MEMORY_BYTES + 2**30  # address space: libraries that are loaded later take some
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-        for first in range(seeds.start, seeds.stop, AT_ONCE):
-            with tempfile.TemporaryDirectory() as some:
-                _read_some(read, good, Path(some), seeds[first - seeds.start :][:AT_ONCE], pipe)
+        resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+        for seed in seeds:
+            pipe.send((seed, ""))
+            pipe.send((seed, _read_one(read, good, folder / str(seed), seed)))
+        shared.end()
     pipe.send((-1, "end"))
 
 
-def _read_some(read, good: Path, folder: Path, seeds: range, pipe) -> None:
-    """Read the files of some seeds; they are walked through together, and one by one where that breaks."""
-    paths = [folder / str(seed) / f"input{good.suffix}" for seed in seeds]
-    for seed, path in zip(seeds, paths, strict=True):
-        path.parent.mkdir()
-        write_input(good, path, seed)
-    if good.suffix == ".h5":
-        inspect_all(paths)
-    for seed, path in zip(seeds, paths, strict=True):
-        pipe.send((seed, ""))
-        pipe.send((seed, _outcome(read, path)))
+def _read_one(read, good: Path, folder: Path, seed: int) -> str:
+    """Write the file of a seed into a folder of its own, and read it."""
+    folder.mkdir()
+    outcome = _outcome(read, write_input(good, folder, seed))
+    shutil.rmtree(folder)
+    return outcome
 
 
 def attack(
@@ -254,8 +268,11 @@ def attack(
     context = multiprocessing.get_context("fork")
     seed, stop = first, first + number
     while seed < stop:
+        folder = tempfile.TemporaryDirectory(dir=QUICK)  # here, as a worker may be killed
         ours, theirs = context.Pipe(duplex=False)
-        worker = context.Process(target=_work, args=(parser, range(seed, stop), theirs))
+        worker = context.Process(
+            target=_work, args=(parser, Path(folder.name), range(seed, stop), theirs, ours)
+        )
         worker.start()
         theirs.close()
         now, outcome = seed, ""
@@ -280,6 +297,7 @@ def attack(
             seed = now + 1
         worker.kill()
         worker.join()
+        folder.cleanup()
     return faults
 
 
@@ -291,12 +309,17 @@ def main() -> None:
     asked.add_argument("--first", type=int, default=0)
     given = asked.parse_args()
     told: Counter = Counter()
+    found: list[Fault] = []
     began_s = time.monotonic()
-    faults = attack(given.parser, given.number, given.first, told)
-    for what, seeds in _alike(faults).items():
-        print(f"{len(seeds):6}  {what}  seeds {seeds[:5]}")
-    print(f"{given.parser}: {dict(told)}, {len(faults)} faults, {time.monotonic() - began_s:.0f} s")
-    raise SystemExit(bool(faults))
+    stop = given.first + given.number
+    for first in range(given.first, stop, AT_MOST):
+        new = attack(given.parser, min(AT_MOST, stop - first), first, told)
+        found += new
+        for what, seeds in _alike(new).items():
+            print(f"{len(seeds):6}  {what}  seeds {seeds[:5]}")
+        took_s = time.monotonic() - began_s
+        print(f"{given.parser}: {dict(told)}, {len(found)} faults, {took_s:.0f} s", flush=True)
+    raise SystemExit(bool(found))
 
 
 def _alike(faults: list[Fault]) -> dict[str, list[int]]:

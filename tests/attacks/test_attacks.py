@@ -1,7 +1,10 @@
 """A short pass of all attacks, and what they found before."""
 
+import os
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from attacks import running, texts, wire
 from attacks.running import attack, refused_badly
 
 NUMBER = 150
+PROJECT = Path(__file__).parents[2]
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::DeprecationWarning"),
@@ -68,9 +72,47 @@ def test_an_attack_finds_too_much_memory(monkeypatch):
 
 def test_an_attack_finds_what_takes_too_long(monkeypatch):
     monkeypatch.setattr(running, "LONGEST_S", 0.2)
-    waits = iter([0.0, 1.0, 0.0])
+    waits = iter([0.0, 2.0, 0.0])
     slow = wire.Attack("slow", lambda _: next(waits), time.sleep, ())
     assert ["took more than" in one.what for one in attack(slow, 3)] == [True]
+
+
+def test_options_are_taken_or_refused_in_words():
+    """Give values of each kind, known and random, in a process of its own: it changes how verbs are found."""
+    done = subprocess.run(
+        [sys.executable, "-m", "attacks.options", "--number", "60", "--first", "1000000"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(PROJECT), str(PROJECT / "tests")])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("scan --dry-run --grid 4x3 --spacing 1e300m", "spacing_m: 1e+300 is not 1e+06 or less"),
+        ("import a.h5 b.h5 --bounces " + "9" * 5000, "is not a list of bounces"),
+        ("sim render point a.h5 --grid 3x2 --spacing 1nm", "the plan has no positions"),
+        ("sim render \udcff a.h5", "is not UTF-8 text"),
+    ],
+)
+def test_a_command_line_that_was_found_is_refused_in_words(rig, line, said):
+    done = rig(*line.split())
+    assert done.code in {2, 4}
+    assert said in done.err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks can be forgotten on Linux alone")
+def test_many_bins_are_rendered_in_little_memory(rig, monkeypatch):
+    monkeypatch.setattr(running, "MOST_BYTES", 45 * 10**7)  # all at once, they would take 650 MB
+    line = "sim render point {}.h5 --grid 4x3 --spacing 10cm --bins {}"
+    assert rig(*line.format("few", 100).split()).code == 0  # all that is needed is loaded
+    words = line.format("a", 2_000_000).split()
+    many = wire.Attack("render", lambda _: words, lambda words: rig(*words), ())
+    assert attack(many, 1) == []
+    assert Path("a.h5").exists()
 
 
 #: Inputs that once ended in a traceback, in a hang, or in gigabytes.

@@ -4,13 +4,14 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from attacks.files import PARSERS, attack, import_as_it_is, read_scan, scan_file, tal_file
+from attacks.files import PARSERS, attack, read_scan, scan_file
 from rig.errors import DataFileError
 from rig.files.trial import tried
 from support import tried as doing
@@ -48,6 +49,25 @@ def test_an_attack_finds_what_must_not_be(monkeypatch, read, what, deadline_s):
     found = attack("planted", 3, deadline_s=deadline_s)
     assert [one.seed for one in found] == [1]
     assert what in found[0].what
+
+
+@pytest.mark.parametrize(
+    ("trial", "outcome"),
+    [
+        (doing.die, "refused"),
+        (doing.swallow, "refused"),
+        (doing.turn, "refused"),
+        (doing.size, "read"),
+    ],
+)
+def test_trials_that_share_a_process_spoil_no_other(monkeypatch, trial, outcome):
+    def sometimes(path):
+        assert tried(path, trial if path.parent.name == "1" else doing.size) > 0
+
+    told = Counter()
+    monkeypatch.setitem(PARSERS, "planted", (plain_file, sometimes))
+    assert attack("planted", 4, told=told) == []
+    assert told == Counter(["read"] * 3 + [outcome])
 
 
 @pytest.fixture(scope="module")
@@ -130,18 +150,91 @@ def test_what_is_refused_and_why(good, tmp_path, edit, said):
     assert "edited.h5" in str(caught.value)
 
 
-@pytest.mark.parametrize(("chunks", "written"), [((64, 12), 0), ((64, 12), 1), (None, 0)])
-def test_an_import_of_what_was_never_written(tmp_path, chunks, written):
-    path = tal_file(tmp_path)
+#: Layouts whose counts are read in parts, and what these are called. Counts of others are read at once, and
+#: no more than a file of its size can hold.
+COUNTS = {"tal": "H", "neutral": "counts", "znlos": "data", "liu2019": "dataset/data", "dirac": "data_t"}
+COUNTS |= {"lct": "rect_data", "aligned": "final_meas"}
+#: Where their number of bins is also that of another array, and the places of some layouts.
+BINS = {"neutral": "time_s", "dirac": "da"}
+PLACES = {"tal": "sensor_grid_xyz", "neutral": "laser_position_m", "znlos": "cameraGridPositions"}
+PLACES |= {"liu2019": "dataset/laserPos", "dirac": "xg", "cmu": "lighting"}
+
+
+def example(layout, folder):
+    """Return a good HDF5 file of a layout, what reads it, and the name of its counts."""
+    make, read = PARSERS[f"import-{layout}"]
+    return make(folder), read, COUNTS[layout]
+
+
+@pytest.mark.parametrize(("chunked", "written"), [(True, False), (True, True), (False, False)])
+@pytest.mark.parametrize("layout", COUNTS)
+def test_an_import_of_what_was_never_written(tmp_path, layout, chunked, written):
+    path, read, name = example(layout, tmp_path)
     with h5py.File(path, "r+") as file:
-        del file["H"]
-        file.create_dataset("H", (2**31, 12), "i8", chunks=chunks)
+        bins = 2**31 if layout not in BINS else 2**20 if chunked else 2**24
+        if layout in BINS:
+            del file[BINS[layout]]
+            file[BINS[layout]] = 1e-12 * np.arange(bins)
+        times, shape = 1 if layout in {"neutral", "znlos"} else 0, file[name].shape
+        del file[name]
+        endless = (*shape[:times], bins, *shape[times + 1 :])
+        chunks = tuple(min(size, 64) for size in endless)
+        file.create_dataset(name, endless, "i8", chunks=chunks if chunked else None)
         if written:
-            file["H"][:64] = 1
+            file[name][tuple(map(slice, chunks))] = 1
     began_s = time.monotonic()
     with pytest.raises(DataFileError, match="written"):
-        import_as_it_is(path)
+        read(path)
     assert time.monotonic() - began_s < 5
+
+
+def of_no_computer():
+    """Return a floating-point type with an exponent of 20 bits."""
+    kind = h5py.h5t.IEEE_F64LE.copy()
+    kind.set_fields(63, 43, 20, 0, 43)
+    return kind
+
+
+@pytest.mark.parametrize(
+    ("layout", "name"), [*COUNTS.items(), ("tal", "sensor_grid_xyz"), ("znlos", "cameraGridPositions")]
+)
+def test_a_number_type_of_no_computer_is_refused(tmp_path, layout, name):
+    path, read, _ = example(layout, tmp_path)
+    with h5py.File(path, "r+") as file:
+        shape = file[name].shape
+        del file[name]
+        h5py.h5d.create(file.id, name.encode(), of_no_computer(), h5py.h5s.create_simple(shape))
+    with pytest.raises(DataFileError, match=path.name):
+        read(path)
+
+
+@pytest.mark.parametrize("layout", PLACES)
+def test_places_that_no_room_has_are_refused(tmp_path, layout):
+    make, read = PARSERS[f"import-{layout}"]
+    path = make(tmp_path)
+    with h5py.File(path, "r+") as file:
+        file[PLACES[layout]][...] = 1e308
+    with pytest.raises(DataFileError, match=f"{path.name}: .* m away"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("layout", "name", "value"),
+    [
+        ("znlos", "laserGridPositions", 0.0),  # of a confocal scan: read, but not used
+        ("znlos", "laserGridPositions", np.zeros((5, 4))),
+        ("znlos", "cameraGridNormals", np.zeros(10)),
+        ("znlos", "cameraGridNormals", np.zeros((3, 2, 5), "S9")),
+        ("dirac", "offset_laser", b"none"),
+    ],
+)
+def test_an_array_of_another_kind_is_refused(tmp_path, layout, name, value):
+    path, read, _ = example(layout, tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = value
+    with pytest.raises(DataFileError, match=name):
+        read(path)
 
 
 def test_a_file_that_cannot_be_read_is_refused_once(tmp_path):

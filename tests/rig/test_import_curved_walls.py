@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 import scipy.io
-from test_import_tal import tal
 
 from rig.errors import UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
 from support.imaged_points import brightest, point_signal
+from support.layout_files import tal
 from support.scan_files import load
 
 POINT_M = np.array([0.1, -0.08, 0.7])

@@ -4,14 +4,12 @@ import h5py
 import numpy as np
 import pytest
 from test_import_curved_walls import setup
-from test_import_more_layouts import matlab
-from test_import_published import liu2019
-from test_import_tal import tal
 
 from rig.errors import DataFileError
 from rig.importers import import_scan
 from rig.importers.places import zeros_as_missing
 from support.imaged_points import brightest, point_signal
+from support.layout_files import liu2019, matlab, tal
 from support.scan_files import load
 
 #: Of a 20 x 20 grid of spots, those whose rays miss the wall: a corner and a row.

@@ -3,30 +3,18 @@
 import h5py
 import numpy as np
 import pytest
-import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_import_tal import tal
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.layout_files import matlab, tal, znlos
 from support.scan_files import C_M_PER_S, load
 
 # the folder is the same for all examples, and each writes its files anew
 EXAMPLES = settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SIZES = st.integers(1, 4)
-
-
-def matlab(path, version, **variables):
-    """Write variables as MATLAB v5, or as v7.3, which HDF5 shows with its axes reversed."""
-    path.unlink(missing_ok=True)
-    if version == 5:
-        scipy.io.savemat(path, variables)
-        return
-    with h5py.File(path, "w") as file:
-        for name, value in variables.items():
-            file[name] = np.atleast_2d(value).T
 
 
 def imported(path, **given):
@@ -138,25 +126,6 @@ def test_lindell_2019_with_a_wall_that_is_not_flat_is_refused(tmp_path):
 
 
 # --- Z-NLOS
-
-
-def znlos(path, shape, turned, grids=("camera", "laser")):
-    """Write a file with a place of its own for each point, or everything with its axes reversed."""
-    rng = np.random.default_rng(5)
-    variables = {"data": rng.random(shape).astype("f4"), "deltaT": 0.003, "t0": 1.2}
-    sizes = {"camera": shape[3:5], "laser": shape[5:7] or shape[3:5]}
-    for side, (nx, ny) in sizes.items():
-        # in the plane z = 0; the laser's points lie between the camera's
-        shift = 0.0 if side == "camera" or len(shape) == 5 else 0.013
-        x_m, y_m = np.meshgrid(0.1 * np.arange(nx) + shift, 0.07 * np.arange(ny) - shift, indexing="ij")
-        variables[f"{side}GridPositions"] = np.stack([x_m, y_m, 0 * x_m])
-        variables[f"{side}GridNormals"] = np.stack([0 * x_m, 0 * x_m, 0 * x_m + 1])
-    heads = {"cameraPosition": np.array([0.2, 0.3, 1.5]), "laserPosition": np.array([-0.3, 0.1, 1.1])}
-    path.unlink(missing_ok=True)
-    with h5py.File(path, "w") as file:
-        for name, value in (variables | heads).items():
-            file[name] = np.transpose(value) if turned else value
-    return variables | heads
 
 
 @EXAMPLES

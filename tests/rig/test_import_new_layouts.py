@@ -4,12 +4,12 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from test_import_more_layouts import matlab
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
 from support.imaged_points import brightest, point_signal
+from support.layout_files import matlab
 from support.scan_files import C_M_PER_S, load
 
 COUNT = 16

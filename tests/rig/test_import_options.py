@@ -3,12 +3,12 @@
 import h5py
 import numpy as np
 import pytest
-from layout_examples import EXAMPLES, _mat, _neutral
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
 from rig.importers.options import SPELLING, Given
+from support.layout_examples import EXAMPLES, _mat, _neutral
 from support.scan_files import load
 
 #: Two values of each option that no example holds.

@@ -8,17 +8,11 @@ import scipy.io
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
+from support.layout_files import lct, liu2019
 from support.published import published
 from support.scan_files import C_M_PER_S, load
 
 # --- O'Toole 2018
-
-
-def lct(path, **changes):
-    rng = np.random.default_rng(4)
-    variables = {"rect_data": rng.poisson(2.0, (3, 4, 20)).astype(float), "width": 0.5}
-    scipy.io.savemat(path, variables | changes)
-    return path
 
 
 def test_lct_has_x_rising_and_y_falling(tmp_path):
@@ -93,31 +87,6 @@ def test_lct_as_published(tmp_path):
 
 
 # --- Liu 2019
-
-
-def liu2019(path, transposed=True, **changes):
-    """Write the group ``dataset`` as MATLAB v7.3 shows it: points as columns, or as rows."""
-    rng = np.random.default_rng(9)
-    spots_m = np.column_stack(
-        [np.tile(np.linspace(-0.9, 0.9, 5), 3), np.repeat([-0.5, 0.0, 0.5], 5), np.zeros(15)]
-    )
-    variables = {
-        "data": rng.poisson(1.0, (30, 1, 15)).astype(float),
-        "laserPos": spots_m,
-        "cameraPos": np.array([[0.1, 0.2, 0.0]]),
-        "laserNorm": np.tile([0.0, 0.0, 1.0], (15, 1)),
-        "laserOrigin": np.array([[-0.4], [0.1], [2.0]]),
-        "cameraOrigin": np.array([[0.3], [0.2], [2.2]]),
-        "deltat": np.array([[0.0012]]),
-        "t0": np.array([[4.5]]),
-        "t": np.array([[30.0]]),
-    } | changes
-    with h5py.File(path, "w") as file:
-        for key, value in variables.items():
-            points = key.endswith(("Pos", "Norm")) and transposed
-            file[f"dataset/{key}"] = value.T if points else value
-        file["minimalpos"] = np.zeros((3, 1))
-    return variables
 
 
 @pytest.mark.parametrize("transposed", [False, True])

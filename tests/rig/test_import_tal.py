@@ -10,44 +10,8 @@ from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import import_scan
 from support.imaged_points import brightest, point_signal
+from support.layout_files import tal
 from support.scan_files import C_M_PER_S, load
-
-
-def tal(path, *, legs=False, confocal=False, flat=False, turn=None, normals=True, move=(0, 0, 0), **changes):
-    """Write a file as y-tal does: enums of shape (1,), None as an empty dataset, metres for time."""
-    turn = np.eye(3) if turn is None else turn
-    x_m, y_m = np.meshgrid(np.linspace(-0.5, 0.5, 3), np.linspace(-0.4, 0.4, 4), indexing="ij")
-    grid_m = np.stack([x_m, y_m, 0 * x_m], axis=-1) @ turn.T + move
-    signal = np.random.default_rng(8).random((20, 3, 4), "f4")
-    if flat:
-        grid_m, signal = grid_m.reshape(-1, 3), signal.reshape(20, -1)
-    variables = {
-        "H": signal,
-        "H_format": ("HFormat", {"T_Sx_Sy": 1, "T_Si": 3}, 3 if flat else 1),
-        "sensor_xyz": np.array([0.1, 0.2, 1.5]) @ turn.T + move,
-        "sensor_grid_xyz": grid_m,
-        "sensor_grid_normals": np.broadcast_to(turn[:, 2], grid_m.shape) if normals else None,
-        "sensor_grid_format": ("GridFormat", {"N_3": 1, "X_Y_3": 2}, 1 if flat else 2),
-        "laser_xyz": np.array([-0.3, 0.1, 1.2]) @ turn.T + move,
-        "laser_grid_xyz": grid_m if confocal else (np.array([[[0.05, -0.1, 0.0]]]) @ turn.T + move),
-        "laser_grid_normals": None,
-        "laser_grid_format": ("GridFormat", {"N_3": 1, "X_Y_3": 2}, 2),
-        "volume_format": None,
-        "delta_t": 0.003,
-        "t_start": 1.5,
-        "t_accounts_first_and_last_bounces": legs,
-        "scene_info": "original_format: none\n",
-    } | changes
-    with h5py.File(path, "w") as file:
-        for key, value in variables.items():
-            if value is None:
-                file[key] = h5py.Empty(float)
-            elif isinstance(value, tuple):
-                dataset = file.create_dataset(key, (1,), h5py.enum_dtype(value[1], basetype="i"))
-                dataset[0] = value[2]
-            else:
-                file[key] = value
-    return variables
 
 
 @pytest.mark.parametrize("flat", [False, True])

@@ -8,12 +8,11 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from test_import_published import lct
-from test_import_tal import tal
 
 from rig.errors import DataFileError, UsageError
 from rig.files import ScanFile
 from rig.importers import LAYOUTS, import_scan
+from support.layout_files import lct, tal
 from support.published import published
 from support.scan_files import load
 

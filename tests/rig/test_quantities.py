@@ -77,3 +77,5 @@ def test_writes_as_a_person_would():
     assert show_length(0.0) == "0 mm"
     assert show_duration(252) == "4 min 12 s"
     assert show_duration(3700) == "1 h 01 min"
+    assert show_duration(1e300) == "1e+300 s"
+    assert show_duration(float("inf")) == "inf s"

@@ -3,10 +3,8 @@
 import h5py
 import numpy as np
 import scipy.io
-from test_import_more_layouts import matlab, znlos
-from test_import_published import lct, liu2019
-from test_import_tal import tal
 
+from support.layout_files import lct, liu2019, matlab, tal, znlos
 from support.picoquant_files import phu, ptu, records_of, scan_events
 
 GRID_M = np.array([[x, y, 0.0] for x in (-0.2, 0.0, 0.2) for y in (-0.15, 0.0, 0.15)])
