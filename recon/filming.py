@@ -19,7 +19,7 @@ from recon.errors import ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import Progress, bounded, check_device, plan, planes
 from recon.registry import name_of
-from recon.result import Image
+from recon.result import MOST_FIELD, Image, require_bounded
 from recon.sampling import path_limits_m
 from recon.solvers.problem import Solver
 from recon.spectrum import Spectra, spectra
@@ -74,6 +74,8 @@ def video(
     ------
     GeometryError, MemoryBoundError, ReachError, ParameterError
         As of `recon.imaging.image`.
+    ReconError
+        If an intensity is not within single precision.
 
     Examples
     --------
@@ -107,7 +109,7 @@ def video(
     plane_of_surface = None if surface_m is None else _nearest(grid.z_m, surface_m)
     seen = np.zeros((len(camera.times_s), *grid.shape[1:]), np.float32)
     for index, fields in enumerate(planes(problem, solver)):
-        frames = (fields.real**2 + fields.imag**2).astype(np.float32)
+        frames = _intensity(fields)
         if sink:
             sink(index, frames)
         if plane_of_surface is not None:
@@ -118,6 +120,15 @@ def video(
             seen += frames
     times_s = np.asarray(camera.times_s, np.float64)
     return Image(grid, None, name_of(solver), window, camera, pulse, problem.depth_blocks, times_s, seen)
+
+
+def _intensity(fields: NDArray[np.complexfloating]) -> NDArray[np.float32]:
+    """Return the intensity of a plane's frames, (T, y, x), if it is within single precision."""
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused
+        frames = (fields.real**2 + fields.imag**2).astype(np.float32)
+    if not frames.max() <= MOST_FIELD**2:
+        require_bounded(float(np.abs(fields).max()))
+    return frames
 
 
 def _nearest(z_m: NDArray[np.float64], surface_m: NDArray) -> NDArray[np.intp]:

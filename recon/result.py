@@ -16,6 +16,28 @@ from recon.window import Window
 MOST_FIELD = 1e18
 
 
+def require_bounded(largest: float) -> None:
+    """Refuse a field whose intensity is not within single precision.
+
+    Parameters
+    ----------
+    largest
+        Its largest part, or magnitude.
+
+    Raises
+    ------
+    recon.errors.ReconError
+        If it is larger than `MOST_FIELD`, or no number.
+    """
+    if not largest <= MOST_FIELD:  # NaN is not, either
+        raise ReconError(
+            "image",
+            "an intensity in single precision",
+            f"the field reaches {largest:.2g}, and its square is too large or not finite",
+            "No detector counts so many photons: divide the counts by a constant.",
+        )
+
+
 @dataclass(frozen=True)
 class Image:
     """A volume, or the front view of a volume at many moments, and what it was made from.
@@ -49,7 +71,7 @@ class Image:
     Raises
     ------
     recon.errors.ReconError
-        If the field is not finite, or so large that its intensity would not be.
+        If the field or a film is not finite, or so large that its intensity would not be.
     """
 
     grid: VoxelGrid
@@ -67,17 +89,12 @@ class Image:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.frames is not None and self.frames.size:
+            require_bounded(float(np.sqrt(self.frames.max())))
         if self.field is None or not self.field.size:
             return
         parts = (self.field.real, self.field.imag) if np.iscomplexobj(self.field) else (self.field,)
-        largest = max(max(float(part.max()), -float(part.min())) for part in parts)
-        if not largest <= MOST_FIELD:  # NaN is not, either
-            raise ReconError(
-                "image",
-                "an intensity in single precision",
-                f"the field reaches {largest:.2g}, and its square is too large or not finite",
-                "No detector counts so many photons: divide the counts by a constant.",
-            )
+        require_bounded(max(max(float(part.max()), -float(part.min())) for part in parts))
 
     @property
     def amplitude(self) -> NDArray[np.float32]:

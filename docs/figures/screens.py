@@ -20,15 +20,13 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from small import shrink
 
 sys.path.append(str(Path(__file__).parents[2] / "tests"))
-from support.browser import FOUND, MISSING
+from support.browser import FOUND, MISSING, OPTIONS
 
 SCAN = ("--grid", "90x65", "--spacing", "2cm", "--exposure", "10ms")
 NOTES = ("--operator", "Ada", "--sample", "two letters of white card", "--purpose", "first night")
 #: Part of the positions at which the page is looked at.
 PART = 60
 DESK, PHONE = (1280, 900), (360, 740)
-#: Graphics by the processor, for the page in 3-D.
-OPTIONS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 #: Least of what axe calls a finding that is told of as bad.
 BAD = ("serious", "critical")
 

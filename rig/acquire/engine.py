@@ -287,6 +287,7 @@ class ScanEngine:
         if rates.sync_hz <= 0:
             raise RefusedError(sync.none_came(devices.tcspc.settings()))
         self._vigil.require_bearable(rates)
+        devices.laser.beat(LIBRARY_LEASE_S)
         warnings = devices.tcspc.warnings()
         devices.laser.beat(ASKING_LEASE_S)
         settings = self._with_its_gate_seen()

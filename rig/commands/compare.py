@@ -10,7 +10,7 @@ from rig.commands.options import AsJson
 from rig.commands.results import Force, names, require_free, told_if_stopped
 
 if TYPE_CHECKING:
-    from rig.image.compare import Comparison
+    from rig.image.compare.found import Comparison
 
 #: Endings that make --out a picture; else it is a folder.
 _PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -80,8 +80,8 @@ def compare(
     """
     from rig.commands import console
     from rig.image.asked import asked
-    from rig.image.compare import check_comparable
-    from rig.image.compare import compare as compared
+    from rig.image.compare.methods import compare as compared
+    from rig.image.compare.subject import check_comparable
 
     request = asked(wavelength=wavelength, depth=depth, voxel=voxel)
     for file in files:
@@ -101,7 +101,7 @@ def compare(
 def _places(files: list[Path], out: Path | None, force: bool) -> tuple[list[Path], Path | None]:
     """Return where each file's sheet goes, and the folder for volumes if they are kept."""
     from rig.errors import UsageError, reason
-    from rig.image.compare import volumes_of
+    from rig.image.compare.methods import volumes_of
 
     if out is None:
         return [names(file, {"sheet": "-compare.png"}, force=force)["sheet"] for file in files], None
@@ -141,7 +141,7 @@ def _warn(found: "Comparison") -> None:
 
 def _show(found: "list[Comparison]") -> None:
     from rig.commands import console
-    from rig.image.compare import HEADS, NOTHING, row
+    from rig.image.compare.found import HEADS, NOTHING, row
 
     rows: list[tuple[str, dict[str, str]]] = []
     for one in found:

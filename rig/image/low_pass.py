@@ -2,15 +2,29 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from recon.capture import Capture, Histograms
+from recon.wave import VirtualPulse
 
+#: Full width at half maximum of a Gaussian, in standard deviations.
+FWHM = 2 * sqrt(2 * log(2))
 #: Half-length of the Gaussian, in standard deviations.
 REACH = 4.0
+
+
+def low_pass_sigma_s(pulse: VirtualPulse) -> float:
+    """Return the Gaussian that leaves half where half of the virtual pulse's spectrum is left.
+
+    The spectrum exp(-(omega - omega_0)^2 sigma_t^2 / 2) is 1/2 at omega_h = omega_0 + sqrt(2 ln 2) / sigma_t,
+    and so is exp(-omega_h^2 sigma^2 / 2) for sigma = sqrt(2 ln 2) / omega_h.
+    """
+    half = sqrt(2 * log(2))
+    return half / (pulse.carrier_rad_per_s + half / pulse.sigma_s)
 
 
 def low_passed(capture: Capture, sigma_s: float) -> Capture:

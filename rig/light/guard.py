@@ -38,6 +38,9 @@ FILE_LEASE_S = 15.0
 #: The longest time for which a program may say that all is well.
 LONGEST_LEASE_S = 20.0
 
+#: Why the light of a silent program is put out.
+OVERDUE = "the program did not report in time that all is well"
+
 
 class Light(Enum):
     """What the guard knows of the light."""
@@ -116,8 +119,10 @@ class Guard:
         self._laser.arm()
         self.light = Light.ARMED
 
-    def emit(self, until_s: float) -> None:
-        """Light the laser, until it is said again that all is well.
+    def emit(self, lease_s: float) -> None:
+        """Light the laser for so long, until it is said again that all is well.
+
+        The time counts from when the laser emits: the laser takes its time to light, the program does not.
 
         Raises
         ------
@@ -125,7 +130,6 @@ class Guard:
             As the laser does; it was told to stay dark.
         """
         self._not_in_alarm("emit")
-        self.hold(until_s)
         try:
             self._laser.emit()
         except BaseException:
@@ -134,7 +138,7 @@ class Guard:
             raise
         self.light = Light.LIT
         self._looked_s = self._clock.now_s()
-        self.hold(max(until_s, self._looked_s + LOOK_S))  # the laser took its time, the program did not
+        self.hold(self._looked_s + lease_s)
 
     def hold(self, until_s: float) -> None:
         """Take it that all is well until a time of the clock."""
@@ -183,6 +187,11 @@ class Guard:
             self.light = Light.DARK
 
     @property
+    def overdue(self) -> bool:
+        """Whether there is light, and a word of the program should have come by now."""
+        return self.light is Light.LIT and self._clock.now_s() > self._until_s
+
+    @property
     def opens_anew(self) -> bool:
         """Whether opening the laser's line anew can put it out."""
         return not isinstance(self._laser, LaserByHand)
@@ -203,10 +212,9 @@ class Guard:
         if self.light is Light.ALARM:
             self._try_again()
         elif self.light is Light.LIT:
-            now_s = self._clock.now_s()
-            if now_s > self._until_s:
-                self.lose("the program did not report in time that all is well", trip=False)
-            elif now_s - self._looked_s >= LOOK_S:
+            if self.overdue:
+                self.lose(OVERDUE, trip=False)
+            elif self._clock.now_s() - self._looked_s >= LOOK_S:
                 self._look()
 
     def let_go(self) -> None:

@@ -38,7 +38,7 @@ class GuardedHere:
 
     def emit(self) -> None:
         """Light the laser."""
-        self._guard.emit(self._clock.now_s() + FIRST_LEASE_S)
+        self._guard.emit(FIRST_LEASE_S)
 
     def stop(self) -> None:
         """Put the light out."""

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
+from math import inf
 from types import FrameType
 from typing import Any, TextIO
 
@@ -33,6 +34,9 @@ from rig.model.devices import Laser
 
 #: Longest pause between two looks at what has come and at the light.
 PAUSE_S = 0.05
+
+#: So long a program whose word is overdue is listened to, before its light is put out.
+HEAR_OUT_S = 0.1
 
 #: So often the program hears, while there is light, that the guard is there.
 PULSE_S = 0.5
@@ -129,6 +133,7 @@ class GuardProcess:
         self._laser_stack = ExitStack()
         self._guard = Guard(self._open(), self._clock, self._lost, config.known_dark_by)
         self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
+        self._overdue_s = inf
         self._alone = False
         self._off = False
 
@@ -151,15 +156,29 @@ class GuardProcess:
             self._try_on()
 
     def _converse(self) -> None:
-        """Do what the program asks, and watch, until that ends."""
+        """Do what the program asks, and watch, until that ends.
+
+        What the program has said is heard before its silence is judged: this process may be what stood still,
+        or the whole computer.
+        """
         while (message := self._inbox.get(PAUSE_S)) is not None:
             if message.get("do") == "end":
                 self._alone = True
                 self._answer(message, self._guard.stop)
                 return
             self._obey(message)
-            self._watch()
+            if self._heard_out():
+                self._watch()
         self._program_is_gone()
+
+    def _heard_out(self) -> bool:
+        """Return whether nothing is overdue, or has been for so long that what was said would have come."""
+        if not self._guard.overdue:
+            self._overdue_s = inf
+            return True
+        now_s = time.monotonic()
+        self._overdue_s = min(self._overdue_s, now_s)
+        return now_s - self._overdue_s > HEAR_OUT_S
 
     def _leave(self) -> None:
         try:
@@ -179,7 +198,7 @@ class GuardProcess:
                 self._inbox.urgent.clear()
                 self._answer(message, self._arm)
             case "emit":
-                self._answer(message, lambda: self._emit(message["until_s"]))
+                self._answer(message, lambda: self._emit(message["lease_s"]))
             case "stop":
                 self._answer(message, self._guard.stop)
             case "take word":
@@ -196,10 +215,10 @@ class GuardProcess:
             raise RefusedError("laser", "arm", "it was switched off by rig laser off", "Scan again.")
         self._guard.arm()
 
-    def _emit(self, until_s: float) -> None:
+    def _emit(self, lease_s: float) -> None:
         self._clock.lighting = True
         try:
-            self._guard.emit(until_s)
+            self._guard.emit(lease_s)
         except AbandonedError:
             raise DeviceError(
                 "laser", "emit", "the laser had to stay dark", "It was ordered to stay dark."

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,8 +17,9 @@ from drivers.errors import DeviceError, LinkError
 from rig.apart import apart
 from rig.errors import LightLostError
 from rig.light.dark import make_dark
-from rig.light.guard import Lost
+from rig.light.guard import OVERDUE, Lost
 from rig.light.guarded import FIRST_LEASE_S, in_words, raise_lost
+from rig.light.silence import TURN_S, Silence
 from rig.light.words import from_words
 from rig.model.config import ExternalLaserConfig, RigConfig
 from rig.model.devices import Settings
@@ -27,9 +29,6 @@ PATIENCE_S = 40.0
 
 #: A beat is sent when it changes by more than this until when the light is granted.
 WORTH_SENDING_S = 0.05
-
-#: How often program and guard are looked at, by a thread of its own.
-TURN_S = 0.5
 
 #: A program that has not said for so long that all is well hangs, in a call that never returns.
 HANGS_S = 10.0
@@ -66,6 +65,7 @@ class GuardedElsewhere:
         self._alone: Lost | None = None
         self._alone_lock = threading.Lock()
         self._closed = threading.Event()
+        self._silence = Silence()
         self.when_hanging: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
@@ -121,7 +121,8 @@ class GuardedElsewhere:
         """Light the laser."""
         self._granted_until_s = time.monotonic() + PATIENCE_S
         self._lit = True
-        self._ask("emit", until_s=time.monotonic() + FIRST_LEASE_S)
+        self._ask("emit", lease_s=FIRST_LEASE_S)
+        self._silence.begin()
         self.beat(FIRST_LEASE_S)
 
     def stop(self) -> None:
@@ -150,10 +151,15 @@ class GuardedElsewhere:
             If the light is lost.
         """
         until_s = time.monotonic() + lease_s
+        self._silence.ends()
         if abs(until_s - self._granted_until_s) > WORTH_SENDING_S:
             self._granted_until_s = until_s
             self._tell({"do": "beat", "until_s": until_s})
-        raise_lost(self._lost)
+        raise_lost([self._with_its_cause(lost) for lost in self._lost])
+
+    def _with_its_cause(self, lost: Lost) -> Lost:
+        """Return what the guard has told; of its own silence the program knows more."""
+        return replace(lost, reason=f"{OVERDUE}: {self._silence}") if lost.reason == OVERDUE else lost
 
     def _ask(self, what: str, **details: object) -> Any:
         """Ask the guard, and return its answer or raise the failure of the device that it tells."""
@@ -239,6 +245,7 @@ class GuardedElsewhere:
         program_s = guard_s = 0.0
         while not self._closed.wait(TURN_S):
             now_s = time.monotonic()
+            self._silence.turn()
             program_s = program_s + TURN_S if self._lit and now_s > self._granted_until_s else 0.0
             silent = self._lit and not self._asking and now_s - self._heard_s > 2 * TURN_S
             guard_s = guard_s + TURN_S if silent else 0.0

@@ -8,7 +8,7 @@ import pytest
 
 from recon.camera import Camera, ConfocalCamera, PhotoCamera, TransientCamera
 from recon.capture import ArrayHistograms, Capture
-from recon.errors import GeometryError, MemoryBoundError, ParameterError
+from recon.errors import GeometryError, MemoryBoundError, ParameterError, ReconError
 from recon.filming import frame_times_s, video
 from recon.grid import VoxelGrid
 from recon.imaging import bounded, image, plan, planes
@@ -163,6 +163,20 @@ def test_planes_go_to_the_sink_and_make_the_video():
         assert list(planes) == [0, 1, 2]
         together = getattr(np.stack(list(planes.values())), over)(axis=0)
         np.testing.assert_allclose(film.intensity, together, rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("solver", ["rsd", "direct"])
+def test_a_film_too_bright_for_single_precision_is_refused(solver):
+    """A power of two changes no digit, until the intensity itself is too large; then no plane is written."""
+    counts = histograms(POINT, LASER, DETECTOR, 2000, BIN).astype(np.float32)
+    camera, kept = TransientCamera(np.array([2e-9, 3e-9])), {}
+    usual = video(captured(counts), PULSE, GRID, camera, solver=solver).intensity
+    large = video(captured(counts * np.float32(2**40)), PULSE, GRID, camera, solver=solver).intensity
+    np.testing.assert_array_equal(large, usual * np.float32(2**80))
+    with pytest.raises(ReconError, match=r"square is too large.*divide the counts"):
+        video(captured(counts * np.float32(2**65)), PULSE, GRID, camera, solver=solver, sink=kept.__setitem__)
+    assert not kept
 
 
 def test_unasked_frames_begin_before_the_light_and_end_with_the_record():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recon.capture import ArrayHistograms, Capture
-from recon.errors import GeometryError, ParameterError
+from recon.errors import GeometryError, ParameterError, ReconError
 from recon.frames import FrameImager, frames_averaged
 from recon.grid import VoxelGrid
 from recon.imaging import image
@@ -68,6 +68,14 @@ def _softened(of, counts, window):
     rise = 0.5 - 0.5 * np.cos(np.pi * np.clip((times_s - start_s) / window.rise_s, 0, 1))
     last = np.clip((BINS - 0.5 - np.arange(BINS)) * WIDTH_S / window.fall_s, 0, 1)
     return ArrayHistograms(counts.counts * rise * (0.5 - 0.5 * np.cos(np.pi * last)))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_frame_too_bright_for_single_precision_is_refused():
+    of = capture()
+    imager = FrameImager(of, PULSE, GRID)
+    with pytest.raises(ReconError, match=r"square is too large.*divide the counts"):
+        imager.image(seen([0.1, 0.05, 1.2], of, scale=2.0**65))
 
 
 def test_confocal_frames_are_the_usual_image():

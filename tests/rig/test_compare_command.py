@@ -13,8 +13,9 @@ from recon.wave import VirtualPulse
 from rig.commands import documents
 from rig.commands.compare import _warn as warn
 from rig.files import ScanFile, Volume, read_volume, write_volume
-from rig.image.compare import FWHM, METHODS, Compared, Comparison, column, low_pass_sigma_s
-from rig.image.low_pass import low_passed
+from rig.image.compare.found import Compared, Comparison
+from rig.image.compare.methods import METHODS, column
+from rig.image.low_pass import FWHM, low_pass_sigma_s, low_passed
 from rig.image.request import Request
 from rig.image.truth import known_truth
 from rig.image.work import chosen

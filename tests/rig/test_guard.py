@@ -91,6 +91,22 @@ def test_a_program_that_says_nothing_loses_the_light(world):
     assert (told[0].dark, told[0].trip) == (True, False)
 
 
+def test_a_laser_that_takes_its_time_to_light_takes_none_from_the_program(world):
+    laser, clock, _, guard = world
+    usual = laser.emit
+
+    def emit():
+        clock.sleep(5.0)
+        usual()
+
+    laser.emit = emit
+    lit(guard)
+    pass_time(guard, clock, 0.9)
+    assert guard.light is Light.LIT
+    pass_time(guard, clock, 0.2)
+    assert guard.light is Light.DARK
+
+
 def test_no_program_can_ask_for_light_without_end(world):
     laser, clock, _, guard = world
     lit(guard)
@@ -140,7 +156,7 @@ def test_a_laser_that_cannot_be_made_dark_is_told_and_tried_until_it_is(world, w
     with pytest.raises(RefusedError, match="EMITTING"):
         guard.arm()
     with pytest.raises(RefusedError, match="EMITTING"):
-        guard.emit(clock.time_s + 1.0)
+        guard.emit(1.0)
     before = laser.stops
     pass_time(guard, clock, 10.0)
     assert laser.stops - before >= 10.0 / LOOK_S / 2

@@ -118,6 +118,31 @@ def test_many_sigterms_do_not_lock_the_guard(bench):
         laser.stop()
 
 
+@pytest.mark.parametrize("program_too", [False, True])
+def test_a_guard_that_stood_still_hears_what_was_said_before_it_judges(bench, program_too):
+    """As on a computer that is busy, or that stood still as a whole; the program is well, and says so."""
+    with GuardedElsewhere(load(bench.config)) as laser:
+        laser.arm()
+        laser.emit()
+        (guard,) = guards_of(os.getpid())
+        os.kill(guard, signal.SIGSTOP)
+        try:
+            stopped_s = time.monotonic()
+            while time.monotonic() - stopped_s < 1.3:
+                if not program_too:
+                    laser.beat(0.8)
+                time.sleep(0.02)
+        finally:
+            os.kill(guard, signal.SIGCONT)
+        for _ in range(25):
+            laser.beat(0.8)
+            time.sleep(0.02)
+        assert emits(bench)
+        wait_for(lambda: not emits(bench))  # now that nothing is said
+        assert "silent for" in raised_by_beats(laser)
+        laser.stop()
+
+
 def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench):
     with GuardedElsewhere(load(bench.config)) as laser:
         laser.arm()

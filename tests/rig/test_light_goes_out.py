@@ -82,7 +82,10 @@ def test_a_program_that_hangs_loses_the_light(bench, lit):
     wait_for(lambda: dark(bench))
     lit.send_signal(signal.SIGCONT)
     assert lit.wait(PATIENCE_S) == 4
-    assert b"did not report in time" in lit.stderr.read()
+    said = lit.stderr.read()
+    assert b"did not report in time" in said
+    assert b"did not run at all" in said
+    assert b"rig resume" in said
     assert bench.values("detector bias")[-1] == "0"
 
 

@@ -133,51 +133,53 @@ def test_what_a_volume_lacks_is_left_out(tmp_path, changes):
     assert facts["shown_m"][1] > facts["shown_m"][0]
 
 
-def driven(path, steps):
-    """Return a page's elements after steps, JavaScript, were taken once all was shown."""
-    path.write_text(path.read_text("utf-8").replace("</body>", ONCE_SHOWN % steps), "utf-8")
-    return browser.became(path)
+@pytest.fixture(scope="module")
+def opened():
+    """Open a page of a browser without a window, wait until all that it can show is shown, and return it."""
+    with browser.opening() as opened:
+
+        def shown(path, *options):
+            page = opened(path.as_uri(), 1000, 700, *options)
+            page.wait_for_selector("html[data-shown]", state="attached")
+            return page
+
+        yield shown
 
 
-ONCE_SHOWN = """<script>
-const kept = document.documentElement.dataset;
-const wait = setInterval(() => {
-  if (!kept.shown) return;
-  clearInterval(wait);
-  %s
-}, 50);
-</script></body>"""
+def what_is_shown(page):
+    return page.get_attribute("html", "data-shown")
 
-PICTURE = """
+
+PICTURE = """() => {
   look("wall");
   set("mode", "maximum");
   set("colours", "amplitude");
   drawVolume(camera());
-  kept.picture = element("volume").toDataURL();
-"""
+  return element("volume").toDataURL();
+}"""
 
 
 @in_a_browser
-def test_a_browser_shows_the_blob_where_it_is(tmp_path):
+def test_a_browser_shows_the_blob_where_it_is(tmp_path, opened):
     _, path = written(tmp_path)
-    elements = driven(path, PICTURE)
-    assert browser.attribute(elements, "data-shown") == "volume"
-    picture = base64.b64decode(browser.attribute(elements, "data-picture").split(",")[1])
-    shown = imread(io.BytesIO(picture))
-    rows, columns = np.nonzero((shown[..., 0] > 0.7) & (shown[..., 2] < 0.5))  # orange and yellow
+    page = opened(path)
+    assert what_is_shown(page) == "volume"
+    picture = base64.b64decode(page.evaluate(PICTURE).split(",")[1])
+    seen = imread(io.BytesIO(picture))
+    rows, columns = np.nonzero((seen[..., 0] > 0.7) & (seen[..., 2] < 0.5))  # orange and yellow
     assert len(rows) > 30
-    assert shown[0, 0, :3].max() == 0
+    assert seen[0, 0, :3].max() == 0
     facts = json.loads(Parts(path.read_text("utf-8")).texts["facts"])
     # what the camera shows: the wall and the volume, 1.83 m x 1.3 m (half a voxel more than its centres),
     # from the wall to the farthest depth shown
     sides_m = np.array([1.83, 1.3, facts["shown_m"][1]])
-    metres_per_pixel = np.linalg.norm(sides_m) / min(shown.shape[:2])
-    x_m = -(columns.mean() + 0.5 - shown.shape[1] / 2) * metres_per_pixel
-    y_m = -(rows.mean() + 0.5 - shown.shape[0] / 2) * metres_per_pixel
+    metres_per_pixel = np.linalg.norm(sides_m) / min(seen.shape[:2])
+    x_m = -(columns.mean() + 0.5 - seen.shape[1] / 2) * metres_per_pixel
+    y_m = -(rows.mean() + 0.5 - seen.shape[0] / 2) * metres_per_pixel
     assert (x_m, y_m) == pytest.approx(BLOB_M[:2], abs=0.02)  # less than a voxel
 
 
-KEYS = """
+KEYS = """() => {
   const press = (key, target = document.body) =>
     target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   const steps = [];
@@ -186,16 +188,15 @@ KEYS = """
   for (const key of ["1", "m", "c", "]", ".", "+"]) { press(key); keep(key); }
   press("ArrowLeft"); keep("elsewhere");
   press("ArrowLeft", element("lines")); keep("ArrowLeft");
-  kept.steps = JSON.stringify(steps);
-  kept.read = reading(47, 30);
-"""
+  return steps;
+}"""
 
 
 @in_a_browser
-def test_keys_turn_zoom_and_change_what_is_shown(tmp_path):
+def test_keys_turn_zoom_and_change_what_is_shown(tmp_path, opened):
     _, path = written(tmp_path)
-    elements = driven(path, KEYS)
-    steps = dict(json.loads(browser.attribute(elements, "data-steps")))
+    page = opened(path)
+    steps = dict(page.evaluate(KEYS))
     assert (steps["begun"]["yaw"], steps["begun"]["pitch"], steps["begun"]["mode"]) == (35, 20, "surface")
     assert (steps["1"]["yaw"], steps["1"]["pitch"]) == (0, 0)
     assert steps["m"]["mode"] == "maximum"
@@ -205,25 +206,28 @@ def test_keys_turn_zoom_and_change_what_is_shown(tmp_path):
     assert steps["+"]["zoom"] > 1
     assert steps["elsewhere"]["yaw"] == 0  # arrows scroll the page unless the picture has the focus
     assert steps["ArrowLeft"]["yaw"] == 5
-    read = browser.attribute(elements, "data-read")
+    read = page.evaluate("() => reading(47, 30)")
     assert read.startswith("x 0.510 m, y 0.300 m: brightest at z 1.01 m")
     assert "surface at z 1.000 m" in read
 
 
 @in_a_browser
-def test_without_graphics_slices_are_shown_and_the_reason_said(tmp_path):
+def test_without_graphics_slices_are_shown_and_the_reason_said(tmp_path, opened):
     _, path = written(tmp_path)
-    elements = browser.became(path, "--disable-3d-apis")
-    assert browser.attribute(elements, "data-shown") == "slices"
-    assert "WebGL 2 is off or missing. Slices, front view and depths below need none." in elements
+    page = opened(path, "--disable-3d-apis")
+    assert what_is_shown(page) == "slices"
+    said = page.inner_text("#message")
+    assert said.endswith("WebGL 2 is off or missing. Slices, front view and depths below need none.")
 
 
 @in_a_browser
-def test_a_damaged_page_says_so(tmp_path):
+def test_a_damaged_page_says_so(tmp_path, opened):
     _, path = written(tmp_path)
     text = path.read_text("utf-8")
-    packed = Parts(text).texts["voxels"]
+    packed = Parts(text).texts["voxels"].strip()
+    assert text.count(packed) == 1
     short = base64.b64encode(gzip.compress(b"abc")).decode()
     path.write_text(text.replace(packed, short), "utf-8")
-    elements = browser.became(path)
-    assert "The file is damaged: voxels are missing." in elements
+    page = opened(path)
+    assert what_is_shown(page) == "nothing"
+    assert page.inner_text("#message") == "The file is damaged: voxels are missing."

@@ -16,34 +16,17 @@ from rig.live.web.address import address
 from support import browser
 
 pytestmark = pytest.mark.skipif(browser.FOUND is None, reason=browser.MISSING)
-#: Takes two minutes of real time, in which a processor has little to do: it is stopped long before.
 #: Four minutes, of which the test waits for a few positions: it is to be stopped, also by a slow browser.
 SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "1.2s")
 REAL_TIME = "[simulation]\nreal_time = true\n"
 NASTY = "<img src=x onerror=alert(1)>"
-#: A busy machine draws its first picture late.
-PATIENCE_MS = 60_000
 
 
 @pytest.fixture
 def opened():
-    """Open a page of a browser without a window; no error of its program is passed over."""
-    from playwright.sync_api import sync_playwright
-
-    errors = []
-    with sync_playwright() as starting:
-        started = starting.chromium.launch(executable_path=browser.FOUND, args=["--no-sandbox"])
-
-        def opened(url, width=1280, height=900):
-            page = started.new_page(viewport={"width": width, "height": height})
-            page.set_default_timeout(PATIENCE_MS)
-            page.on("pageerror", lambda error: errors.append(str(error)))
-            page.goto(url)
-            return page
-
+    """Open a page of a browser without a window."""
+    with browser.opening() as opened:
         yield opened
-        started.close()
-    assert not errors
 
 
 @contextmanager

@@ -1,76 +1,53 @@
-"""A browser without a window: what a page shows, and what it becomes."""
+"""A browser without a window: pages are opened, and looked at once what is waited for is there."""
 
-import re
 import shutil
-import subprocess
-from html import unescape
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
 
-from matplotlib.image import imread
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FOUND = next(filter(None, map(shutil.which, NAMES)), None)
 MISSING = f"no browser to look at pages with: none of {', '.join(NAMES)} is installed"
-#: Graphics by the processor; nothing is fetched, asked or kept.
-_OPTIONS = (
-    "--headless",
+#: Graphics by the processor.
+OPTIONS = (
     "--no-sandbox",
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--virtual-time-budget=8000",
 )
-#: A busy machine starts a browser slowly.
-_TIMEOUT_S = 200
+#: A busy machine starts a browser slowly, and draws its first picture late.
+PATIENCE_MS = 60_000
 
 
-def _run(page: str, folder: Path, *options: str) -> str:
-    assert FOUND
-    told = subprocess.run(
-        [FOUND, *_OPTIONS, f"--user-data-dir={folder / 'browser'}", *options, page],
-        capture_output=True,
-        text=True,
-        timeout=_TIMEOUT_S,
-        check=True,
-    )
-    return told.stdout
+@contextmanager
+def opening() -> "Iterator[Callable[..., Page]]":
+    """Give what opens a page in a browser; no error of a page's program is passed over.
 
-
-def screenshot(path: Path, at: str = "", size: tuple[int, int] = (1000, 700), *options: str) -> NDArray:
-    """Return what the browser shows of a page, (height, width, 3) from 0 to 1."""
-    picture = path.with_suffix(".shot.png")
-    _run(
-        path.as_uri() + at,
-        path.parent,
-        f"--screenshot={picture}",
-        f"--window-size={size[0]},{size[1]}",
-        *options,
-    )
-    return imread(picture)[..., :3]
-
-
-def became(path: Path, *options: str, at: str = "") -> str:
-    """Return the page's elements after its program ran, as text.
-
-    The browser does not wait for what another thread of it unpacks, so it may have to look again.
+    What is given takes an address, width and height of the window in pixels, and options of the browser. A
+    browser is started once for each choice of options.
     """
-    elements = ""
-    for _ in range(3):
-        elements = _run(path.as_uri() + at, path.parent, "--dump-dom", *options)
-        if "data-shown=" in elements:
-            break
-    return elements
+    from playwright.sync_api import sync_playwright
 
+    errors: list[str] = []
+    with sync_playwright() as starting:
 
-def attribute(elements: str, name: str) -> str:
-    """Return the value of the first attribute of this name."""
-    found = re.search(rf'{name}="([^"]*)"', elements)
-    assert found, f"no element has {name}"
-    return unescape(found[1])
+        @cache
+        def started(*options: str) -> "Browser":
+            return starting.chromium.launch(
+                executable_path=FOUND, args=[*OPTIONS, *options], timeout=PATIENCE_MS
+            )
+
+        def opened(url: str, width: int = 1280, height: int = 900, *options: str) -> "Page":
+            page = started(*options).new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(PATIENCE_MS)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.goto(url)
+            return page
+
+        yield opened
+    assert not errors, errors

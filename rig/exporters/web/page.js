@@ -415,8 +415,9 @@ async function start() {
   listen();
   show();
   if (!window.DecompressionStream) throw new Error("This browser is too old to unpack the volume: use one of 2023 or later.");
-  voxels = await unpacked("voxels");
-  if (voxels.length !== count[0] * count[1] * count[2]) throw new Error("The file is damaged: voxels are missing.");
+  const found = await unpacked("voxels");
+  if (found.length !== count[0] * count[1] * count[2]) throw new Error("The file is damaged: voxels are missing.");
+  voxels = found;
   const levels = await unpacked("surface");
   depths = levels.length ? new Uint16Array(levels.buffer) : null;
   drawSlices();
