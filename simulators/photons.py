@@ -10,7 +10,7 @@ from simulators.bench import BenchGeometry, Detections, LightState, Spot
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
 from simulators.detector.first_bounce import FirstBounce, direct_along_s, direct_s
-from simulators.detector.response import spread
+from simulators.detector.response import sigma_s, spread
 from simulators.optics.light import Optics
 from simulators.track import Knot, Track, distance_m
 from simulators.transport.light_paths import LightPaths, Renderer
@@ -76,7 +76,7 @@ class HiddenScenePhotons:
         if light.sensitive and light.received > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
-            seen_s.append(arrivals_s[self.detector.passes(arrivals_s, light, rng)])
+            seen_s.append(arrivals_s[self._passing(arrivals_s, light, rng)])
             if light.gated:
                 seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
         return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)
@@ -91,7 +91,7 @@ class HiddenScenePhotons:
         seen = [(background_s, rng.random(len(background_s)))]
         if light.sensitive and light.received > 0:
             arrivals_s, moments = self._arrivals_along(track, light, rng)
-            passing = self.detector.passes(arrivals_s, light, rng)
+            passing = self._passing(arrivals_s, light, rng)
             seen.append((arrivals_s[passing], moments[passing]))
             if light.gated:
                 seen.append(self._past_the_gate_along(track, light, rng))
@@ -116,7 +116,7 @@ class HiddenScenePhotons:
             weight_per_m2, path_m = paths.arrivals(laser_spot_m)
             arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
-        stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
+        stray = float(self.detector.sensitivity(np.array(direct_s(laser_spot_m, self.geometry)), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
         light_hz = light.received * (self._detections_m2_hz * seen_per_m2 + stray_hz)
         if light.gated:
@@ -128,13 +128,13 @@ class HiddenScenePhotons:
     def _arrivals_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Draw all light that the gate has yet to pass."""
-        arrivals_s = [self._hidden_s(spot_m, light, duration_s, rng)]
+        """Draw the pulses of all light that the gate has yet to pass."""
+        arrivals_s = self._hidden_s(spot_m, light, duration_s, rng)
         arrivals_s.append(self._stray_s(spot_m, light, duration_s, rng))
         if light.gated:
             pulses = duration_s * light.repetition_hz * light.received
             late_s = self.first_bounce.arrivals(spot_m, self.geometry, pulses, rng)
-            arrivals_s.append(self._of_pulses(late_s, rng))
+            arrivals_s.append(late_s)
         return np.concatenate(arrivals_s)
 
     def _past_the_gate_s(
@@ -147,32 +147,37 @@ class HiddenScenePhotons:
 
     def _hidden_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
-    ) -> NDArray[np.float64]:
+    ) -> list[NDArray[np.float64]]:
         """Light of the hidden scene, bounce by bounce."""
-        drawn_m = []
+        drawn_s, outside_s = [], self._outside_s(spot_m)
         for light_paths, lit_s in self._lit(duration_s):
             for paths in light_paths:
                 expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
-                drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
-        arrivals_s = np.concatenate(drawn_m)
-        arrivals_s /= C_M_PER_S
-        arrivals_s += self._outside_s(spot_m)
-        return self._of_pulses(arrivals_s, rng)
+                path_m = paths.sample(spot_m, rng.poisson(expected), rng)
+                drawn_s.append(path_m / C_M_PER_S + outside_s)
+        return drawn_s
 
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """First-bounce light: the laser spot itself, as the detector's lens sees it."""
-        arrival_s = self._stray_arrival_s(spot_m)
-        if not self._stray_may_pass(arrival_s, light):
+        arrival_s = direct_s(spot_m, self.geometry)
+        if not self._stray_may_pass(arrival_s, arrival_s, light):
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
-        return self._of_pulses(np.full(number, arrival_s), rng)
+        return np.full(number, arrival_s)
+
+    def _passing(
+        self, arrivals_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
+    ) -> NDArray[np.int64]:
+        """Spread arrivals over the pulse's width, in place, and draw which of them may be detected."""
+        return self.detector.passing(arrivals_s, self.optics.pulse_fwhm_s, light, rng)
 
     def _of_pulses(self, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Spread times over the pulse's width, in place."""
-        spread(times_s, self.optics.pulse_fwhm_s, rng)
+        if len(times_s):  # handing the generator over takes as long as two thousand draws
+            spread(times_s, sigma_s(self.optics.pulse_fwhm_s), rng)
         return times_s
 
     def _outside_s(self, spot_m: Spot) -> float:
@@ -184,7 +189,7 @@ class HiddenScenePhotons:
     def _arrivals_along(
         self, track: Track, light: LightState, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw all light that the gate has yet to pass, and the moments when its pulses leave."""
+        """Draw the pulses of all light that the gate has yet to pass, and the moments when they leave."""
         peak = self.detector.ringing.peak if light.gated else 1.0
         lit_s = track.duration_s * peak * light.received
         drawn, begin_s = [], 0.0
@@ -197,13 +202,13 @@ class HiddenScenePhotons:
                     drawn.append((arrivals_s, (begin_s + moments * part_s) / track.duration_s))
             begin_s += part_s
         pulses = lit_s * light.repetition_hz
-        if self._stray_may_pass(direct_along_s(track.spots_m, self.geometry), light):
+        direct = direct_along_s(track.spots_m, self.geometry)
+        if self._stray_may_pass(float(direct.min()), float(direct.max()), light):
             moments = rng.random(rng.poisson(self.optics.stray_per_pulse * pulses))
             drawn.append((direct_along_s(track.at(moments), self.geometry), moments))
         if light.gated:
             drawn.append(self.first_bounce.arrivals_along(track, self.geometry, pulses, rng))
-        arrivals_s, moments = _together(drawn)
-        return self._of_pulses(arrivals_s, rng), moments
+        return _together(drawn)
 
     def _near(
         self, knot: Knot, paths: LightPaths, track: Track, lit_s: float, rng: np.random.Generator
@@ -226,15 +231,10 @@ class HiddenScenePhotons:
         )
         return self._of_pulses(early_s, rng), moments
 
-    def _stray_may_pass(self, arrivals_s: NDArray[np.float64], light: LightState) -> bool:
-        """Return whether the gate lets any light of pulses through that arrive at about these times."""
+    def _stray_may_pass(self, first_s: float, last_s: float, light: LightState) -> bool:
+        """Return whether the gate lets any light of pulses through that arrive between these times."""
         span_s = PULSE_SPAN * self.optics.pulse_fwhm_s
-        first_s, last_s = float(arrivals_s.min()) - span_s, float(arrivals_s.max()) + span_s
-        return self.detector.ever_sensitive(first_s, last_s, light)
-
-    def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
-        """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""
-        return np.array(direct_s(spot_m, self.geometry))
+        return self.detector.ever_sensitive(first_s - span_s, last_s + span_s, light)
 
 
 def _together(

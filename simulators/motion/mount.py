@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 
@@ -48,11 +49,15 @@ class MirrorMount:
 
     @cached_property
     def _turned(self) -> NDArray[np.float64]:
-        return np.array(self.rotation).T
+        return np.array(self.rotation).T.copy()
 
     @cached_property
-    def _at_rest(self) -> tuple[NDArray[np.float64], ...]:
-        """One mirror's normal at rest, where the beam comes from, and the mirror's two axes."""
+    def _linear(self) -> NDArray[np.float64]:
+        return np.array([self.gain, self.offset_rad], np.float64)
+
+    @cached_property
+    def _at_rest(self) -> NDArray[np.float64]:
+        """One mirror's normal at rest, where the beam comes from, and the mirror's two axes, a row each."""
         cos_i, sin_i = np.cos(self.incidence_rad), np.sin(self.incidence_rad)
         cos_p, sin_p = np.cos(self.incidence_direction_rad), np.sin(self.incidence_direction_rad)
         resting = np.array([sin_i * cos_p, sin_i * sin_p, -cos_i])
@@ -60,7 +65,7 @@ class MirrorMount:
         # the mirror's own axes: one in the plane of incidence, one across it, turned back by the direction
         along, across = np.array([cos_i * cos_p, cos_i * sin_p, sin_i]), np.array([-sin_p, cos_p, 0.0])
         x, y = cos_p * along - sin_p * across, sin_p * along + cos_p * across
-        return resting, source, x, y
+        return np.array([resting, source, x, y])
 
     def ray(self, angles_rad: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return start (3,) from the pivot [m] and direction (3,) for optical angles of the mirror."""
@@ -72,23 +77,40 @@ class MirrorMount:
 
         Directions are NaN where the beam meets the mirror from behind.
         """
-        a_x, a_y = (np.array(self.gain) * angles_rad + np.array(self.offset_rad)).T
-        tan_x, tan_y, turned = np.tan(a_x), np.tan(a_y), self._turned
-        if self.mirrors == 1:
-            return np.zeros((len(a_x), 3)), self._reflected(tan_x, tan_y) @ turned
-        zero = np.zeros_like(tan_x)
-        starts = np.stack([self.separation_m * tan_x, zero, zero], axis=1)
-        return starts @ turned, np.stack([tan_x / np.cos(a_y), tan_y, zero - 1], axis=1) @ turned
+        two, apart_m = self.mirrors == 2, float(self.separation_m)
+        starts, directions = _rays(angles_rad, self._linear, self._at_rest, two, apart_m, self._turned)
+        return starts, directions
 
-    def _reflected(self, tan_x: NDArray[np.float64], tan_y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (n, 3) directions of the beam off one mirror, in the mount's frame."""
-        resting, source, x, y = self._at_rest
-        # tan(half the angle) = t / (1 + sqrt(1 + t^2)), t = |(tan_x, tan_y)|
-        stiff = 1 + np.sqrt(1 + tan_x**2 + tan_y**2)
-        normal = stiff[:, None] * resting + tan_x[:, None] * x + tan_y[:, None] * y
-        facing = normal @ source
-        facing = np.where(facing > 0, facing, np.nan) / (normal**2).sum(axis=1)
-        return np.asarray(2 * facing[:, None] * normal - source)
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _rays(angles, linear, at_rest, two, apart, turned):  # type: ignore[no-untyped-def]
+    """Follow the beam for each pair of angles; two dozen array operations take longer for a single one."""
+    starts, directions = np.zeros((len(angles), 3)), np.zeros((len(angles), 3))
+    for i in range(len(angles)):
+        a_x = linear[0, 0] * angles[i, 0] + linear[1, 0]
+        a_y = linear[0, 1] * angles[i, 1] + linear[1, 1]
+        tan_x, tan_y = np.tan(a_x), np.tan(a_y)
+        start, direction = (apart * tan_x, 0.0, 0.0), (tan_x / np.cos(a_y), tan_y, -1.0)
+        if not two:
+            start, direction = (0.0, 0.0, 0.0), _reflected(tan_x, tan_y, at_rest)
+        for axis in range(3):
+            for k in range(3):
+                starts[i, axis] += start[k] * turned[k, axis]
+                directions[i, axis] += direction[k] * turned[k, axis]
+    return starts, directions
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _reflected(tan_x, tan_y, at_rest):  # type: ignore[no-untyped-def]
+    """Return the direction of the beam off one mirror, in the mount's frame."""
+    resting, source, x, y = at_rest[0], at_rest[1], at_rest[2], at_rest[3]
+    # tan(half the angle) = t / (1 + sqrt(1 + t^2)), t = |(tan_x, tan_y)|
+    stiff = 1.0 + np.sqrt(1.0 + tan_x**2 + tan_y**2)
+    normal = stiff * resting + tan_x * x + tan_y * y
+    facing = (normal * source).sum()
+    twice = 2.0 * facing / (normal * normal).sum() if facing > 0.0 else np.nan
+    way = twice * normal - source
+    return way[0], way[1], way[2]
 
 
 def rotated(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:
