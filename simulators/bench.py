@@ -15,6 +15,7 @@ from threading import RLock
 from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
+from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
 
 from simulators.clock import BenchClock
@@ -662,7 +663,7 @@ class Bench:
         if self._began_s:  # visits of before were those of another bench
             entropy.append(round(self._began_s * 1e6))
         first = np.random.SeedSequence(_words(entropy))  # the channels after the first are its children
-        return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
+        return [Generator(PCG64(one)) for one in (first, *first.spawn(len(self.photons) - 1))]
 
     def _stretches(self, start_s: float, stop_s: float) -> list[_Stretch]:
         """Cut a time into stretches in which no switch changes, and the mirror stands or goes a short way."""

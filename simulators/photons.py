@@ -76,7 +76,7 @@ class HiddenScenePhotons:
         if light.sensitive and light.received > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
-            seen_s.append(arrivals_s[self._passing(arrivals_s, light, rng)])
+            seen_s.append(arrivals_s[self.detector.passing(arrivals_s, light, rng)])
             if light.gated:
                 seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
         return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)
@@ -91,7 +91,7 @@ class HiddenScenePhotons:
         seen = [(background_s, rng.random(len(background_s)))]
         if light.sensitive and light.received > 0:
             arrivals_s, moments = self._arrivals_along(track, light, rng)
-            passing = self._passing(arrivals_s, light, rng)
+            passing = self.detector.passing(arrivals_s, light, rng)
             seen.append((arrivals_s[passing], moments[passing]))
             if light.gated:
                 seen.append(self._past_the_gate_along(track, light, rng))
@@ -128,13 +128,13 @@ class HiddenScenePhotons:
     def _arrivals_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Draw the pulses of all light that the gate has yet to pass."""
-        arrivals_s = self._hidden_s(spot_m, light, duration_s, rng)
+        """Draw all light that the gate has yet to pass."""
+        arrivals_s = [self._hidden_s(spot_m, light, duration_s, rng)]
         arrivals_s.append(self._stray_s(spot_m, light, duration_s, rng))
         if light.gated:
             pulses = duration_s * light.repetition_hz * light.received
             late_s = self.first_bounce.arrivals(spot_m, self.geometry, pulses, rng)
-            arrivals_s.append(late_s)
+            arrivals_s.append(self._of_pulses(late_s, rng))
         return np.concatenate(arrivals_s)
 
     def _past_the_gate_s(
@@ -147,15 +147,17 @@ class HiddenScenePhotons:
 
     def _hidden_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
-    ) -> list[NDArray[np.float64]]:
+    ) -> NDArray[np.float64]:
         """Light of the hidden scene, bounce by bounce."""
-        drawn_s, outside_s = [], self._outside_s(spot_m)
+        drawn_m = []
         for light_paths, lit_s in self._lit(duration_s):
             for paths in light_paths:
                 expected = self._detections_m2_hz * light.received * lit_s * paths.flux(spot_m)
-                path_m = paths.sample(spot_m, rng.poisson(expected), rng)
-                drawn_s.append(path_m / C_M_PER_S + outside_s)
-        return drawn_s
+                drawn_m.append(paths.sample(spot_m, rng.poisson(expected), rng))
+        arrivals_s = np.concatenate(drawn_m)
+        arrivals_s /= C_M_PER_S
+        arrivals_s += self._outside_s(spot_m)
+        return self._of_pulses(arrivals_s, rng)
 
     def _stray_s(
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
@@ -166,13 +168,7 @@ class HiddenScenePhotons:
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
-        return np.full(number, arrival_s)
-
-    def _passing(
-        self, arrivals_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
-    ) -> NDArray[np.int64]:
-        """Spread arrivals over the pulse's width, in place, and draw which of them may be detected."""
-        return self.detector.passing(arrivals_s, self.optics.pulse_fwhm_s, light, rng)
+        return self._of_pulses(np.full(number, arrival_s), rng)
 
     def _of_pulses(self, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Spread times over the pulse's width, in place."""
@@ -189,7 +185,7 @@ class HiddenScenePhotons:
     def _arrivals_along(
         self, track: Track, light: LightState, rng: np.random.Generator
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw the pulses of all light that the gate has yet to pass, and the moments when they leave."""
+        """Draw all light that the gate has yet to pass, and the moments when its pulses leave."""
         peak = self.detector.ringing.peak if light.gated else 1.0
         lit_s = track.duration_s * peak * light.received
         drawn, begin_s = [], 0.0
@@ -208,7 +204,8 @@ class HiddenScenePhotons:
             drawn.append((direct_along_s(track.at(moments), self.geometry), moments))
         if light.gated:
             drawn.append(self.first_bounce.arrivals_along(track, self.geometry, pulses, rng))
-        return _together(drawn)
+        arrivals_s, moments = _together(drawn)
+        return self._of_pulses(arrivals_s, rng), moments
 
     def _near(
         self, knot: Knot, paths: LightPaths, track: Track, lit_s: float, rng: np.random.Generator

@@ -5,7 +5,6 @@ from math import exp, expm1
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from simulators.bench import LightState
 from simulators.detector.gate import gates

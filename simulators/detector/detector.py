@@ -76,21 +76,19 @@ class Detector:
     def passing(
         self,
         arrival_s: NDArray[np.float64],
-        pulse_fwhm_s: float,
         light: LightState,
         rng: np.random.Generator,
     ) -> NDArray[np.int64]:
-        """Draw which photons may be detected, of pulses that arrive at (n,) times after sync [s].
+        """Draw which of the photons arriving at these (n,) times after sync [s] may be detected.
 
-        Times are spread over the pulse's full width at half maximum [s], in place. Ringing lets more than one
-        of one pass: give `ringing`.peak times as many photons as arrive.
+        Ringing lets more than one of one pass: give `ringing`.peak times as many photons as arrive.
 
         Returns
         -------
         ndarray
             Places of those that pass, ascending.
         """
-        return gate.passing(arrival_s, pulse_fwhm_s, light, self.gate_edge_s, self.ringing, rng)
+        return gate.passing(arrival_s, light, self.gate_edge_s, self.ringing, rng)
 
     def background_hz(self, light: LightState) -> float:
         """Return dark and ambient counts a second, over open and closed times."""

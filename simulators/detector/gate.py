@@ -7,7 +7,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simulators.bench import LightState
-from simulators.detector.response import FWHM_PER_SIGMA, spread
 
 #: A linear edge takes this many times as long from 0 to 1 as from 0.2 to 0.8.
 FULL_EDGE = 1 / 0.6
@@ -96,13 +95,12 @@ def ever_open(first_s: float, last_s: float, light: LightState, edge_s: float) -
 
 def passing(
     arrival_s: NDArray[np.float64],
-    pulse_fwhm_s: float,
     light: LightState,
     edge_s: float,
     ringing: Ringing,
     rng: np.random.Generator,
 ) -> NDArray[np.int64]:
-    """Draw which photons of pulses arriving at these times after sync may be detected; see `Detector`.
+    """Draw which photons arriving at these times after sync may be detected: each with `sensitivity`.
 
     That is as seen through ``ringing.peak``: so many times more photons must arrive as the peak is above 1.
     """
@@ -113,18 +111,16 @@ def passing(
         gate_s = (opening_s(light, edge_s), edge_s * FULL_EDGE, light.gate_width_s)
         swing = ringing.swing
     most = ringing.peak if light.gated else 1.0
-    sigma_s, period_s = pulse_fwhm_s / FWHM_PER_SIGMA, 1 / light.repetition_hz
-    return np.asarray(_passing(arrival_s, sigma_s, gate_s, period_s, swing, most, rng))
+    return np.asarray(_passing(arrival_s, gate_s, 1 / light.repetition_hz, swing, most, rng))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _passing(arrival, sigma, gate, period, swing, most, rng):  # type: ignore[no-untyped-def]
-    """Spread arrivals, compare a uniform draw with the sensitivity, and return who passes.
+def _passing(arrival, gate, period, swing, most, rng):  # type: ignore[no-untyped-def]
+    """Compare a uniform draw with the sensitivity, and return who passes.
 
     The ringing is worked out only where it decides: after so many decays it is at most ``left``.
     """
     (opening, full, width), (overshoot, decay, _) = gate, swing
-    spread(arrival, sigma, rng)
     left = overshoot * np.exp(-np.arange(DECAYS))
     passing, kept, per_s = np.empty(len(arrival), np.int64), 0, 1.0 / period
     for i in range(len(arrival)):
@@ -155,9 +151,10 @@ def _factor(since, swing):  # type: ignore[no-untyped-def]
 def times_inside(
     expected: float, light: LightState, edge_s: float, ringing: Ringing, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Draw times after the sync [s] with the shape of the sensitivity, or evenly over the period without gate.
+    """Draw times after the sync [s] with the shape of the sensitivity, or evenly over the period.
 
-    So many are expected, ringing left out. Without laser pulses the gate runs on at the laser's repetition rate.
+    So many are expected, ringing left out. Without laser pulses the gate runs on at the laser's repetition
+    rate.
     """
     if not gates(light):
         return rng.random(rng.poisson(expected)) / light.repetition_hz

@@ -4,7 +4,6 @@ from math import log, sqrt
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 #: Full width at half maximum of a Gaussian of unit standard deviation.
 FWHM_PER_SIGMA = 2 * sqrt(2 * log(2))
