@@ -15,6 +15,7 @@ from threading import RLock
 from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
+from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
 
 from simulators.clock import BenchClock
@@ -105,11 +106,11 @@ class BenchGeometry:
             If the beam goes away from the wall.
         """
         start_m, direction = self.mount.ray(mirror_rad)
-        start_m = start_m + self.galvo_m
-        if not direction[2] < 0:
+        x_m, y_m, z_m = (a + b for a, b in zip(start_m.tolist(), self.galvo_m, strict=True))
+        along_x, along_y, along_z = direction.tolist()
+        if not along_z < 0:
             raise ValueError(f"the mirror at {mirror_rad} rad sends the beam away from the wall")
-        x, y, _ = start_m - direction * (start_m[2] / direction[2])
-        return float(x), float(y), 0.0
+        return x_m - along_x * (z_m / along_z), y_m - along_y * (z_m / along_z), 0.0
 
     def laser_spots_m(self, mirror_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return `laser_spot_m` (n, 3) of (n, 2) angles.
@@ -360,6 +361,13 @@ def _drawn(
 def _parts(duration_s: float, longest_s: float) -> int:
     """Return into how many parts a time is cut; rounding makes none more."""
     return max(ceil(duration_s / longest_s - 1e-6), 1)
+
+
+def _words(numbers: Sequence[int]) -> NDArray[np.uint32]:
+    """Return the words of 32 bits of all numbers, the lowest first: what numpy makes of them, only sooner."""
+    return np.array(
+        [n >> low & 0xFFFFFFFF for n in numbers for low in range(0, max(n.bit_length(), 1), 32)], np.uint32
+    )
 
 
 class Bench:
@@ -651,11 +659,11 @@ class Bench:
         visit = self._visits.get(target, 0)
         self._visits[target] = visit + 1
         position = struct.pack("<2f", *(tan(angle) / SEED_TANGENT for angle in target))
-        entropy = (self.seed, *struct.unpack("<2I", position), visit)
+        entropy = [self.seed, *struct.unpack("<2I", position), visit]
         if self._began_s:  # visits of before were those of another bench
-            entropy += (round(self._began_s * 1e6),)
-        first = np.random.SeedSequence(entropy)  # the channels after the first are its children
-        return [np.random.default_rng(one) for one in (first, *first.spawn(len(self.photons) - 1))]
+            entropy.append(round(self._began_s * 1e6))
+        first = np.random.SeedSequence(_words(entropy))  # the channels after the first are its children
+        return [Generator(PCG64(one)) for one in (first, *first.spawn(len(self.photons) - 1))]
 
     def _stretches(self, start_s: float, stop_s: float) -> list[_Stretch]:
         """Cut a time into stretches in which no switch changes, and the mirror stands or goes a short way."""

@@ -10,7 +10,7 @@ from simulators.bench import BenchGeometry, Detections, LightState, Spot
 from simulators.constants import C_M_PER_S
 from simulators.detector import Detector
 from simulators.detector.first_bounce import FirstBounce, direct_along_s, direct_s
-from simulators.detector.response import spread
+from simulators.detector.response import sigma_s, spread
 from simulators.optics.light import Optics
 from simulators.track import Knot, Track, distance_m
 from simulators.transport.light_paths import LightPaths, Renderer
@@ -76,7 +76,7 @@ class HiddenScenePhotons:
         if light.sensitive and light.received > 0:
             peak = self.detector.ringing.peak if light.gated else 1.0
             arrivals_s = self._arrivals_s(laser_spot_m, light, duration_s * peak, rng)
-            seen_s.append(arrivals_s[self.detector.passes(arrivals_s, light, rng)])
+            seen_s.append(arrivals_s[self.detector.passing(arrivals_s, light, rng)])
             if light.gated:
                 seen_s.append(self._past_the_gate_s(laser_spot_m, light, duration_s, rng))
         return self.detector.detect(np.concatenate(seen_s), light, duration_s, rng)
@@ -91,7 +91,7 @@ class HiddenScenePhotons:
         seen = [(background_s, rng.random(len(background_s)))]
         if light.sensitive and light.received > 0:
             arrivals_s, moments = self._arrivals_along(track, light, rng)
-            passing = self.detector.passes(arrivals_s, light, rng)
+            passing = self.detector.passing(arrivals_s, light, rng)
             seen.append((arrivals_s[passing], moments[passing]))
             if light.gated:
                 seen.append(self._past_the_gate_along(track, light, rng))
@@ -116,7 +116,7 @@ class HiddenScenePhotons:
             weight_per_m2, path_m = paths.arrivals(laser_spot_m)
             arrival_s = self._outside_s(laser_spot_m) + path_m / C_M_PER_S
             seen_per_m2 += float(weight_per_m2 @ self.detector.sensitivity(arrival_s, light))
-        stray = float(self.detector.sensitivity(self._stray_arrival_s(laser_spot_m), light))
+        stray = float(self.detector.sensitivity(np.array(direct_s(laser_spot_m, self.geometry)), light))
         stray_hz = self.optics.stray_per_pulse * light.repetition_hz * stray
         light_hz = light.received * (self._detections_m2_hz * seen_per_m2 + stray_hz)
         if light.gated:
@@ -163,8 +163,8 @@ class HiddenScenePhotons:
         self, spot_m: Spot, light: LightState, duration_s: float, rng: np.random.Generator
     ) -> NDArray[np.float64]:
         """First-bounce light: the laser spot itself, as the detector's lens sees it."""
-        arrival_s = self._stray_arrival_s(spot_m)
-        if not self._stray_may_pass(arrival_s, light):
+        arrival_s = direct_s(spot_m, self.geometry)
+        if not self._stray_may_pass(arrival_s, arrival_s, light):
             return np.empty(0)  # the gate keeps out all of it: nothing to draw
         per_s = self.optics.stray_per_pulse * light.repetition_hz * light.received
         number = rng.poisson(per_s * duration_s)
@@ -172,7 +172,8 @@ class HiddenScenePhotons:
 
     def _of_pulses(self, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Spread times over the pulse's width, in place."""
-        spread(times_s, self.optics.pulse_fwhm_s, rng)
+        if len(times_s):  # handing the generator over takes as long as two thousand draws
+            spread(times_s, sigma_s(self.optics.pulse_fwhm_s), rng)
         return times_s
 
     def _outside_s(self, spot_m: Spot) -> float:
@@ -197,7 +198,8 @@ class HiddenScenePhotons:
                     drawn.append((arrivals_s, (begin_s + moments * part_s) / track.duration_s))
             begin_s += part_s
         pulses = lit_s * light.repetition_hz
-        if self._stray_may_pass(direct_along_s(track.spots_m, self.geometry), light):
+        direct = direct_along_s(track.spots_m, self.geometry)
+        if self._stray_may_pass(float(direct.min()), float(direct.max()), light):
             moments = rng.random(rng.poisson(self.optics.stray_per_pulse * pulses))
             drawn.append((direct_along_s(track.at(moments), self.geometry), moments))
         if light.gated:
@@ -226,15 +228,10 @@ class HiddenScenePhotons:
         )
         return self._of_pulses(early_s, rng), moments
 
-    def _stray_may_pass(self, arrivals_s: NDArray[np.float64], light: LightState) -> bool:
-        """Return whether the gate lets any light of pulses through that arrive at about these times."""
+    def _stray_may_pass(self, first_s: float, last_s: float, light: LightState) -> bool:
+        """Return whether the gate lets any light of pulses through that arrive between these times."""
         span_s = PULSE_SPAN * self.optics.pulse_fwhm_s
-        first_s, last_s = float(arrivals_s.min()) - span_s, float(arrivals_s.max()) + span_s
-        return self.detector.ever_sensitive(first_s, last_s, light)
-
-    def _stray_arrival_s(self, spot_m: Spot) -> NDArray[np.float64]:
-        """When light straight from the laser spot to the lens arrives; no light goes along a flat wall."""
-        return np.array(direct_s(spot_m, self.geometry))
+        return self.detector.ever_sensitive(first_s - span_s, last_s + span_s, light)
 
 
 def _together(

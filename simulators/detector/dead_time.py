@@ -5,10 +5,9 @@ from math import exp, expm1
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from simulators.bench import Detections, LightState
-from simulators.detector.gate import FULL_EDGE, gates, opening_s
+from simulators.bench import LightState
+from simulators.detector.gate import gates
 
 #: Events that are sorted together, so few that they stay in a processor's cache meanwhile.
 RUN = 4096
@@ -35,19 +34,24 @@ class Afterpulsing:
         return self.probability * exp(-hold_off_s / self.decay_s)
 
 
-def in_order(
-    times_s: NDArray[np.float64], moments: NDArray[np.float64], pulses: int, period_s: float
-) -> Detections:
+@njit(cache=True, error_model="numpy", nogil=True)
+def in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
     """Give each time after sync its sync pulse out of ``pulses``, and sort by arrival.
 
-    Which pulse is told by ``moments``, parts of the whole time, which must be spread about evenly.
+    Events are shared out to runs that are even in pulses, and each run is sorted.
+
+    Parameters
+    ----------
+    times, moments
+        (n,) times [s], and which pulse each follows, as parts of the whole time; about evenly spread.
+    pulses, period
+        How many sync pulses there are, and the time between two [s].
+
+    Returns
+    -------
+    tuple of ndarray
+        (n,) pulses and (n,) times after them [s].
     """
-    return Detections(*_in_order(times_s, moments, pulses, period_s))
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _in_order(times, moments, pulses, period):  # type: ignore[no-untyped-def]
-    """Share events out to runs that are even in pulses, and sort each run."""
     runs = len(times) // RUN + 1
     pulse, time, ends = _shared_out(times, moments, pulses, runs)
     longest = ends[0]
@@ -110,65 +114,14 @@ def _sort(pulse, time, span, pulses, period, room):  # type: ignore[no-untyped-d
         pulse[j], time[j] = p, t
 
 
-def folded(pulse: NDArray[np.int64], times_s: NDArray[np.float64], period_s: float) -> Detections:
-    """Count times (n,) beyond a period [s] from a later pulse, negative ones from one before, in place."""
-    _fold(pulse, times_s, period_s)
-    return Detections(pulse, times_s)
-
-
 @njit(cache=True, error_model="numpy", nogil=True)
-def _fold(pulse, time, period):  # type: ignore[no-untyped-def]
+def fold(pulse, time, period):  # type: ignore[no-untyped-def]
+    """Count times (n,) beyond a period [s] from a later pulse, negative ones from one before, in place."""
     for i in range(len(time)):
         if not 0.0 <= time[i] < period:
             later = np.floor(time[i] / period)
             pulse[i] += int(later)
             time[i] -= later * period
-
-
-def avalanches(
-    events: Detections,
-    light: LightState,
-    edge_s: float,
-    *,
-    holds_off: bool,
-    afterpulsing: Afterpulsing,
-    rng: np.random.Generator,
-) -> Detections:
-    """Keep what is detected of ``events``, which are in order of arrival, and add afterpulses.
-
-    After a detection the detector is off for ``light.hold_off_s``. A gate that begins to open meanwhile stays
-    closed (so that at 10 MHz a hold-off of 100 ns costs exactly the next gate; that a gate is not opened late
-    is unconfirmed), so there is at most one detection in a gate. Free running, the dead time is not extended
-    by what falls into it.
-
-    Parameters
-    ----------
-    events
-        Photons and dark counts that a ready detector would detect, in order.
-    light
-        Gate, hold-off and repetition rate.
-    edge_s
-        Time that the gate takes from 20 to 80 %.
-    holds_off
-        False: the detector is ready again at once, and the gate may be detected in many times.
-    afterpulsing
-        How often an avalanche sets off another.
-    """
-    if not (holds_off or afterpulsing.probability) or not len(events):
-        return events
-    period_s = 1 / light.repetition_hz
-    kept = _run(
-        events.pulse,
-        events.time_s,
-        period_s,
-        light.hold_off_s if holds_off else -1.0,
-        opening_s(light, edge_s) if gates(light) else 0.0,
-        light.gate_width_s + edge_s * FULL_EDGE if gates(light) else -1.0,
-        afterpulsing.probability,
-        afterpulsing.decay_s,
-        rng,
-    )
-    return Detections(*kept)
 
 
 def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpulsing: Afterpulsing) -> float:
@@ -190,8 +143,34 @@ def detected_hz(seen_hz: float, light: LightState, *, holds_off: bool, afterpuls
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  # type: ignore[no-untyped-def]
-    """Return pulse and time of what is detected, in room that grows with chains of afterpulses."""
+def avalanches(pulse, time, period, dead, afterpulses, rng):  # type: ignore[no-untyped-def]
+    """Keep what is detected of events, which are in order of arrival, and add afterpulses.
+
+    After a detection the detector is off for a while. A gate that begins to open meanwhile stays
+    closed (so that at 10 MHz a hold-off of 100 ns costs exactly the next gate; that a gate is not opened late
+    is unconfirmed), so there is at most one detection in a gate. Free running, the dead time is not extended
+    by what falls into it.
+
+    Parameters
+    ----------
+    pulse, time
+        (n,) each: photons and dark counts that a ready detector would detect, in order, times in s.
+    period
+        Time between sync pulses [s].
+    dead
+        How long the detector is off after a detection; when the gate begins to open after the sync pulse,
+        and how long it is until it is closed [s]. A negative first: it is ready again at once. A negative
+        last: there is no gate.
+    afterpulses
+        Probability, and mean time to release [s], see `Afterpulsing`.
+
+    Returns
+    -------
+    tuple of ndarray
+        Pulse and time of what is detected, in room that grows with chains of afterpulses.
+    """
+    if len(pulse) == 0:
+        return pulse, time
     size = len(pulse) + 16
     kept_pulse, kept_time = np.empty(size, np.int64), np.empty(size)
     late_pulse, late_time = np.empty(16, np.int64), np.empty(16)
@@ -202,8 +181,9 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
             (kept_pulse, kept_time),
             (late_pulse, late_time),
             state,
-            (period, hold, opening, width),
-            (probability, decay),
+            period,
+            dead,
+            afterpulses,
             rng,
         )
         _, kept, late, _, _ = state
@@ -216,16 +196,16 @@ def _run(pulse, time, period, hold, opening, width, probability, decay, rng):  #
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _go_on(events, detected, pending, state, times, afterpulses, rng):  # type: ignore[no-untyped-def]
+def _go_on(events, detected, pending, state, period, dead, afterpulses, rng):  # type: ignore[no-untyped-def]
     """Merge events and pending afterpulses by time, until all are through or there is no more room.
 
-    ``hold`` < 0: no hold-off; ``width`` < 0: no gate. Absolute times stay split in pulse and time, so that a
+    Absolute times stay split in pulse and time, so that a
     long exposure costs no resolution. An event far from the gate that is detected all the same needs only
     the detector to be ready. Pending ones are ordered, the next one last.
     """
     (pulse, time), (kept_pulse, kept_time), (late_pulse, late_time) = events, detected, pending
     i, kept, late, ready_pulse, ready_time = state
-    (period, hold, opening, width), (probability, decay) = times, afterpulses
+    (hold, opening, width), (probability, decay) = dead, afterpulses
     per_s = 1.0 / period
     while (i < len(pulse) or late > 0) and kept < len(kept_pulse) and late < len(late_pulse):
         own = late == 0

@@ -3,13 +3,14 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simulators.bench import Detections, LightState, no_detections
 from simulators.detector import gate
-from simulators.detector.dead_time import Afterpulsing, avalanches, detected_hz, folded, in_order
+from simulators.detector.dead_time import Afterpulsing, avalanches, detected_hz, fold, in_order
 from simulators.detector.gate import Ringing
-from simulators.detector.response import delays
+from simulators.detector.response import delays, sigma_s
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,22 @@ class Detector:
         """Return whether any photon may be detected that arrives between two times after sync [s]."""
         return gate.ever_open(first_s, last_s, light, self.gate_edge_s)
 
-    def passes(
-        self, arrival_s: NDArray[np.float64], light: LightState, rng: np.random.Generator
-    ) -> NDArray[np.bool_]:
-        """Draw which of the photons arriving at these times after sync may be detected.
+    def passing(
+        self,
+        arrival_s: NDArray[np.float64],
+        light: LightState,
+        rng: np.random.Generator,
+    ) -> NDArray[np.int64]:
+        """Draw which of the photons arriving at these (n,) times after sync [s] may be detected.
 
         Ringing lets more than one of one pass: give `ringing`.peak times as many photons as arrive.
+
+        Returns
+        -------
+        ndarray
+            Places of those that pass, ascending.
         """
-        return gate.passes(arrival_s, light, self.gate_edge_s, self.ringing, rng)
+        return gate.passing(arrival_s, light, self.gate_edge_s, self.ringing, rng)
 
     def background_hz(self, light: LightState) -> float:
         """Return dark and ambient counts a second, over open and closed times."""
@@ -97,12 +106,7 @@ class Detector:
             return np.empty(0)
         duty = light.gate_width_s * light.repetition_hz if gate.gates(light) else 1.0
         expected = self._steady_hz(light) * duty * duration_s
-        if not self.ringing.overshoot or not gate.gates(light):
-            return gate.times_inside(rng.poisson(expected), light, self.gate_edge_s, rng)
-        peak = self.ringing.peak
-        times_s = gate.times_inside(rng.poisson(expected * peak), light, self.gate_edge_s, rng)
-        open_s = times_s - gate.opening_s(light, self.gate_edge_s) - self.gate_edge_s * gate.FULL_EDGE
-        return times_s[rng.random(len(times_s)) * peak < self.ringing.factor(open_s)]
+        return gate.times_inside(expected, light, self.gate_edge_s, self.ringing, rng)
 
     def _steady_hz(self, light: LightState) -> float:
         """Return dark counts and steady light, counts a second while sensitive."""
@@ -128,22 +132,42 @@ class Detector:
         if not len(seen_s):
             return no_detections()
         period_s = 1 / light.repetition_hz
-        if moments is None:
-            moments = rng.random(len(seen_s))
-        events = in_order(seen_s, moments, max(round(duration_s / period_s), 1), period_s)
-        events = avalanches(
-            events,
-            light,
-            self.gate_edge_s,
-            holds_off=self.holds_off,
-            afterpulsing=self.afterpulsing,
-            rng=rng,
+        pulse, time_s = _detected(
+            seen_s,
+            np.empty(0) if moments is None else moments,
+            max(round(duration_s / period_s), 1),
+            period_s,
+            self._dead_s(light),
+            (self.afterpulsing.probability, self.afterpulsing.decay_s),
+            (sigma_s(self.jitter_fwhm_s, self.electronics_fwhm_s), self.tail_s, self.tail_fraction),
+            rng,
         )
-        core_s = (self.jitter_fwhm_s, self.electronics_fwhm_s)
-        times_s = delays(len(events), core_s, self.tail_s, self.tail_fraction, rng)
-        times_s += events.time_s
-        return folded(events.pulse, times_s, period_s)
+        return Detections(pulse, time_s)
+
+    def _dead_s(self, light: LightState) -> tuple[float, float, float]:
+        """Return how long the detector is off, as `avalanches` takes it."""
+        hold_s = light.hold_off_s if self.holds_off else -1.0
+        if not gate.gates(light):
+            return hold_s, 0.0, -1.0
+        open_s = light.gate_width_s + self.gate_edge_s * gate.FULL_EDGE
+        return hold_s, gate.opening_s(light, self.gate_edge_s), open_s
 
     def detected_hz(self, seen_hz: float, light: LightState) -> float:
         """Return the detections a second out of ``seen_hz`` that a ready detector would detect."""
         return detected_hz(seen_hz, light, holds_off=self.holds_off, afterpulsing=self.afterpulsing)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _detected(seen, moments, pulses, period, dead, afterpulses, response, rng):  # type: ignore[no-untyped-def]
+    """All that happens to events in the detector, at once: each call would hand the generator over again."""
+    if len(moments) == 0:
+        moments = np.empty(len(seen))
+        for i in range(len(seen)):
+            moments[i] = rng.random()
+    pulse, time = in_order(seen, moments, pulses, period)
+    if dead[0] >= 0.0 or afterpulses[0] > 0.0:
+        pulse, time = avalanches(pulse, time, period, dead, afterpulses, rng)
+    sigma, tail, fraction = response
+    time += delays(len(time), sigma, tail, fraction, rng)
+    fold(pulse, time, period)
+    return pulse, time

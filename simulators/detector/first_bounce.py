@@ -70,6 +70,8 @@ class FirstBounce:
 
         The gate has yet to pass them; neither the pulse's width nor the response is in them.
         """
+        if not (self.memory or self.reflection_per_pulse):
+            return np.empty(0)
         times_s = [
             np.full(rng.poisson(per_pulse * pulses), arrival_s)
             for arrival_s, per_pulse in self._reflections(spot_m, geometry)
@@ -88,8 +90,9 @@ class FirstBounce:
         rng: np.random.Generator,
     ) -> NDArray[np.float64]:
         """Draw the first bounce itself where the gate fails to block it [s after sync]."""
-        number = rng.poisson(self.failed_per_pulse * pulses) if self.fails(spot_m, detector_spot_m) else 0
-        return np.full(number, direct_s(spot_m, geometry))
+        if not self.fails(spot_m, detector_spot_m):
+            return np.empty(0)
+        return np.full(rng.poisson(self.failed_per_pulse * pulses), direct_s(spot_m, geometry))
 
     def arrivals_along(
         self, track: Track, geometry: BenchGeometry, pulses: float, rng: np.random.Generator

@@ -11,6 +11,9 @@ from simulators.bench import LightState
 #: A linear edge takes this many times as long from 0 to 1 as from 0.2 to 0.8.
 FULL_EDGE = 1 / 0.6
 
+#: After so many decays ringing is taken to be no less.
+DECAYS = 40
+
 
 @dataclass(frozen=True)
 class Ringing:
@@ -29,6 +32,11 @@ class Ringing:
     overshoot: float = 0.0
     decay_s: float = 1.5e-9
     frequency_hz: float = 500e6
+
+    @property
+    def swing(self) -> tuple[float, float, float]:
+        """a, d [s] and 2 pi f [1/s], for compiled code."""
+        return self.overshoot, self.decay_s, 2 * np.pi * self.frequency_hz
 
     @property
     def peak(self) -> float:
@@ -85,39 +93,36 @@ def ever_open(first_s: float, last_s: float, light: LightState, edge_s: float) -
     return into_s < open_s or into_s + last_s - first_s > 1 / light.repetition_hz
 
 
-def passes(
+def passing(
     arrival_s: NDArray[np.float64],
     light: LightState,
     edge_s: float,
     ringing: Ringing,
     rng: np.random.Generator,
-) -> NDArray[np.bool_]:
+) -> NDArray[np.int64]:
     """Draw which photons arriving at these times after sync may be detected: each with `sensitivity`.
 
     That is as seen through ``ringing.peak``: so many times more photons must arrive as the peak is above 1.
     """
-    if not light.sensitive:
-        return np.zeros(len(arrival_s), np.bool_)
-    if not gates(light):
-        return np.asarray(rng.random(len(arrival_s)) * (ringing.peak if light.gated else 1.0) < 1)
-    return _passes(
-        arrival_s,
-        opening_s(light, edge_s),
-        edge_s * FULL_EDGE,
-        light.gate_width_s,
-        1 / light.repetition_hz,
-        ringing.overshoot,
-        ringing.decay_s,
-        2 * np.pi * ringing.frequency_hz,
-        rng,
-    )
+    if not (light.sensitive and len(arrival_s)):  # handing the generator over takes as long as 2000 draws
+        return np.empty(0, np.int64)
+    gate_s, swing = (0.0, 0.0, np.inf), (0.0, 1.0, 0.0)
+    if gates(light):
+        gate_s = (opening_s(light, edge_s), edge_s * FULL_EDGE, light.gate_width_s)
+        swing = ringing.swing
+    most = ringing.peak if light.gated else 1.0
+    return np.asarray(_passing(arrival_s, gate_s, 1 / light.repetition_hz, swing, most, rng))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):  # type: ignore[no-untyped-def]
-    """Compare a uniform draw with the sensitivity, and work out the ringing only where it decides."""
-    passing = np.empty(len(arrival), np.bool_)
-    per_s, most = 1.0 / period, 1.0 + overshoot
+def _passing(arrival, gate, period, swing, most, rng):  # type: ignore[no-untyped-def]
+    """Compare a uniform draw with the sensitivity, and return who passes.
+
+    The ringing is worked out only where it decides: after so many decays it is at most ``left``.
+    """
+    (opening, full, width), (overshoot, decay, _) = gate, swing
+    left = overshoot * np.exp(-np.arange(DECAYS))
+    passing, kept, per_s = np.empty(len(arrival), np.int64), 0, 1.0 / period
     for i in range(len(arrival)):
         into = arrival[i] - opening
         into -= np.floor(into * per_s) * period
@@ -127,22 +132,51 @@ def _passes(arrival, opening, full, width, period, overshoot, decay, turn, rng):
             edges = min(into / full, 1.0) - min(max((into - width) / full, 0.0), 1.0)
             edges += 1.0 - min((into + period - width) / full, 1.0)
         since = into - full
-        if since <= 0.0 or not edges * (1.0 - overshoot) < level < edges * most:
-            passing[i] = level < edges
-        else:
-            swing = np.sin(turn * since) * np.exp(-since / decay)
-            passing[i] = level < edges * (1.0 + overshoot * swing)
-    return passing
+        if since > 0.0:
+            at_most = left[min(int(since / decay), DECAYS - 1)]
+            if edges * (1.0 - at_most) < level < edges * (1.0 + at_most):
+                edges *= _factor(since, swing)
+        passing[kept] = i
+        kept += level < edges
+    return passing[:kept]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _factor(since, swing):  # type: ignore[no-untyped-def]
+    """Return the sensitivity a time after the gate is fully open."""
+    overshoot, decay, turn = swing
+    return 1.0 + overshoot * np.sin(turn * since) * np.exp(-since / decay)
 
 
 def times_inside(
-    number: int, light: LightState, edge_s: float, rng: np.random.Generator
+    expected: float, light: LightState, edge_s: float, ringing: Ringing, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Draw times after the sync [s] with the shape of the gate, or evenly over the period without one.
+    """Draw times after the sync [s] with the shape of the sensitivity, or evenly over the period.
 
-    Without laser pulses the gate runs on at the laser's repetition rate.
+    So many are expected, ringing left out. Without laser pulses the gate runs on at the laser's repetition
+    rate.
     """
     if not gates(light):
-        return rng.random(number) / light.repetition_hz
-    inside, edge = rng.random((2, number))  # two boxes convolved: the gate's trapezium
-    return light.gate_delay_s + inside * light.gate_width_s + (edge - 0.5) * edge_s * FULL_EDGE
+        return rng.random(rng.poisson(expected)) / light.repetition_hz
+    number = rng.poisson(expected * ringing.peak)
+    if not number:
+        return np.empty(0)
+    full_s = edge_s * FULL_EDGE
+    return np.asarray(_inside(number, light.gate_delay_s, light.gate_width_s, full_s, ringing.swing, rng))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _inside(number, delay, width, full, swing, rng):  # type: ignore[no-untyped-def]
+    """Draw from two boxes convolved, the gate's trapezium, and leave out what ringing keeps out."""
+    times, kept = np.empty(number), 0
+    for i in range(number):
+        times[i] = delay + rng.random() * width
+    for i in range(number):
+        times[i] += (rng.random() - 0.5) * full
+    if swing[0] == 0.0:
+        return times
+    for i in range(number):
+        level = rng.random() * (1.0 + swing[0])
+        times[kept] = times[i]
+        kept += level < _factor(max(times[i] - delay - full / 2, 0.0), swing)
+    return times[:kept]

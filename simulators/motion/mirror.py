@@ -87,13 +87,12 @@ class SteeringMirror:
 
     def target(self, at_s: float) -> tuple[float, float]:
         """Return the angles [rad] that are commanded by then."""
-        x, y = self._moves[max(self._after(at_s) - 1, self._first), :2]
-        return float(x), float(y)
+        (x, y, *_), _ = self._move_at(at_s)
+        return x, y
 
     def position(self, at_s: float) -> tuple[float, float]:
         """Return the angles [rad] at time ``at_s``."""
-        number = max(self._after(at_s) - 1, self._first)
-        x, y, _, _ = self._state(self._moves[number].tolist(), max(at_s - float(self._start_s[number]), 0.0))
+        x, y, _, _ = self._state(*self._move_at(at_s))
         return x, y
 
     def positions(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,7 +108,8 @@ class SteeringMirror:
 
     def settled(self, at_s: float) -> bool:
         """Whether the mirror stands on what is commanded by then."""
-        return self.position(at_s) == self.target(at_s)
+        move, since_s = self._move_at(at_s)
+        return self._state(move, since_s)[:2] == (move[0], move[1])
 
     def moving_between(self, start_s: float, stop_s: float) -> list[tuple[float, float, bool]]:
         """Cut a time where the mirror is commanded while it stands, and where it stands for certain.
@@ -137,6 +137,8 @@ class SteeringMirror:
     def commands_between(self, start_s: float, stop_s: float) -> list[float]:
         """Return the times of the commands given inside the open interval."""
         after = self._after(start_s)
+        if after == self._end:
+            return []
         before = self._first + self._start_s[self._first : self._end].searchsorted(stop_s, "left")
         times: list[float] = self._start_s[after:before].tolist()
         return times
@@ -149,6 +151,12 @@ class SteeringMirror:
         """Return the move to (x, y) that begins a time after the last one did."""
         px, py, vx, vy = self._state(last, t)
         return [x, y, px - x, py - y, vx, vy]
+
+    def _move_at(self, at_s: float) -> tuple[list[float], float]:
+        """Return the move in force at a time, and since when [s]."""
+        number = max(self._after(at_s) - 1, self._first)
+        move: list[float] = self._moves[number].tolist()
+        return move, max(at_s - float(self._start_s[number]), 0.0)
 
     def _state(self, move: list[float], t: float) -> tuple[float, float, float, float]:
         """Return position and rate (x, y, v_x, v_y) a time after a move began."""

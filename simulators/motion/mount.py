@@ -48,11 +48,15 @@ class MirrorMount:
 
     @cached_property
     def _turned(self) -> NDArray[np.float64]:
-        return np.array(self.rotation).T
+        return np.array(self.rotation).T.copy()
 
     @cached_property
-    def _at_rest(self) -> tuple[NDArray[np.float64], ...]:
-        """One mirror's normal at rest, where the beam comes from, and the mirror's two axes."""
+    def _linear(self) -> NDArray[np.float64]:
+        return np.array([self.gain, self.offset_rad], np.float64)
+
+    @cached_property
+    def _at_rest(self) -> NDArray[np.float64]:
+        """One mirror's normal at rest, where the beam comes from, and the mirror's two axes, a row each."""
         cos_i, sin_i = np.cos(self.incidence_rad), np.sin(self.incidence_rad)
         cos_p, sin_p = np.cos(self.incidence_direction_rad), np.sin(self.incidence_direction_rad)
         resting = np.array([sin_i * cos_p, sin_i * sin_p, -cos_i])
@@ -60,7 +64,7 @@ class MirrorMount:
         # the mirror's own axes: one in the plane of incidence, one across it, turned back by the direction
         along, across = np.array([cos_i * cos_p, cos_i * sin_p, sin_i]), np.array([-sin_p, cos_p, 0.0])
         x, y = cos_p * along - sin_p * across, sin_p * along + cos_p * across
-        return resting, source, x, y
+        return np.array([resting, source, x, y])
 
     def ray(self, angles_rad: tuple[float, float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return start (3,) from the pivot [m] and direction (3,) for optical angles of the mirror."""
@@ -72,23 +76,11 @@ class MirrorMount:
 
         Directions are NaN where the beam meets the mirror from behind.
         """
-        a_x, a_y = (np.array(self.gain) * angles_rad + np.array(self.offset_rad)).T
-        tan_x, tan_y, turned = np.tan(a_x), np.tan(a_y), self._turned
-        if self.mirrors == 1:
-            return np.zeros((len(a_x), 3)), self._reflected(tan_x, tan_y) @ turned
-        zero = np.zeros_like(tan_x)
-        starts = np.stack([self.separation_m * tan_x, zero, zero], axis=1)
-        return starts @ turned, np.stack([tan_x / np.cos(a_y), tan_y, zero - 1], axis=1) @ turned
+        from simulators.motion.beam import rays  # numba, which who only describes a bench need not wait for
 
-    def _reflected(self, tan_x: NDArray[np.float64], tan_y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (n, 3) directions of the beam off one mirror, in the mount's frame."""
-        resting, source, x, y = self._at_rest
-        # tan(half the angle) = t / (1 + sqrt(1 + t^2)), t = |(tan_x, tan_y)|
-        stiff = 1 + np.sqrt(1 + tan_x**2 + tan_y**2)
-        normal = stiff[:, None] * resting + tan_x[:, None] * x + tan_y[:, None] * y
-        facing = normal @ source
-        facing = np.where(facing > 0, facing, np.nan) / (normal**2).sum(axis=1)
-        return np.asarray(2 * facing[:, None] * normal - source)
+        two, apart_m = self.mirrors == 2, float(self.separation_m)
+        starts, directions = rays(angles_rad, self._linear, self._at_rest, two, apart_m, self._turned)
+        return starts, directions
 
 
 def rotated(about_x_rad: float, about_y_rad: float, about_z_rad: float) -> NDArray[np.float64]:

@@ -24,9 +24,9 @@ class Patches(NamedTuple):
     corners_m
         (K, 3, 3) corners [m].
     centre_m
-        (K, 3) centroids [m].
+        (K, 3) centroids [m], each column in one piece: so kernels do many patches at once.
     normal
-        (K, 3) unit normals; both sides reflect, so the sign means nothing by itself.
+        (K, 3) unit normals, stored in the same way; both sides reflect, so the sign means nothing by itself.
     area_m2
         (K,) areas [m^2].
     albedo
@@ -108,8 +108,8 @@ def tessellate(scene: "Scene", edge_m: float | None = None) -> Patches:
     of_mesh = scene.mesh_index[triangle]
     return Patches(
         corners_m=corners_m,
-        centre_m=corners_m.mean(axis=1),
-        normal=across / twice_area[:, None],
+        centre_m=np.asfortranarray(corners_m.mean(axis=1)),
+        normal=np.asfortranarray(across / twice_area[:, None]),
         area_m2=twice_area / 2,
         albedo=scene.albedo[triangle],
         roughness=np.array([mesh.roughness for mesh in scene.meshes])[of_mesh],

@@ -226,9 +226,10 @@ def _passes(low, high, per_nearest, per_furthest):  # type: ignore[no-untyped-de
     """Whether any segment of a packet may pass a box (both relative to where the segments start).
 
     After a part t of their ways the segments are between t times ``nearest`` and t times ``furthest`` on each
-    axis, given inverted; that meets the box for an interval of t, if for any.
+    axis, given inverted; that meets the box for an interval of t, if for any. What is met at a segment's end
+    alone hides nothing: so the boxes of the surface that the points are on are not opened.
     """
-    enter, leave = 0.0, 1.0
+    enter, leave = END, 1.0 - END
     for axis in range(3):
         t = low[axis] * per_furthest[axis]  # t furthest >= low
         if per_furthest[axis] > 0.0:

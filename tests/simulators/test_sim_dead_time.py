@@ -179,10 +179,10 @@ def test_events_are_put_in_order_of_arrival(number, pulses):
     """As numpy sorts them; some times lie beyond the period, so that pulses overtake each other."""
     draw, period_s = np.random.default_rng(number), 1e-7
     times_s, moments = draw.uniform(-1e-8, 2.5e-7, number), draw.random(number)
-    ordered = in_order(times_s, moments, pulses, period_s)
+    of_pulse, time_s = in_order(times_s, moments, pulses, period_s)
     pulse = (moments * pulses).astype(np.int64)
     expected = np.argsort(pulse * period_s + times_s)
-    arrival_s = ordered.pulse * period_s + ordered.time_s
+    arrival_s = of_pulse * period_s + time_s
     # seconds hold times of a million periods to 1e-17 s only: who is nearer than that is in either order
     np.testing.assert_allclose(arrival_s, (pulse * period_s + times_s)[expected], atol=1e-16, rtol=0)
-    assert sorted(ordered.time_s) == sorted(times_s)
+    assert sorted(time_s) == sorted(times_s)

@@ -9,7 +9,7 @@ from scipy.stats import chi2, exponnorm, kstest, norm
 
 from simulators.bench import LightState
 from simulators.detector import Detector
-from simulators.detector.response import delays
+from simulators.detector.response import delays, sigma_s
 from simulators.optics.light import Optics
 
 SIGMA = 1 / (2 * sqrt(2 * log(2)))
@@ -39,7 +39,7 @@ def test_the_whole_system_is_65_ps_wide_with_its_peak_in_place():
 def test_delays_follow_the_response():
     """Chi-square of a million draws against the closed form; one failure in a million, seed fixed."""
     d = Detector()
-    core_s = (d.jitter_fwhm_s, d.electronics_fwhm_s)
+    core_s = sigma_s(d.jitter_fwhm_s, d.electronics_fwhm_s)
     delays_s = delays(1_000_000, core_s, d.tail_s, d.tail_fraction, np.random.default_rng(3))
     edges_s = np.arange(-100e-12, 500e-12, 5e-12)
     drawn, _ = np.histogram(delays_s, edges_s)
