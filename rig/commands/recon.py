@@ -1,5 +1,6 @@
 """``rig recon``: image a scan."""
 
+import gc
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -38,6 +39,9 @@ class Camera(StrEnum):
     vars().update({name: name for name in registry.CAMERAS})
 
 
+#: Objects that are made before garbage is looked for among them. Libraries and pictures make a million that
+#: stay; looking at them every 700 takes half a second in all.
+SELDOM = 200_000
 VOLUME, LIGHT, VIDEO = "Volume", "Light that counts", "Video"
 _CAMERA, _SOLVER = Camera("confocal"), Solver("rsd")
 _WITH_SNR, _BOUNDED = " and ".join(registry.taking("snr")), " and ".join(registry.BOUNDED)
@@ -257,6 +261,7 @@ def recon(
 
     Nothing is overwritten: a second image of the same scan is scan-2-volume.h5, its picture scan-2.png.
     """
+    gc.set_threshold(SELDOM)
     from rig.commands import console
     from rig.image.asked import asked
     from rig.image.reconstruct import reconstruct
