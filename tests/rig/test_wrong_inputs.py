@@ -365,8 +365,8 @@ def test_all_verbs_are_in_the_table():
     from rig.commands import app
 
     lines = [line for line, *_ in CASES]
-    verbs = {name for name, _ in verbs(get_command(app))}
-    assert {verb for verb in verbs if not any(line.startswith(verb) for line in lines)} == set()
+    named = {name for name, _ in verbs(get_command(app))}
+    assert {verb for verb in named if not any(line.startswith(verb) for line in lines)} == set()
     assert len(CASES) >= 150
 
 
