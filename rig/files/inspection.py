@@ -165,9 +165,11 @@ def _is_here(path: str, place: str, group: h5py.Group, name: bytes) -> bool:
 
 
 def _attributes(path: str, place: str, owner: Any) -> None:
-    """Refuse attributes that are too many or too large; one that cannot be read is left to who needs it.
+    """Refuse attributes that are too many, too large or cannot be opened.
 
     They are looked up by name, too, as readers do it: where none can be opened, that may go round for ever.
+    One whose value cannot be read is left to who needs it. One that cannot be opened hides others, whose
+    values may crash a reader that finds them by name.
     """
     with suppress(*_UNREADABLE):
         owner.attrs.get(SOUGHT)
@@ -175,8 +177,13 @@ def _attributes(path: str, place: str, owner: Any) -> None:
         if h5py.h5a.get_num_attrs(owner.id) > ATTRIBUTES:
             raise _refused(path, place, f"has more than {ATTRIBUTES} attributes")
         for number in range(h5py.h5a.get_num_attrs(owner.id)):
-            with suppress(*_UNREADABLE):  # those behind it may be what the library loops on
+            try:
                 attribute = h5py.h5a.open(owner.id, index=number)
+            except _UNREADABLE as error:
+                raise DataFileError(
+                    f"{path} is damaged: an attribute of {place} cannot be opened ({error}); copy it again"
+                ) from None
+            with suppress(*_UNREADABLE):  # those behind it may be what the library loops on
                 name = attribute.name.decode("utf-8", "replace")
                 if attribute.get_storage_size() > TEXT_BYTES:
                     raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
