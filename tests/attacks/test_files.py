@@ -161,7 +161,7 @@ PLACES |= {"liu2019": "dataset/laserPos", "dirac": "xg", "cmu": "lighting"}
 
 
 def test_an_attribute_that_cannot_be_opened_hides_others(good, tmp_path):
-    """Listed, none of them can be opened; by name, those before it can, and a value among them was a crash."""
+    """Listed, none of them can be opened; by name, those before it can, and the value of one was a crash."""
     content = bytearray(good.read_bytes())
     name = content.index(b"software\0")
     content[name - 4 : name - 2] = b"\xff\xff"  # the size of its type
