@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import LinkError
+from drivers.errors import LinkError, ProtocolError
 from drivers.harp import constants as hh
 from drivers.harp.errors import HarpError
 from drivers.harp.instrument import CLOCK_ERROR, LATE_S, Instrument, Rates, system_error
@@ -90,8 +90,10 @@ class Harp(Instrument):
     def measure(self, exposure_s: float, meanwhile: Callable[[], bool] = lambda: False) -> Exposure:
         """Clear, expose for ``exposure_s``, and return the histogram of each input.
 
-        Where the family can, histograms are cleared when they are read, too: then one call that does nothing
-        and reports no error leaves no counts of this exposure in the next one.
+        A call that does nothing and reports no error, or is executed twice, spoils no counts. Histograms are
+        cleared when they were read, too, by a call of its own: one lost clearing leaves no counts of this
+        exposure in the next one, and what is read twice is the same. That the measurement runs is asked right
+        after it was started; the vendor's demos rely on that answer, too.
 
         A lost sync is a warning and not an error: the counts then cover an unknown part of the exposure, and
         a dark measurement has no sync by intention, so the caller decides. After a system error the counts
@@ -111,6 +113,8 @@ class Harp(Instrument):
             If the exposure is not whole milliseconds; nothing is sent then.
         LinkError
             If the measurement does not end in time.
+        ProtocolError
+            If it did not start, although there was no error.
         HarpError
             If the library refuses a call.
         DeviceError
@@ -120,8 +124,11 @@ class Harp(Instrument):
         library, index = self._library, self._index
         library.clear_hist_mem(index)
         try:
+            before_s = self._clock.now_s()
             library.start_meas(index, duration_ms)
-            whole = self._expose(duration_ms, meanwhile)
+            until_s = self._clock.now_s() + duration_ms / 1000
+            self._require_started(before_s, duration_ms)
+            whole = self._expose(until_s, duration_ms, meanwhile)
         except BaseException:
             with suppress(HarpError):
                 library.stop_meas(index)
@@ -130,14 +137,24 @@ class Harp(Instrument):
         library.stop_meas(index)
         # before histograms are cleared, and perhaps flags with them
         warnings = self._sentences(library.get_flags(index))
-        inputs = self._settings.inputs
-        for row, channel in enumerate(inputs):
-            library.get_histogram(index, channel, self._rows[row], clearing=channel == inputs[-1])
+        for row, channel in enumerate(self._settings.inputs):
+            library.get_histogram(index, channel, self._rows[row])
+        library.clear_hist_mem(index)
         return Exposure(self._counts, live_s, warnings, whole)
 
-    def _expose(self, duration_ms: int, meanwhile: Callable[[], bool]) -> bool:
+    def _require_started(self, before_s: float, duration_ms: int) -> None:
+        """Raise if no measurement runs that cannot be over yet; one that can tells nothing."""
+        ended = self._library.ctc_ended(self._index)
+        if ended and self._clock.now_s() - before_s < (1 - CLOCK_ERROR) * duration_ms / 1000:
+            raise ProtocolError(
+                self._name,
+                f"start to measure for {duration_ms} ms",
+                "none runs, and no error was reported",
+                self._restart,
+            )
+
+    def _expose(self, until_s: float, duration_ms: int, meanwhile: Callable[[], bool]) -> bool:
         """Wait for the end of an exposure; return False if ``meanwhile`` ended it before."""
-        until_s = self._clock.now_s() + duration_ms / 1000
         while (left_s := until_s - self._clock.now_s()) > MEANWHILE_S:
             self._clock.sleep(MEANWHILE_S)
             if meanwhile():

@@ -303,13 +303,10 @@ class HarpLibrary:
         """Return whether the acquisition time has run out (CTCStatus)."""
         return self._int("CTCStatus", index) != 0
 
-    def get_histogram(
-        self, index: int, channel: int, into: "Array[c_uint]", *, clearing: bool = False
-    ) -> None:
+    def get_histogram(self, index: int, channel: int, into: "Array[c_uint]") -> None:
         """Copy an input's histogram into a row of `histogram_buffers`, as many bins as are set.
 
-        With ``clearing`` the histograms are set to zero afterwards, by families whose function can do so. The
-        manuals do not state whether those of all inputs are, so read the last input with it.
+        Families whose function can clear are told not to: what is read again is then the same.
 
         Raises
         ------
@@ -317,7 +314,7 @@ class HarpLibrary:
             If the library says that all is well and wrote nothing, so that the row holds older counts.
         """
         into[0] = UNWRITTEN
-        self._call("GetHistogram", index, into, channel, *[int(clearing)] * self.family.clears_with_histogram)
+        self._call("GetHistogram", index, into, channel, *[0] * self.family.clears_with_histogram)
         if into[0] == UNWRITTEN:
             raise self._untrue(
                 f"give the histogram of input {channel}", "there was no error, but wrote no counts"

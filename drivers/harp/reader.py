@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import Clock
-from drivers.errors import DeviceError, LinkError
+from drivers.errors import DeviceError, LinkError, ProtocolError
 from drivers.harp.errors import HarpError
 from drivers.harp.instrument import CLOCK_ERROR, LATE_S, system_error
 from drivers.harp.library import HarpLibrary
@@ -102,8 +102,10 @@ class Reader:
         The instrument.
     clock
         The time to wait by.
+    began_s
+        When the measurement began, at the earliest.
     duration_s
-        When the measurement ends by itself.
+        How long after that it ends by itself.
     queue_pieces
         How many pieces may wait for the caller.
     """
@@ -115,11 +117,12 @@ class Reader:
         *,
         name: str,
         clock: Clock,
+        began_s: float,
         duration_s: float,
         queue_pieces: int,
     ) -> None:
         self._library, self._index, self._name, self._clock = library, index, name, clock
-        self._duration_s = duration_s
+        self._began_s, self._duration_s = began_s, duration_s
         self._queue_pieces = queue_pieces
         self._pieces: Queue[Piece | None] = Queue()  # this thread alone fills it, and looks how full it is
         self._asked: Queue[tuple[Callable[[], Any], Future[Any]]] = Queue()
@@ -250,6 +253,18 @@ class Reader:
             ended = self._library.ctc_ended(self._index)
             empty = empty + 1 if ended and not number else 0
             self._clock.sleep(DRAIN_S if ended else POLL_S)
+        self._require_lasted()
+
+    def _require_lasted(self) -> None:
+        """Raise if it is over earlier than it can be: it did not start, although there was no error."""
+        lasted_s = self._clock.now_s() - self._began_s
+        if lasted_s < (1 - CLOCK_ERROR) * self._duration_s:
+            raise ProtocolError(
+                self._name,
+                f"measure for {self._duration_s:g} s",
+                f"it was over after {lasted_s:.3g} s, and no error was reported",
+                self._restart,
+            )
 
     def _read_rest(self) -> None:
         """Read what is left in a memory that was full."""

@@ -143,13 +143,14 @@ class HarpStream(Instrument):
             raise DeviceError(
                 self._name, "start a measurement", "another one still runs", "Stop it, or wait for its end."
             )
-        index = self._index
+        index, before_s = self._index, self._clock.now_s()
         self._library.start_meas(index, duration_ms)
         self._reader = Reader(
             self._library,
             index,
             name=self._name,
             clock=self._clock,
+            began_s=before_s,
             duration_s=duration_ms / 1000,
             queue_pieces=self._queue_pieces,
         )
@@ -181,7 +182,8 @@ class HarpStream(Instrument):
         HarpError
             If the library refuses a call.
         ProtocolError
-            If it says that it wrote more records than there is room for.
+            If it says that it wrote more records than there is room for, or that the measurement is over when
+            it cannot be.
         """
         return iter(()) if self._reader is None else self._reader.pieces()
 

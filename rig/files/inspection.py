@@ -136,7 +136,8 @@ def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]
                 if isinstance(found, h5py.h5g.GroupID):
                     waiting.append((place, h5py.Group(found), depth + 1))
                 elif isinstance(found, h5py.h5d.DatasetID):
-                    _dataset(path, place, found)
+                    with suppress(*_UNREADABLE):
+                        _dataset(path, place, found)
                     _attributes(path, place, h5py.Dataset(found))
 
 
@@ -165,24 +166,31 @@ def _is_here(path: str, place: str, group: h5py.Group, name: bytes) -> bool:
 
 
 def _attributes(path: str, place: str, owner: Any) -> None:
-    """Refuse attributes that are too many or too large; one that cannot be read is left to who needs it.
+    """Refuse attributes that are too many, too large or cannot be opened.
 
     They are looked up by name, too, as readers do it: where none can be opened, that may go round for ever.
+    One whose value cannot be read is left to who needs it. One that cannot be opened hides others, whose
+    values may crash a reader that finds them by name.
     """
     with suppress(*_UNREADABLE):
         owner.attrs.get(SOUGHT)
-    with suppress(*_UNREADABLE):
-        if h5py.h5a.get_num_attrs(owner.id) > ATTRIBUTES:
+    try:
+        count = h5py.h5a.get_num_attrs(owner.id)
+        if count > ATTRIBUTES:
             raise _refused(path, place, f"has more than {ATTRIBUTES} attributes")
-        for number in range(h5py.h5a.get_num_attrs(owner.id)):
-            with suppress(*_UNREADABLE):  # those behind it may be what the library loops on
-                attribute = h5py.h5a.open(owner.id, index=number)
-                name = attribute.name.decode("utf-8", "replace")
-                if attribute.get_storage_size() > TEXT_BYTES:
-                    raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
-                value = owner.attrs[name]
-                if isinstance(value, str | bytes) and len(value) > TEXT_BYTES:
-                    raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+        opened = [h5py.h5a.open(owner.id, index=number) for number in range(count)]
+    except _UNREADABLE as error:
+        raise DataFileError(
+            f"{path} is damaged: an attribute of {place} cannot be opened ({error}); copy it again"
+        ) from None
+    for attribute in opened:
+        with suppress(*_UNREADABLE):
+            name = attribute.name.decode("utf-8", "replace")
+            if attribute.get_storage_size() > TEXT_BYTES:
+                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+            value = owner.attrs[name]
+            if isinstance(value, str | bytes) and len(value) > TEXT_BYTES:
+                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
 
 
 def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:

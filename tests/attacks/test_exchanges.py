@@ -111,3 +111,15 @@ def test_a_garbled_transfer_does_not_leave_the_bias_on(on_usb):
     for at in writes[-4:]:  # the last of them take the bias away
         one = on_usb.outcome(Fault("flip"), at)
         assert not one.end.sensitive, one
+
+
+@pytest.mark.parametrize(
+    ("kind", "operation", "code"),
+    [("drop", "HH_StartMeas", 3), ("drop", "HH_ClearHistMem", 0), ("twice", "HH_GetHistogram", 0)],
+)
+def test_no_position_is_wrong_in_low_light(on_usb, kind, operation, code):
+    """Where a position without counts is no reason for doubt."""
+    at = [number for number, (_, name) in enumerate(on_usb.exchanges) if name == operation]
+    for number in (at[2], at[-2]):
+        one = on_usb.outcome(Fault(kind), number)
+        assert (one.end.code, one.wrong, one.resumed) == (code, 0, "equal"), one

@@ -160,6 +160,17 @@ PLACES = {"tal": "sensor_grid_xyz", "neutral": "laser_position_m", "znlos": "cam
 PLACES |= {"liu2019": "dataset/laserPos", "dirac": "xg", "cmu": "lighting"}
 
 
+def test_an_attribute_that_cannot_be_opened_hides_others(good, tmp_path):
+    """Listed, none of them can be opened; by name, those before it can, and the value of one was a crash."""
+    content = bytearray(good.read_bytes())
+    name = content.index(b"software\0")
+    content[name - 4 : name - 2] = b"\xff\xff"  # the size of its type
+    path = tmp_path / "edited.h5"
+    path.write_bytes(content)
+    with pytest.raises(DataFileError, match=r"edited\.h5 is damaged: an attribute of / cannot be opened"):
+        read_scan(path)
+
+
 def example(layout, folder):
     """Return a good HDF5 file of a layout, what reads it, and the name of its counts."""
     make, read = PARSERS[f"import-{layout}"]

@@ -159,11 +159,13 @@ def test_a_histogram(name):
     measured = [
         (f"{prefix}_ClearHistMem(1)",),
         (f"{prefix}_StartMeas(1, 10)",),
+        (f"{prefix}_CTCStatus(1)", 0),
         ("sleep(0.01)",),
         (f"{prefix}_CTCStatus(1)", 1),
         (f"{prefix}_StopMeas(1)",),
         (f"{prefix}_GetFlags(1)", 0),
-        (f"{prefix}_GetHistogram(1, 0{', 1' if clears else ''})", [5, 0, 7, 9]),
+        (f"{prefix}_GetHistogram(1, 0{', 0' if clears else ''})", [5, 0, 7, 9]),
+        (f"{prefix}_ClearHistMem(1)",),
     ]
     exposure, identity = play(
         name,
@@ -187,7 +189,7 @@ def test_records(name):
     ended = [(read, [], 0), (f"{prefix}_GetFlags(1)", 0), (f"{prefix}_CTCStatus(1)", 1), ("sleep(0.001)",)]
     lines = [
         *opened(name, T3),
-        (f"{prefix}_StartMeas(1, 20)",),
+        (f"{prefix}_StartMeas(1, 10)",),
         (read, [1, 2], 2),
         (f"{prefix}_GetFlags(1)", active),
         (f"{prefix}_CTCStatus(1)", 0),
@@ -201,7 +203,7 @@ def test_records(name):
     with HarpStream(
         library, clock=script, settings=settings(name), markers=Markers(hold_off_s=20e-6)
     ) as stream:
-        stream.start(0.02)
+        stream.start(0.01)
         pieces = list(stream.pieces())
     script.finish()
     assert [piece.records.tolist() for piece in pieces] == [[1, 2]]

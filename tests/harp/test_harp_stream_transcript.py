@@ -105,9 +105,17 @@ def test_read_until_several_reads_are_empty():
     assert [piece.first for piece in pieces] == [0, 2]
 
 
+def test_a_measurement_that_did_not_start_is_found_out():
+    pieces, error = play([*OPEN, *START, *LAST, *STOP, *CLOSE])
+    assert isinstance(error, ProtocolError)
+    assert "measure for 0.02 s, but it was over after 0.006 s" in str(error)
+    assert pieces == []
+
+
 def test_a_full_buffer_is_followed_by_the_next_read_at_once():
     many = list(range(131072))
-    pieces, error = play([*OPEN, *START, *read(*many), *read(7), *ENDED, *LAST, *STOP, *CLOSE])
+    lines = [*OPEN, *START, *read(*many), *read(7), *RUNS, *read(), *RUNS, *LAST, *STOP, *CLOSE]
+    pieces, error = play(lines)
     assert error is None
     assert np.array_equal(pieces[0].records, many)
     assert pieces[1].records.tolist() == [7]  # a copy: the buffer was used again
@@ -152,7 +160,8 @@ def test_a_system_error_brings_the_instruments_report():
 
 
 def test_a_flag_that_nobody_knows_is_a_fault():
-    pieces, error = play([*OPEN, *START, *read(1, flags=0x60), *ENDED, *LAST, *STOP, *CLOSE])
+    shown = [*read(1, flags=0x60), *RUNS, *read(flags=0x60), *RUNS]
+    pieces, error = play([*OPEN, *START, *shown, *LAST, *STOP, *CLOSE])
     assert error is None
     (fault,) = pieces[0].faults
     assert fault.flag == 0x40

@@ -39,13 +39,15 @@ SET_UP = [
 ]
 OPEN = [VERSION, ("HH_OpenDevice(0)", Returns(-1)), ("HH_OpenDevice(1)", "1000001"), *INITIALIZE, *SET_UP]
 CLOSE = [("HH_StopMeas(1)",), ("HH_CloseDevice(1)",)]
-START = [("HH_ClearHistMem(1)",), ("HH_StartMeas(1, 10)",), ("sleep(0.01)",)]
+CLEAR = ("HH_ClearHistMem(1)",)
+STARTED = [CLEAR, ("HH_StartMeas(1, 10)",), ("HH_CTCStatus(1)", 0)]
+START = [*STARTED, ("sleep(0.01)",)]
 ENDED = [("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
 
 
-def play(lines, work=lambda harp: None, **settings):
+def play(lines, work=lambda harp: None, script=ScriptedLibrary, **settings):
     """Run ``work`` on an open driver; whatever it raises, the script must come out exactly."""
-    script = ScriptedLibrary(lines)
+    script = script(lines)
     asked = HarpSettings(family=HYDRAHARP_400, **{"bins": 3, **settings})
     harp = Harp(
         HarpLibrary(script.functions, HYDRAHARP_400, name="script"),
@@ -115,7 +117,7 @@ def test_all_settings_reach_the_instrument():
 
 
 def test_measure():
-    lines = [*START, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 1)", [5, 0, 7, 9])]
+    lines = [*START, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 0)", [5, 0, 7, 9]), CLEAR]
     exposure = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
     assert exposure.counts.tolist() == [[5, 0, 7]]
     assert exposure.counts.dtype == "uint32"
@@ -124,7 +126,7 @@ def test_measure():
 
 
 def test_two_inputs():
-    """Both are set and switched on; each is read into its row, in the order asked for; the last clears."""
+    """Both are set and switched on; each is read into its row, in the order asked for; both are cleared."""
     second = {
         "HH_SetInputCFD(1, 0, 50, 10)": [("HH_SetInputCFD(1, 0, 50, 10)",)],
         "HH_SetInputChannelOffset(1, 0, 0)": [("HH_SetInputChannelOffset(1, 0, -300)",)],
@@ -140,7 +142,8 @@ def test_two_inputs():
         *ENDED,
         ("HH_GetFlags(1)", 0),
         ("HH_GetHistogram(1, 1, 0)", [1, 2, 3, 4]),
-        ("HH_GetHistogram(1, 0, 1)", [5, 6, 7, 8]),
+        ("HH_GetHistogram(1, 0, 0)", [5, 6, 7, 8]),
+        CLEAR,
         ("HH_GetSyncRate(1)", 10_000_000),
         ("HH_GetCountRate(1, 1)", 300),
         ("HH_GetCountRate(1, 0)", 50),
@@ -173,9 +176,30 @@ def test_an_instrument_that_can_do_less_is_asked_and_closed(call, answer, words)
         play([*lines, *CLOSE], inputs=(0, 1))
 
 
+def test_a_measurement_that_did_not_start_is_found_out():
+    lines = [*STARTED[:2], ("HH_CTCStatus(1)", 1), ("HH_StopMeas(1)",)]
+    with pytest.raises(ProtocolError, match="start to measure for 10 ms, but none runs"):
+        play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
+
+
+class SlowLibrary(ScriptedLibrary):
+    """As on a busy computer: it is later whenever it is asked."""
+
+    def now_s(self):
+        self.time_s += 0.006
+        return self.time_s
+
+
+def test_a_measurement_that_may_be_over_is_not_said_not_to_have_started():
+    asked = [*STARTED[:2], ("HH_CTCStatus(1)", 1), ("sleep(0)",)]
+    lines = [*asked, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 0)", [7]), CLEAR]
+    exposure = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3), SlowLibrary)
+    assert exposure.photons == 7
+
+
 def test_measure_polls_each_millisecond_until_the_end():
     late = [("HH_CTCStatus(1)", 0), ("sleep(0.001)",)] * 3
-    lines = [*START, *late, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 1)", [1])]
+    lines = [*START, *late, *ENDED, ("HH_GetFlags(1)", 0), ("HH_GetHistogram(1, 0, 0)", [1]), CLEAR]
     play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
 
 
@@ -199,7 +223,7 @@ def test_stopped_after_an_error_which_stays_the_one_raised(code):
 
 
 def test_stopped_when_interrupted():
-    lines = [*START[:2], ("sleep(0.01)", KeyboardInterrupt), ("HH_StopMeas(1)",)]
+    lines = [*STARTED, ("sleep(0.01)", KeyboardInterrupt), ("HH_StopMeas(1)",)]
     with pytest.raises(KeyboardInterrupt):
         play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3))
 
@@ -208,7 +232,7 @@ def test_stopped_when_interrupted():
     ("flags", "word"), [(0x01, "full"), (0x04, "sync was lost"), (0x08, "reference clock was lost")]
 )
 def test_flags_become_sentences(flags, word):
-    lines = [*START, *ENDED, ("HH_GetFlags(1)", flags), ("HH_GetHistogram(1, 0, 1)", [1])]
+    lines = [*START, *ENDED, ("HH_GetFlags(1)", flags), ("HH_GetHistogram(1, 0, 0)", [1]), CLEAR]
     (sentence,) = play([*OPEN, *lines, *CLOSE], lambda harp: harp.measure(10e-3)).warnings
     assert word in sentence
 

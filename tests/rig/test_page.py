@@ -138,8 +138,8 @@ def opened():
     """Open a page of a browser without a window, wait until all that it can show is shown, and return it."""
     with browser.opening() as opened:
 
-        def shown(path, *options):
-            page = opened(path.as_uri(), 1000, 700, *options)
+        def shown(path, *options, size=(1000, 700)):
+            page = opened(path.as_uri(), *size, *options)
             page.wait_for_selector("html[data-shown]", state="attached")
             return page
 
@@ -209,6 +209,59 @@ def test_keys_turn_zoom_and_change_what_is_shown(tmp_path, opened):
     read = page.evaluate("() => reading(47, 30)")
     assert read.startswith("x 0.510 m, y 0.300 m: brightest at z 1.01 m")
     assert "surface at z 1.000 m" in read
+
+
+WRITTEN = """() => {
+  const { width, height } = element("lines").getBoundingClientRect();
+  const pen = element("lines").getContext("2d"), usual = pen.fillText.bind(pen);
+  const views = {};
+  for (const view of ["wall", "side", "top", "start"]) {
+    views[view] = [];
+    pen.fillText = (text, x, y) => {
+      const half = pen.measureText(text).width / 2;
+      views[view].push([text, x - half, y - 6, x + half, y + 6]);
+      usual(text, x, y);
+    };
+    look(view);
+    drawLines(camera());
+  }
+  return [width, height, views];
+}"""
+
+
+@in_a_browser
+def test_on_a_phone_words_lie_inside_the_picture_and_not_over_one_another(tmp_path, opened):
+    _, path = written(tmp_path)
+    width, height, views = opened(path, size=(390, 844)).evaluate(WRITTEN)
+    assert width < 390
+    for view, words in views.items():
+        names = {text for text, *_ in words}
+        assert "relay wall" in names
+        assert {"wall": {"x (m)", "y (m)"}, "start": {"x (m)", "y (m)"}}.get(view, set()) <= names
+        for number, (text, left, top, right, bottom) in enumerate(words):
+            assert 0 <= left < right <= width, (view, text)
+            assert 0 <= top < bottom <= height, (view, text)
+            for other, *box in words[:number]:
+                apart = right <= box[0] or left >= box[2] or bottom <= box[1] or top >= box[3]
+                assert apart, (view, text, other)
+
+
+SHAPES = """() => [...document.querySelectorAll("canvas:not(#bar)")].map((canvas) => {
+  const { width, height } = canvas.getBoundingClientRect();
+  return [canvas.id, width / height, canvas.width / canvas.height];
+})"""
+
+
+@in_a_browser
+def test_on_paper_pictures_keep_their_shape_and_nothing_is_to_be_pulled(tmp_path, opened):
+    _, path = written(tmp_path)
+    page = opened(path)
+    page.evaluate("() => { draw = drawSlices = () => {}; }")  # for paper a browser asks for no new drawing
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 720, "height": 1000})  # as wide as A4 inside its margins
+    for name, on_paper, drawn in page.evaluate(SHAPES):
+        assert on_paper == pytest.approx(drawn, rel=0.02), name
+    assert not any(one.is_visible() for one in page.locator("input, button, select").all())
 
 
 @in_a_browser

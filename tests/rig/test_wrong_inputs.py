@@ -361,12 +361,12 @@ def test_wrong_input_is_refused_in_words_and_as_a_document(refused, line, code, 
 def test_all_verbs_are_in_the_table():
     from typer.main import get_command
 
-    from attacks.options import _verbs
+    from attacks.options import verbs
     from rig.commands import app
 
     lines = [line for line, *_ in CASES]
-    verbs = {name for name, _ in _verbs(get_command(app))}
-    assert {verb for verb in verbs if not any(line.startswith(verb) for line in lines)} == set()
+    named = {name for name, _ in verbs(get_command(app))}
+    assert {verb for verb in named if not any(line.startswith(verb) for line in lines)} == set()
     assert len(CASES) >= 150
 
 

@@ -149,9 +149,33 @@ function inWords(metres) {
     : `${+(1000 * metres).toPrecision(3)} mm`;
 }
 
+/** Return what writes a text at the first of its places where nothing is written yet, or nowhere. */
+function writer(pen, wide, tall, ink, paper) {
+  const taken = [];
+  const free = ([left, top, right, bottom]) => left >= 0 && top >= 0 && right <= wide && bottom <= tall
+    && taken.every(([from, above, to, below]) => right <= from || left >= to || bottom <= above || top >= below);
+  return (text, places, movable = false) => {
+    const half = pen.measureText(text).width / 2 + 3, high = 9;
+    const inside = ([x, y]) => [clip(x, half, wide - half), clip(y, high, tall - high)];
+    const boxes = places.map(movable ? inside : (place) => place)
+      .map(([x, y]) => [x - half, y - high, x + half, y + high]);
+    const box = boxes.find(free);
+    if (!box) return;
+    taken.push(box);
+    const [x, y] = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+    pen.textAlign = "center";
+    pen.lineJoin = "round";
+    pen.lineWidth = 5;
+    pen.strokeStyle = paper;
+    pen.strokeText(text, x, y);
+    pen.fillStyle = ink;
+    pen.fillText(text, x, y);
+  };
+}
+
 function drawLines(seen) {
-  const canvas = element("lines"), { clientWidth: wide, clientHeight: tall } = canvas;
-  const pen = fitted(canvas, wide, tall), ink = onBlack() && graphics ? "#fff" : "#1b1b1b";
+  const canvas = element("lines"), { clientWidth: wide, clientHeight: tall } = canvas, dark = onBlack() && graphics;
+  const pen = fitted(canvas, wide, tall), [ink, paper] = dark ? ["#fff", "#000"] : ["#1b1b1b", "#fff"];
   const flat = (p) => {
     const from = p.map((at, axis) => at - seen.middle[axis]);
     return [wide / 2 + dot(from, seen.right) / seen.perPixel, tall / 2 - dot(from, seen.up) / seen.perPixel];
@@ -166,14 +190,6 @@ function drawLines(seen) {
     pen.stroke();
     pen.globalAlpha = 1;
     pen.setLineDash([]);
-  };
-  const write = (text, x, y, align = "center") => {
-    pen.textAlign = align;
-    pen.lineWidth = 3;
-    pen.strokeStyle = onBlack() && graphics ? "#000" : "#fff";
-    pen.strokeText(text, x, y);
-    pen.fillStyle = ink;
-    pen.fillText(text, x, y);
   };
   const [a, b, c, d] = facts.wall_m;
   stroke([[a, c, 0], [b, c, 0], [b, d, 0], [a, d, 0], [a, c, 0]], 2.5, 0.9);
@@ -192,17 +208,23 @@ function drawLines(seen) {
   for (const x of [near[0], far[0]]) {
     for (const y of [near[1], far[1]]) stroke([[x, y, 0], [x, y, near[2]]], 1, 0.3, [4, 4]);
   }
-  const [x, y] = flat([b, d, 0]), name = facts.wall_known ? "relay wall" : "plane of the wall";
-  write(name, Math.max(x, pen.measureText(name).width + 4), y - 10, "right");
-  drawAxes(near, far, flat, write, stroke);
   const length = round(0.13 * wide * seen.perPixel), pixels = length / seen.perPixel;
   pen.fillStyle = ink;
   pen.fillRect(16, tall - 20, pixels, 4);
-  write(inWords(length), 16 + pixels / 2, tall - 32);
+  const write = writer(pen, wide, tall, ink, paper);
+  write(inWords(length), [[16 + pixels / 2, tall - 32]]);
+  drawAxes(near, far, flat, write, stroke);
+  const name = facts.wall_known ? "relay wall" : "plane of the wall", half = pen.measureText(name).width / 2;
+  const corners = [[b, d, -1, -10], [b, d, 1, -10], [b, c, -1, 18], [a, d, 1, -10], [a, c, 1, 18]];
+  write(name, corners.map(([atX, atY, by, down]) => {
+    const [x, y] = flat([atX, atY, 0]);
+    return [x + by * half, y + down];
+  }), true);
 }
 
+/** Draw the edges that bear numbers, and write these before the names, which have a choice of places. */
 function drawAxes(near, far, flat, write, stroke) {
-  const middle = flat(near.map((at, axis) => (at + far[axis]) / 2));
+  const names = [], middle = flat(near.map((at, axis) => (at + far[axis]) / 2));
   const edges = [[0, [0, near[1], near[2]]], [1, [far[0], 0, near[2]]], [2, [near[0], near[1], 0]]];
   for (const [axis, place] of edges) {
     const at = (value) => place.map((other, number) => (number === axis ? value : other));
@@ -216,10 +238,12 @@ function drawAxes(near, far, flat, write, stroke) {
     const beside = ([x, y], by) => [x + side * across[0] * by * 1.5, y + side * across[1] * by];
     stroke([at(near[axis]), at(far[axis])], 1.5, 0.9);
     for (const [value, text] of ticks(near[axis], far[axis], Math.min(6, length / 45))) {
-      write(text, ...beside(flat(at(value)), 15));
+      write(text, [beside(flat(at(value)), 15)]);
     }
-    write(`${AXES[axis]} (m)`, ...beside(half, 36));
+    const along = [0.5, 0.4, 0.6, 0.3, 0.7].map((part) => from.map((start, n) => start + part * (to[n] - start)));
+    names.push([`${AXES[axis]} (m)`, along.map((place) => beside(place, 36))]);
   }
+  for (const [name, places] of names) write(name, places, true);
 }
 
 // ---- flat pictures: they need no graphics processor ----
