@@ -584,8 +584,9 @@ class Bench:
         moved = SteeringMirror()
         moved.command(0.1, 0.1, 0.0)
         moved.settled(1.0)
+        self.geometry.mount.ray((0.1, 0.1))
         way = Track(np.array([(0.3, 0.0, 0.0), (0.31, 0.0, 0.0)]), 1e-3)
-        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9)
+        wide_open = LightState(emitting=True, biased=True, gated=True, gate_width_s=90e-9, lamp_hz=1e6)
         for photons in self.photons:
             photons.detections((0.3, 0.0, 0.0), wide_open, 1e-3, np.random.default_rng(0))
             photons.detections_along(way, wide_open, np.random.default_rng(0))

@@ -1,5 +1,6 @@
 """The bench follows its mirror and its switches, and repeats itself from its seed."""
 
+import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -56,6 +57,38 @@ def test_a_standing_mirror_draws_the_photons_it_always_has():
 def point_and_settle(bench, x, y):
     bench.steer(x, y)
     bench.clock.sleep(20e-3)
+
+
+def test_nothing_is_compiled_once_the_bench_is_warm():
+    """In a program of its own, since other tests have compiled what they draw."""
+    code = """if True:
+        import sys
+
+        import numpy as np
+
+        from rig.bench.simulated import simulated_bench
+        from rig.model.config import built_in
+
+        def compiled():
+            modules = [one for name, one in sys.modules.items() if name.startswith("simulators.")]
+            known = {one for module in modules for one in vars(module).values() if hasattr(one, "py_func")}
+            return {(one.__name__, *one.signatures) for one in known if one.signatures}
+
+        bench = simulated_bench(built_in(), real_time=False)
+        bench.change_light(emitting=True, biased=True, gated=True, gate_delay_s=31.5e-9)
+        bench.warm_up()
+        warm = compiled()
+        bench.steer(0.1, 0.05)
+        for wait_s in (0.1, 0.0):
+            bench.clock.sleep(wait_s)
+            start_s = bench.clock.now_s()
+            bench.clock.sleep(0.02)
+            assert sum(map(len, bench.detections(start_s, start_s + 0.02)))
+            bench.follow(start_s + 0.02 + np.array([0.0, 5e-3]), np.array([(0.0, 0.1), (0.1, 0.1)]))
+        assert warm
+        print(compiled() - warm)"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
 
 
 def test_a_laser_switched_off_half_way_gives_half_the_photons():
