@@ -10,7 +10,7 @@ How it is made quick, per plane and frequency, for an FFT of N points and V voxe
 
 - the wave is even along both axes, so only a quarter is evaluated, and transformed by two real DCT-I of N/4
   points (half an FFT of N) in place of an FFT;
-- from one frequency to the next the wave is multiplied by exp(-i dk r): no sine or cosine (N/4 complex
+- from one frequency to the next the wave is multiplied by exp(i dk r): no sine or cosine (N/4 complex
   multiplications; single precision loses 1e-7 a step);
 - one pass multiplies by the wall's spectrum, kept for all frequencies (N multiplications, 8 N bytes read),
   and folds the product where voxels are several lattice steps apart;
