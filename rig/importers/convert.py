@@ -122,6 +122,7 @@ def import_scan(
         raise UsageError(f"{target} exists and is not overwritten; give another name, or move it away")
     with open_source(source) as opened:
         layout = recognise(opened, LAYOUTS)
+        opened.require_written()
         found = completed(partial(layout.read, opened), given, estimate, source)
         options = Options(**found.given)
         content = hold_against(layout.read(opened, options), options, source, layout.NAME)

@@ -24,7 +24,7 @@ _FOREIGN = {
     b"\x80": "a pickle of Python's",
 }
 #: Chunks that a dataset may claim for each that was written, and bytes without chunks that were not.
-_MOST_UNWRITTEN, _MOST_ZEROS_BYTES = 1000, 2**30
+_MOST_UNWRITTEN, _MOST_ZEROS_BYTES = 1000, 2**24
 #: Words that a flag may hold, and how numbers are written that mean the same.
 _YES, _NO = {"true", "yes", "1", "1.0"}, {"false", "no", "0", "0.0"}
 
@@ -105,15 +105,29 @@ class Source:
         Raises
         ------
         DataFileError
-            If it does not hold real numbers, was not written, or is damaged.
+            If it does not hold real numbers, or is damaged.
         """
         assert self.hdf5 is not None
         with reading(self.path):  # a type that no numbers here have is refused when it is asked for
             dataset: h5py.Dataset = self.hdf5[name]
             if dataset.dtype.kind not in "uif":
                 raise DataFileError(f"{self.path}: {name} has type {dataset.dtype}, not real numbers")
-            _check_written(self.path, dataset)
         return dataset
+
+    def require_written(self) -> None:
+        """Refuse a file of HDF5 with an array that claims far more than was ever written.
+
+        Raises
+        ------
+        DataFileError
+            If there is one, or the file is damaged.
+        """
+        if self.hdf5 is None:
+            return
+        for name, shape in self.shapes.items():
+            if shape is not None:
+                with reading(self.path):
+                    _check_written(self.path, self.hdf5[name])
 
     def matlab_shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of an array as MATLAB counts its axes; empty where there is none."""
@@ -239,9 +253,13 @@ class Source:
 
 
 def _check_written(path: Path, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset that claims far more than was ever written: reading its zeros may take hours."""
+    """Refuse a dataset that claims far more than was ever written.
+
+    Reading its zeros may take hours, and so many places more memory than there is.
+    """
     if dataset.chunks is None:
-        if not dataset.id.get_storage_size() and dataset.nbytes > _MOST_ZEROS_BYTES:
+        whole_bytes = prod(dataset.shape) * dataset.id.get_type().get_size()
+        if not dataset.id.get_storage_size() and whole_bytes > _MOST_ZEROS_BYTES:
             raise DataFileError(f"{path}: {dataset.name} has shape {dataset.shape}, but was never written")
         return
     claimed = prod(-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True))

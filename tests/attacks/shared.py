@@ -8,7 +8,6 @@ that follow.
 import faulthandler
 import json
 import multiprocessing
-import resource
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -84,6 +83,8 @@ class Shared:
 
 def _serve(pipe, *closed) -> None:
     """Answer trials until nobody asks; what else than an answer comes ends the process."""
+    import resource
+
     for one in closed:
         one.close()
     faulthandler.disable()

@@ -199,6 +199,22 @@ def test_an_import_of_what_was_never_written(tmp_path, layout, chunked, written)
     assert time.monotonic() - began_s < 5
 
 
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize(
+    ("layout", "axis"), [("lct", 2), ("lct", 1), ("aligned", 2), ("znlos", 2), ("tal", 1)]
+)
+def test_an_import_of_places_and_bounces_that_were_never_written(tmp_path, layout, axis, chunked):
+    path, read, name = example(layout, tmp_path)
+    with h5py.File(path, "r+") as file:
+        shape = list(file[name].shape)
+        shape[axis] = 2**40
+        del file[name]
+        chunks = tuple(min(size, 64) for size in shape) if chunked else None
+        file.create_dataset(name, shape, "u1", chunks=chunks)
+    with pytest.raises(DataFileError, match="written"):
+        read(path)
+
+
 def of_no_computer():
     """Return a floating-point type with an exponent of 20 bits."""
     kind = h5py.h5t.IEEE_F64LE.copy()
