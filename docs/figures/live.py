@@ -1,4 +1,4 @@
-"""Pictures of the live view, from scans that are complete: what it showed at some parts of their time.
+"""Pictures of the live view, from scans: what it showed at some parts of their time.
 
     python docs/figures/live.py SCAN.h5 PART PICTURE.png [PART PICTURE.png]...
 
@@ -34,6 +34,8 @@ def draw(scan, stages):
     state(PhaseChanged(Phase.EXPOSING))
     state(LightChanged(True, "2027-01-15T08:00:00+00:00"))
     for first in range(0, scan.steps, STEPS_AT_ONCE):
+        if not left:
+            break  # so that a scan need not be complete
         stop = min(first + STEPS_AT_ONCE, scan.steps)
         when_s = BEGAN_S + stop * OVERHEAD * state.subject.exposure_s
         block = replace(block_of(scan, range(first, stop)), when_s=when_s)
