@@ -36,6 +36,8 @@ from recon.wave import Band
 
 #: Error of each interpolation, as a part of the wave: of the order of single precision's, over many FFTs.
 ERROR = 1e-5
+#: What windows are designed for, so that it is so: a wave within a window has no spectrum that ends.
+DESIGNED = 3e-6
 #: Lattices that are tried, in steps of the finest one, and at how many frequencies a band may be cut.
 STEPS, CUTS = np.geomspace(1.1, 8, 24), 10
 #: Most levels of a band.
@@ -43,9 +45,11 @@ MOST = 3
 #: What a frequency takes beside its points, and a level beside its frequencies, in points of a plane.
 EACH, LEVEL = 8e3, 2.5e5
 #: A level of a larger part of the critical rate than this would need too long a window.
-DENSEST = 0.8
+DENSEST = 0.7
 #: How much longer windows are than by the formula, since the oscillation changes within them.
 SAFETY = 1.1
+#: The half-width of the longest window, and how often windows are widened for where they end.
+WIDEST, WIDENINGS = 40, 5
 #: Frequencies of which fewer are not worth being cut.
 FEWEST = 4
 
@@ -322,7 +326,7 @@ class _Lattices:
     def axis(self, side: Side, which: int) -> Axis:
         """Return an axis on one of them."""
         step_m, half_width = float(self.steps_m[which]), int(self.half_widths[which])
-        return Axis(*coarse_axis(side.wall, side.voxels_m, step_m, half_width, ERROR))
+        return Axis(*coarse_axis(side.wall, side.voxels_m, step_m, half_width, DESIGNED))
 
 
 def _lattices(side: Side, near_m: float, wavenumbers: NDArray[np.float64], finest_m: float) -> _Lattices:
@@ -338,7 +342,7 @@ def _lattices(side: Side, near_m: float, wavenumbers: NDArray[np.float64], fines
 def window_half_widths(
     wavenumber: NDArray[np.float64] | float, near_m: float, reach_m: float, steps_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the half-widths of windows that interpolate exp(i k r)/r, r^2 = d^2 + z^2, to within `ERROR`.
+    """Return the half-widths of windows that interpolate exp(i k r)/r, r^2 = d^2 + z^2, as well as `ERROR`.
 
     They follow from Kaiser's formula for the oscillation where the window ends, beyond the longest offset.
 
@@ -354,13 +358,18 @@ def window_half_widths(
     ndarray
         In lattice steps; infinite where a lattice is too coarse.
     """
-    found = np.zeros(np.broadcast_shapes(np.shape(wavenumber), steps_m.shape))
-    evanescent = -log(ERROR) / near_m  # what oscillates faster is damped to the error on its way
-    for _ in range(5):
-        end_m = reach_m + found * steps_m
+    evanescent = -log(DESIGNED) / near_m  # what oscillates faster is damped to that on its way
+
+    def needed(half_width: NDArray[np.float64]) -> NDArray[np.float64]:
+        end_m = reach_m + half_width * steps_m
         rho = steps_m / pi * np.hypot(wavenumber * end_m / np.hypot(end_m, near_m), evanescent)
-        found = -log(ERROR) / (pi * (1 - np.minimum(rho, DENSEST)))
-    return np.where(rho < DENSEST, np.ceil(SAFETY * found) + 1, inf)
+        return np.where(rho < DENSEST, -log(DESIGNED) / (pi * (1 - np.minimum(rho, DENSEST))), inf)
+
+    found = np.zeros(np.broadcast_shapes(np.shape(wavenumber), steps_m.shape))
+    for _ in range(WIDENINGS):
+        found = np.minimum(needed(found), WIDEST)
+    half_width = np.ceil(SAFETY * found) + 1
+    return np.where(needed(half_width) <= half_width, half_width, inf)
 
 
 def _slopes(grid: VoxelGrid, near_m: float, moments: Moments) -> tuple[float, float]:
