@@ -11,8 +11,8 @@ with omega_L the level's highest frequency. F_n oscillates in space with k_n, it
 the moments t(v) change no faster than light does, so that S oscillates with k_L at most, whichever
 frequencies are summed.
 
-Lattices are also coarser the deeper a plane is: at an offset d a wave oscillates with k d/r alone. A room
-that is as deep as the wall is wide takes half of the time that it would take on one lattice.
+Lattices are also coarser the deeper a plane is: at an offset d a wave oscillates with k d/r alone. A plane as
+far from the wall as this is wide takes two thirds of the points that it would take on one lattice.
 """
 
 from collections.abc import Callable
