@@ -14,7 +14,7 @@ from types import FrameType
 
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
 SAME_WISH_S = 1.0
-#: After so long a Ctrl-C that was dropped is sent again.
+#: So often a Ctrl-C that was dropped is sent again, until it is heard.
 AGAIN_S = 0.01
 
 STOPPED = "stopped by Ctrl-C"
@@ -45,22 +45,34 @@ class Interrupts:
 
     def __init__(self) -> None:
         self._last_s = -math.inf
+        self._dropping = False  # what is raised now would be dropped as well
+        self._owed = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Interrupt what runs, unless the same wish did so just before."""
+        if self._dropping:
+            return
         now_s = time.monotonic()
         anew, self._last_s = now_s - self._last_s >= SAME_WISH_S, now_s
         if anew:
+            self._owed = False
             raise KeyboardInterrupt
 
     def lost(self, what: "sys.UnraisableHookArgs") -> None:
-        """Hear of an exception that Python drops, as in a destructor: Ctrl-C is then sent once more."""
+        """Hear of an exception that Python drops, as in a destructor: Ctrl-C is then sent until heard."""
         if what.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(what)
             return
+        self._dropping = self._owed = True
         self._last_s = -math.inf
-        # not from here, where it would be dropped as well
-        threading.Timer(AGAIN_S, _interrupt).start()
+        threading.Thread(target=self._send, name="Ctrl-C", daemon=True).start()
+        self._dropping = False
+
+    def _send(self) -> None:
+        time.sleep(AGAIN_S)
+        while self._owed:
+            _interrupt()
+            time.sleep(AGAIN_S)
 
 
 def _interrupt() -> None:

@@ -35,11 +35,13 @@ else:
     import fcntl
 
     def _flock(descriptor: int, alone: bool) -> None:
-        """Lock a file for this program, or for all that read it; raise BlockingIOError if it is locked."""
+        """Lock a file, or only try whether it could be read alone; raise BlockingIOError if it is locked."""
         fcntl.flock(descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+        if not alone:
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
 
 
-#: One who looks at a scan holds its journal for a moment: for so long it is asked for again, so often.
+#: One who looks at a scan tries the lock of its journal: for so long it is asked for again, so often.
 READ_S, AGAIN_S = 0.5, 0.02
 MAGIC = b"rigJ"
 _HEADER = struct.Struct("<4sBQI")
@@ -113,7 +115,7 @@ def journal_of(path: Path) -> Path:
 
 
 class Journal:
-    """An open journal, locked against other programs.
+    """An open journal; while it is written, it is locked against other writers.
 
     Parameters
     ----------
@@ -122,13 +124,13 @@ class Journal:
     new
         Make it, and write; else read what is there.
     alone
-        Whether no other program may read it meanwhile. Else it may be read while another program writes: a
-        record is never changed once it is whole.
+        Whether to write, which one program may do at a time. Else it is read, without a lock, so that who
+        looks keeps nobody from going on: a record is never changed once it is whole.
 
     Attributes
     ----------
     growing
-        Whether another program writes it.
+        Whether another program wrote it when it was opened.
 
     Raises
     ------

@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -199,8 +200,10 @@ def test_the_summary_of_a_resumed_scan_is_of_the_whole(rig):
     assert found["live_time_s"] == pytest.approx(0.01 * len(plan), rel=0.05)  # its clock counts milliseconds
 
 
-def test_ctrl_c_is_not_lost_where_python_drops_it(monkeypatch):
-    """What a destructor or a weak reference's callback raises is dropped."""
+@pytest.mark.parametrize("again_s", [0.01, 0.0], ids=["later", "at once"])
+def test_ctrl_c_is_not_lost_where_python_drops_it(monkeypatch, again_s):
+    """What a destructor or a weak reference's callback raises is dropped, and what the hook itself raises."""
+    monkeypatch.setattr("rig.__main__.AGAIN_S", again_s)
 
     class Dropping:
         def __del__(self):
@@ -213,5 +216,8 @@ def test_ctrl_c_is_not_lost_where_python_drops_it(monkeypatch):
         Dropping()
         with pytest.raises(KeyboardInterrupt):
             time.sleep(10)
+        for thread in threading.enumerate():
+            if thread.name == "Ctrl-C":  # it may send once more
+                thread.join()
     finally:
         signal.signal(signal.SIGINT, before)

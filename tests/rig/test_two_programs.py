@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 import threading
 import time
 
@@ -116,15 +117,28 @@ def test_a_scan_whose_messages_nobody_takes_is_whole(tmp_path, full):
         assert file.status == "complete"
 
 
-def test_a_look_at_a_journal_does_not_keep_a_scan_from_going_on(tmp_path):
-    """One who looks holds the journal for a moment; who wants to write asks again, up to half a second."""
+def test_who_looks_at_a_journal_keeps_nobody_from_going_on(tmp_path):
+    """However often and however long one looks: only who writes holds the lock."""
     path = tmp_path / "a.h5.journal"
     Journal(path, new=True).close()
     looks = Journal(path, alone=False)
-    ending = threading.Timer(0.1, looks.close)
-    ending.start()
-    writer = Journal(path, alone=True)  # the lock is a writer's own: not while the other looks
-    ending.join()
+    writer = Journal(path, alone=True)
+    assert not looks.growing
+    assert Journal(path, alone=False).growing
     with pytest.raises(DataFileError, match=r"a\.h5 is being written by another program"):
         Journal(path, alone=True)
     writer.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no lock of a journal there")
+def test_who_writes_asks_again_while_another_tries_the_lock(tmp_path):
+    import fcntl
+
+    path = tmp_path / "a.h5.journal"
+    Journal(path, new=True).close()
+    with path.open() as tried:
+        fcntl.flock(tried, fcntl.LOCK_SH)
+        ending = threading.Timer(0.1, lambda: fcntl.flock(tried, fcntl.LOCK_UN))
+        ending.start()
+        Journal(path, alone=True).close()
+        ending.join()
