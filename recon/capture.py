@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 #: Speed of light in vacuum [m/s], exact by definition.
 C_M_PER_S = 299_792_458.0
+#: Positions in a block of the record, as the readers of this program make them.
+BLOCK_POSITIONS = 1024
 
 #: Some of a capture's positions: a run of them, or their numbers.
 Positions = slice | NDArray[np.intp]
@@ -40,7 +42,7 @@ class ArrayHistograms:
     """
 
     counts: NDArray
-    block_positions: int = 1024
+    block_positions: int = BLOCK_POSITIONS
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from recon.capture import Capture, Positions
+from recon.capture import BLOCK_POSITIONS, Capture, Positions
 from recon.sampling import DepthBlock
 from recon.window import Edges, Window
 
@@ -34,8 +34,9 @@ Spectra = Callable[
 
 #: Positions whose cells are multiplied at once: fewer would have threads wait for one another more often.
 TOGETHER = 512
-#: Blocks that are read ahead: about as many as are read while compiled loops are loaded.
-READ_AHEAD = 8
+#: Blocks that are read ahead, at most: about as many as are read while compiled loops are loaded. And of so
+#: many bytes, unless one has more.
+READ_AHEAD, READ_AHEAD_BYTES = 8, 32 * 2**20
 #: Some positions, and their cells.
 Mixed = tuple[NDArray[np.intp], "Cells"]
 Item = TypeVar("Item")
@@ -88,13 +89,25 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    read = ahead(capture.histograms.blocks(transform.bins), READ_AHEAD)
+    many = blocks_ahead(capture.positions, transform.bins.stop - transform.bins.start)
+    read = ahead(capture.histograms.blocks(transform.bins), many)
     with one_thread_each:
         for where, cells in _gathered(ahead(transform.mixed(*block) for block in read)):
             transform.add_cells(where, cells)
             if progress:
                 progress((int(where[-1]) + 1) / capture.positions)
     return transform.spectra
+
+
+def block_bytes(positions: int, bins: int) -> int:
+    """Return what a block of the record takes: its positions' counts in double precision at the most."""
+    return 8 * min(BLOCK_POSITIONS, positions) * bins
+
+
+def blocks_ahead(positions: int, bins: int) -> int:
+    """Return how many blocks of a record are read ahead."""
+    there = -(-positions // BLOCK_POSITIONS)
+    return max(1, min(READ_AHEAD, READ_AHEAD_BYTES // block_bytes(positions, bins), there))
 
 
 class _OneThreadEach:

@@ -39,14 +39,14 @@ class Band:
         Lowest angular frequency and spacing.
     weights
         (F,) float64 weight of each frequency.
-    whole_last_rad_per_s
-        Highest frequency of the band that this is a run of; None for a band of its own.
+    run_of
+        The band that this is a run of; None for a band of its own.
     """
 
     first_rad_per_s: float
     step_rad_per_s: float
     weights: NDArray[np.float64]
-    whole_last_rad_per_s: float | None = None
+    run_of: "Band | None" = None
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -57,7 +57,21 @@ class Band:
         if stride != 1:
             raise ValueError("a band is cut only into runs of neighbouring frequencies")
         first = self.first_rad_per_s + start * self.step_rad_per_s
-        return Band(first, self.step_rad_per_s, self.weights[part], self.finest_rad_per_s)
+        return Band(first, self.step_rad_per_s, self.weights[part], self.whole)
+
+    @property
+    def whole(self) -> "Band":
+        """The whole band that this is, or is a run of: lattices are planned for it.
+
+        So runs of a band are computed on the same lattices, and their fields add up to the same numbers.
+        """
+        return self.run_of or self
+
+    @property
+    def begins(self) -> int:
+        """The number of the first frequency in the whole band."""
+        beyond = self.first_rad_per_s - self.whole.first_rad_per_s
+        return round(beyond / self.step_rad_per_s) if beyond else 0
 
     @property
     def frequencies_rad_per_s(self) -> NDArray[np.float64]:
@@ -71,11 +85,8 @@ class Band:
 
     @property
     def finest_rad_per_s(self) -> float:
-        """Highest frequency of the whole band: lattices are planned for it.
-
-        So runs of a band are computed on one lattice, and their fields add up to the same numbers.
-        """
-        return self.last_rad_per_s if self.whole_last_rad_per_s is None else self.whole_last_rad_per_s
+        """Highest frequency of the whole band."""
+        return self.whole.last_rad_per_s
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ import pytest
 # before numpy is there: workers use all cores, so that threads of one that wait for each other only take time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# what tests start shares compiled modules: without, each of a few hundred programs compiles 300 files
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 from rig.__main__ import main
 

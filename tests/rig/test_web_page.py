@@ -15,6 +15,7 @@ from rig.live.watching import Watching
 from rig.live.web.address import address
 from support import browser
 
+playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.skipif(browser.FOUND is None, reason=browser.MISSING)
 #: Four minutes, of which the test waits for a few positions: it is to be stopped, also by a slow browser.
 SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "1.2s")
@@ -51,11 +52,15 @@ def require_usable(page):
 
 
 def waits_for(page, element, words):
-    page.wait_for_function(
-        "([id, words]) => document.getElementById(id).checkVisibility() && "
-        "document.getElementById(id).textContent.includes(words)",
-        arg=[element, words],
-    )
+    try:
+        page.wait_for_function(
+            "([id, words]) => document.getElementById(id).checkVisibility() && "
+            "document.getElementById(id).textContent.includes(words)",
+            arg=[element, words],
+            polling=100,  # a browser without a window may draw no frames, with which it would look else
+        )
+    except playwright.TimeoutError:
+        pytest.fail(f"{words!r} is not in #{element} of the page, which says: {page.inner_text('body')}")
 
 
 def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tmp_path, opened):
@@ -67,7 +72,7 @@ def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tm
         page = opened(url)
         waits_for(page, "light-words", "LASER ON since")
         waits_for(page, "phase", "exposing")
-        page.wait_for_function("() => parseInt(document.getElementById('bar').ariaValueNow) > 0")
+        page.wait_for_function("() => parseInt(document.getElementById('bar').ariaValueNow) > 0", polling=100)
         with ThreadPoolExecutor(10) as viewers:
             states = list(viewers.map(lambda _: urllib.request.urlopen(f"{url}state").read(), range(10)))
         assert all(b"LASER ON" in state for state in states)

@@ -34,9 +34,9 @@ from recon.solvers.rsd.regular import LatticePropagator, turn
 from recon.solvers.spectral import Field
 from recon.wave import Band
 
-#: Error of each interpolation, as a part of the wave: of the order of single precision's, over many FFTs.
-ERROR = 1e-5
-#: What windows are designed for, so that it is so: a wave within a window has no spectrum that ends.
+#: What windows are designed for, so that each interpolation errs by about 1e-5 of the wave: as single
+#: precision does over many FFTs. They err by more than designed, as a wave within a window has no spectrum
+#: that ends.
 DESIGNED = 3e-6
 #: Lattices that are tried, in steps of the finest one, and at how many frequencies a band may be cut.
 STEPS, CUTS = np.geomspace(1.1, 8, 24), 10
@@ -248,9 +248,20 @@ def _interpolated(field: NDArray[np.complex64], y: Taps, x: Taps) -> NDArray[np.
 
 
 def plan_levels(scene: Scene, band: Band) -> tuple[Level, ...]:
-    """Cut a band into the levels that take the least time; at best, the lattice of all alone."""
-    limits = band.first_rad_per_s, band.last_rad_per_s, band.finest_rad_per_s
-    return _planned(scene, len(band), *(scene.round_trip_factor * one / C_M_PER_S for one in limits))
+    """Cut a band into the levels that take the least time; at best, the lattice of all alone.
+
+    A run of a band is cut where the whole band would be.
+    """
+    whole, begins, many = band.whole, band.begins, len(band)
+    limits = (
+        scene.round_trip_factor * one / C_M_PER_S for one in (whole.first_rad_per_s, whole.last_rad_per_s)
+    )
+    levels = []
+    for level in _planned(scene, len(whole), *limits):
+        start, stop = (min(max(one - begins, 0), many) for one in (level.part.start, level.part.stop))
+        if stop > start:
+            levels.append(replace(level, part=slice(start, stop)))
+    return tuple(levels)
 
 
 def work_points(levels: tuple[Level, ...]) -> float:
@@ -259,11 +270,11 @@ def work_points(levels: tuple[Level, ...]) -> float:
 
 
 @lru_cache(maxsize=256)
-def _planned(scene: Scene, many: int, lowest: float, highest: float, finest: float) -> tuple[Level, ...]:
+def _planned(scene: Scene, many: int, lowest: float, highest: float) -> tuple[Level, ...]:
     """Plan the levels of so many frequencies with wavenumbers from `lowest` to `highest` [rad/m]."""
     sides = scene.y, scene.x
     last = [
-        Axis(plan_axis(one.wall, one.voxels_m, finest, scene.near_m), one.voxels_m, None) for one in sides
+        Axis(plan_axis(one.wall, one.voxels_m, highest, scene.near_m), one.voxels_m, None) for one in sides
     ]
     whole = Level(slice(0, many), *last)
     if many < FEWEST or scene.near_m <= 0 or max(scene.y.slope, scene.x.slope) >= 1:
@@ -342,7 +353,7 @@ def _lattices(side: Side, near_m: float, wavenumbers: NDArray[np.float64], fines
 def window_half_widths(
     wavenumber: NDArray[np.float64] | float, near_m: float, reach_m: float, steps_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the half-widths of windows that interpolate exp(i k r)/r, r^2 = d^2 + z^2, as well as `ERROR`.
+    """Return the half-widths of windows that interpolate exp(i k r)/r, r^2 = d^2 + z^2, as `DESIGNED`.
 
     They follow from Kaiser's formula for the oscillation where the window ends, beyond the longest offset.
 
