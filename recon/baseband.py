@@ -20,7 +20,6 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from recon.baseband_kernels import mix_counts, mix_photons
 from recon.wave import Band
 
 #: Cells that a count is spread over, and how many times as dense as the band needs cells are: an error of
@@ -98,6 +97,8 @@ class Mixer:
 
     def counts(self, counts: NDArray, fade: NDArray[np.floating]) -> Cells:
         """Mix down (positions, bins) counts, the first bins multiplied by (positions or 1, some) `fade`."""
+        from recon.baseband_kernels import mix_counts  # compiled, which a forecast does not need
+
         if counts.dtype not in AS_THEY_ARE:
             counts = counts.astype(self._dtype.type(0).real.dtype)
         cells = self._empty(len(counts))
@@ -113,6 +114,8 @@ class Mixer:
         weight: NDArray[np.floating],
     ) -> Cells:
         """Mix down photons, each in the row of its position, its bin, and with a weight of its own."""
+        from recon.baseband_kernels import mix_photons
+
         cells = self._empty(positions)
         following = np.searchsorted(self._edges, np.arange(len(self._table)), side="right")
         photons, table = (row, bins, weight.astype(self._table.real.dtype)), self._parts(self._table)

@@ -12,8 +12,6 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from recon.capture import C_M_PER_S
 from recon.depth import compensate_falloff, front_view, peak_depth
@@ -130,6 +128,9 @@ def _connected(
 
     Neighbours belong to one where both are bright and their depths differ by no more than `reach_m`.
     """
+    from scipy.sparse import coo_array  # a tenth of a second, that other verbs need not wait for
+    from scipy.sparse.csgraph import connected_components
+
     number = np.arange(bright.size).reshape(bright.shape)
     ahead, behind = slice(1, None), slice(-1)
     everything = slice(None)

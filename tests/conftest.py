@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 from dataclasses import dataclass
 
@@ -56,6 +57,27 @@ def rig(capsys, monkeypatch, tmp_path):
         return Finished(code, streams.out, streams.err)
 
     return run
+
+
+#: The process that compiles, in the session.
+COMPILING = pytest.StashKey[subprocess.Popen]()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile while workers collect tests, which takes them half a minute."""
+    options = session.config.option
+    if getattr(options, "tx", None) and not options.collectonly:  # in the process that has workers
+        command = [sys.executable, "-m", "support.compiled"]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        nowhere = subprocess.DEVNULL
+        session.stash[COMPILING] = subprocess.Popen(command, env=environment, stdout=nowhere, stderr=nowhere)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """End what compiles, if it is not over."""
+    if process := session.stash.get(COMPILING, None):
+        process.kill()
+        process.wait()
 
 
 #: Files that take a minute or more begin first, so that at the end no worker is left with one of them alone.

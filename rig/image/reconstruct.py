@@ -3,7 +3,9 @@
 import dataclasses
 import time
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Protocol
 
 from recon.camera import PhotoCamera, TransientCamera
@@ -14,7 +16,6 @@ from rig.files.volume import Volume, write_volume
 from rig.image.film import film_of_light
 from rig.image.focus import classic, focused, still
 from rig.image.forecast import Workers, forecast_of, require_possible
-from rig.image.frames import check_frames, frame_by_frame
 from rig.image.request import Request, check, check_elsewhere, check_page
 from rig.image.result import Result
 from rig.image.work import Fields, Work, camera_of, chosen, warnings_of
@@ -70,7 +71,10 @@ def reconstruct(
     check_picture(picture_path)
     check_page(request, page_path)
     with ScanFile(scan_path) as scan:
-        result = imaged(scan, request, progress, volume_path, elsewhere)
+        work, reason = _possible(scan, request, volume_path, elsewhere)
+        # what draws takes half a second to import: as long as the first part of the record is waited for
+        Thread(target=import_module, args=["rig.image.picture"]).start()
+        result = _computed(scan, work, reason, volume_path, progress, began_s)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
     from rig.image.picture import picture, save_film
@@ -103,6 +107,14 @@ def imaged(
     As `reconstruct`.
     """
     began_s = time.monotonic()
+    work, reason = _possible(scan, request, volume_path, elsewhere)
+    return _computed(scan, work, reason, volume_path, progress, began_s)
+
+
+def _possible(
+    scan: ScanFile, request: Request, volume_path: Path | None, elsewhere: Elsewhere | None
+) -> tuple[Work, str]:
+    """Choose what was not asked for, and refuse what cannot be; say why this wavelength."""
     check(request)
     if volume_path is None and (request.all_depths or request.each_frame):
         raise UsageError(
@@ -110,10 +122,23 @@ def imaged(
             "rig recon with --all-depths or --each-frame, and open its volume"
         )
     if request.each_frame:
+        from rig.image.frames import check_frames  # compiled, which starting need not wait for
+
         check_frames(scan)
     work, reason = chosen(scan, request, by_runs=True)
     _require_possible(work, elsewhere)
-    work = _sent(work, scan, elsewhere)
+    return _sent(work, scan, elsewhere), reason
+
+
+def _computed(
+    scan: ScanFile,
+    work: Work,
+    reason: str,
+    volume_path: Path | None,
+    progress: Callable[[float], None] | None,
+    began_s: float,
+) -> Result:
+    """Make the volume, and say what may spoil it, and how long it took since it began."""
     reason, volume, warnings = _made(scan, work, reason, volume_path, progress)
     warnings = (*scan.doubts, *_signal(volume), *warnings)
     return Result(volume, reason, warnings, work.seen.positions, time.monotonic() - began_s)
@@ -131,6 +156,8 @@ def _made(
         return "", *classic(work, progress)
     camera = camera_of(work)
     if work.request.each_frame and volume_path:
+        from rig.image.frames import frame_by_frame
+
         volume = frame_by_frame(scan, work, volume_path, progress)
     elif isinstance(camera, TransientCamera):
         volume = film_of_light(work, camera, volume_path, progress)

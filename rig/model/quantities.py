@@ -2,7 +2,7 @@
 
 import re
 from functools import cache
-from math import isfinite
+from math import isfinite, pi
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, ValidationInfo
@@ -21,6 +21,20 @@ KINDS = {
     "voltage": ("V", "50mV"),
     "power": ("W", "0.8W"),
     "memory": ("byte", "2GB"),
+}
+_MICRO = dict.fromkeys(("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"), 1e-6)
+_SMALL = {"p": 1e-12, "n": 1e-9, **_MICRO, "m": 1e-3, "": 1.0}
+_LARGE = {"k": 1e3, "M": 1e6, "G": 1e9}
+#: Units that are read at once, in the kind's SI unit. All others are read by the library of units, which
+#: takes half a second to get ready: longer than most verbs.
+USUAL = {
+    "time": {**{f"{prefix}s": scale for prefix, scale in _SMALL.items()}, "min": 60.0, "h": 3600.0},
+    "length": {"km": 1e3, "cm": 1e-2, **{f"{prefix}m": scale for prefix, scale in _SMALL.items()}},
+    "frequency": {"Hz": 1.0, **{f"{prefix}Hz": scale for prefix, scale in _LARGE.items()}},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180},
+    "voltage": {"kV": 1e3, **{f"{prefix}V": scale for prefix, scale in _SMALL.items()}},
+    "power": {"kW": 1e3, **{f"{prefix}W": scale for prefix, scale in _SMALL.items()}},
+    "memory": {"B": 1.0, **{f"{prefix}B": scale for prefix, scale in _LARGE.items()}},
 }
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _UNIT = re.compile(r"[A-Za-zµμ]+")
@@ -54,9 +68,7 @@ def parse(text: str, kind: str) -> float:
     UsageError
         If there is no number, no unit, or a unit of another kind.
     """
-    import pint
-
-    unit, example = KINDS[kind]
+    _, example = KINDS[kind]
     number = _NUMBER.match(text)
     if number is None:
         raise UsageError(f"'{text}' is not a {kind}; write a number and a unit, e.g. {example}")
@@ -65,23 +77,34 @@ def parse(text: str, kind: str) -> float:
         raise UsageError(
             f"'{text}' has no unit; write a {kind} with its unit, e.g. {text.strip()}{example_unit(kind)}"
         )
+    magnitude = float(number.group().strip())
+    if symbol in USUAL[kind]:
+        magnitude *= USUAL[kind][symbol]
+    else:
+        magnitude = _in_any_unit(text, magnitude, symbol, kind)
+    value = float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
+    if not isfinite(value):
+        raise UsageError(f"'{text}' is too large; write a {kind} such as {example}")
+    return value
+
+
+def _in_any_unit(text: str, magnitude: float, symbol: str, kind: str) -> float:
+    """Return a quantity in the kind's SI unit, by the library of units; raises as `parse`."""
+    import pint
+
+    unit, example = KINDS[kind]
     unknown = UsageError(f"'{text}' has an unknown unit '{symbol}'; write a {kind} such as {example}")
-    if not _UNIT.fullmatch(
-        symbol
-    ):  # the registry would take a whole expression, and fail on some in its own ways
+    if not _UNIT.fullmatch(symbol):  # a whole expression would be taken, and fail on some in its own ways
         raise unknown
     try:
-        magnitude = (float(number.group().strip()) * _registry().Unit(symbol)).to(unit).magnitude
+        found: float = (magnitude * _registry().Unit(symbol)).to(unit).magnitude
     except pint.DimensionalityError:
         raise UsageError(
             f"'{text}' is not a {kind}; write it with a unit of {kind}, e.g. {example}"
         ) from None
     except (pint.PintError, AttributeError, OverflowError, TypeError):  # such as of logarithmic units
         raise unknown from None
-    value = float(f"{magnitude:.15g}")  # 10 us is 1e-05, not 9.999999999999999e-06
-    if not isfinite(value):
-        raise UsageError(f"'{text}' is too large; write a {kind} such as {example}")
-    return value
+    return found
 
 
 def si(value: str | float | None, kind: str) -> float | None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from simulators.scenes.mesh import Mesh, Point, Scene
 
@@ -37,6 +36,8 @@ class Placement:
 
     def placed(self, scene: Scene) -> Scene:
         """Return a scene, placed."""
+        from scipy.spatial.transform import Rotation  # the scenes of the program itself need no turning
+
         triangles_m = scene.triangles_m
         turn = Rotation.from_euler("xyz", self.rotation_rad).as_matrix().round(12)  # quarter turns are exact
         middle_m = _middle(triangles_m)

@@ -1,11 +1,12 @@
 """The rules that the code itself keeps: style, types, imports between packages."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from support.thorough import THOROUGH
 
 ROOT = Path(__file__).parents[2]
 
@@ -18,9 +19,7 @@ ROOT = Path(__file__).parents[2]
         ["mypy"],
         pytest.param(
             ["mypy", "--platform", "win32", "--cache-dir", ".mypy_cache/windows"],
-            marks=pytest.mark.skipif(
-                "RIG_TEST_THOROUGH" not in os.environ, reason="types for Windows: with RIG_TEST_THOROUGH=1"
-            ),
+            marks=pytest.mark.skipif(not THOROUGH, reason="types for Windows: with RIG_TEST_THOROUGH=1"),
         ),
         ["lint-imports", "--no-cache"],
     ],

@@ -7,8 +7,8 @@ import pytest
 from attacks.exchanges import FAULTS, Attacked, Outcome
 from attacks.taps import Fault
 
-#: Each fault at eight exchanges of a scan, at others than the fault before: together at a hundred.
-EVERY, NEXT = 127, 11
+#: Each fault at five exchanges of a scan, at others than the fault before: together at seventy.
+EVERY, NEXT = 199, 11
 
 #: Calls that say that all is well and do nothing, and leave no trace: a clock's or an offset's setting that
 #: cannot be read back.

@@ -25,6 +25,7 @@ from simulators.detector.first_bounce import direct_s
 from simulators.optics.cameras import Checkerboard, default_cameras
 from simulators.optics.lens import Pose
 from support.misaligned import misaligned, true_spots_m
+from support.thorough import THOROUGH
 
 SIZE = (1280, 960)
 
@@ -67,16 +68,16 @@ def fitted_to_spots(config, rng):
 
 @pytest.mark.parametrize(("mirrors", "incidence"), [(1, None), (2, None), (1, "22.5deg"), (1, "45deg")])
 def test_the_mirror_s_model_finds_the_truth_with_honest_errors(mirrors, incidence):
-    """20 rigs, spots good to 0.3 mm: predicted spots within 1 mm, and pulls of about unit width."""
+    """Many rigs, spots good to 0.3 mm: predicted spots within 1 mm, and pulls of about unit width."""
     rng = np.random.default_rng(1)
     pulls, errors = [], []
-    for _ in range(20):
+    for _ in range(20 if THOROUGH else 8):
         config = misaligned(signs=rng.choice([-1, 1], 16), mirrors=mirrors, incidence=incidence)
         _, off_m, pull = fitted_to_spots(config, rng)
         errors.append(off_m)
         pulls.append(pull)
     assert np.max(errors) < 1e-3
-    # the spots of one rig share some 8 numbers: 160 independent ones, so the width is good to 6 %
+    # the spots of one rig share some 8 numbers: 64 independent ones of 8 rigs, so the width is good to 9 %
     assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.2)
 
 
@@ -138,10 +139,10 @@ def flight_data(config, rng):
 
 @pytest.mark.parametrize("incidence", [None, "22.5deg", "45deg"])
 def test_times_of_flight_and_marks_find_the_truth_with_honest_errors(incidence):
-    """20 rigs: within 5 mm everywhere, pulls of about unit width."""
+    """Many rigs: within 5 mm everywhere, pulls of about unit width."""
     rng = np.random.default_rng(2)
     pulls, errors = [], []
-    for _ in range(20):
+    for _ in range(20 if THOROUGH else 8):
         config = misaligned(signs=rng.choice([-1, 1], 16), incidence=incidence)
         angles, arrival_s, marks = flight_data(config, rng)
         fit = fit_flight(Arrivals(angles, arrival_s, np.full(len(angles), 1e-13)), marks, config)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rig.errors import RefusedError
-from rig.model.pointing import Pointing, outside
+from rig.model.pointing import Pointing, _turn, outside
 from simulators.bench import BenchGeometry
 from simulators.motion.mount import MirrorMount
 
@@ -29,6 +29,11 @@ def crooked(mirrors, **changes):
 #: (angle of incidence, its direction) of one mirror [deg].
 INCIDENCES = [(0, 0), (10, -60), (22.5, 0), (45, 180), (45, 37)]
 MOUNTS = [(2, 0.0, 0.0), *((1, *np.radians(one)) for one in INCIDENCES)]
+
+
+@given(st.tuples(*[st.floats(-4, 4)] * 3))
+def test_turns_are_those_of_the_library(vector_rad):
+    np.testing.assert_allclose(_turn(vector_rad), Rotation.from_rotvec(vector_rad).as_matrix(), atol=1e-14)
 
 
 def met_at(angle_rad, direction_rad):

@@ -5,10 +5,14 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
+
+from support.thorough import THOROUGH
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
+@pytest.mark.skipif(not THOROUGH, reason="estimates of a whole scene: with RIG_TEST_THOROUGH=1")
 def test_a_row_of_the_page_is_what_the_script_finds():
     """Counts are drawn alike everywhere; sums in another order may move what is printed by its last digit."""
     script = runpy.run_path(str(DOCS / "estimates.py"))

@@ -11,6 +11,7 @@ from recon.surface import find
 from recon.wave import VirtualPulse
 from recon.window import Window
 from support.hidden_points import histograms, wall
+from support.thorough import THOROUGH
 
 BIN = 16e-12
 LASER = wall(21, 21, 0.06)
@@ -42,37 +43,40 @@ def plate(x_m, y_m, z_m, pitch_m=0.02):
 @pytest.mark.parametrize("confocal", [False, True], ids=["one spot", "confocal"])
 @pytest.mark.parametrize("background", [0.01, 0.3, 30])
 def test_nothing_is_called_nothing(confocal, background):
-    """In 99 of 100 images at least: of 25 drawn for each of six kinds one may fail by chance, not two."""
+    """In 99 of 100 images at least: of those drawn for each of six kinds one may fail by chance, not two."""
     rng = np.random.default_rng(1)
-    draws = [rng.poisson(background / 900, (len(LASER), 900)).astype(np.uint32) for _ in range(25)]
+    draws = [
+        rng.poisson(background / 900, (len(LASER), 900)).astype(np.uint32)
+        for _ in range(25 if THOROUGH else 10)
+    ]
     empty = [seen(counts, confocal).empty for counts in draws]
-    assert sum(empty) >= 24
+    assert sum(empty) >= len(draws) - 1
     assert not np.isfinite(seen(draws[empty.index(True)], confocal).depth_m).any()
 
 
 def test_noise_is_exponential_about_the_level_that_is_computed():
-    """Twenty images of background alone: ratios to the level have mean one, and their tail is e^-3 at 3."""
+    """Images of background alone: ratios to the level have mean one, and their tail is e^-3 at 3."""
     rng = np.random.default_rng(2)
     ratios = []
-    for _ in range(20):
+    for _ in range(20 if THOROUGH else 8):
         counts = rng.poisson(30 / 900, (len(LASER), 900)).astype(np.uint32)
         capture = Capture(ArrayHistograms(counts), BIN, np.zeros(1), LASER, DETECTOR)
         read, tally = tallied(capture, PULSE, Window())
         found = image(read, PULSE, GRID).intensity
         noise = photon_noise(tally, PULSE, GRID)
         ratios += [plane / noise.plane(k, plane.shape) for k, plane in enumerate(found)]
-    # Some 20 x 1500 independent cells: the mean is known to 0.6 %. Ten counts that are added to a few hundred
-    # in a pulse, and the record's edges, take some per cent.
+    # Some 8 x 1500 independent cells: the mean is known to 1 %, and 600 of them are in the tail. Ten counts
+    # that are added to a few hundred in a pulse, and the record's edges, take some per cent.
     assert np.mean(ratios) == pytest.approx(1, abs=0.1)
     assert (np.array(ratios) > 3).mean() == pytest.approx(np.exp(-3), rel=0.25)
 
 
 @pytest.mark.parametrize("confocal", [False, True], ids=["one spot", "confocal"])
 def test_a_little_thing_in_background_is_seen(confocal):
-    """One point with three counts a position in thirty of background, in every one of twenty draws."""
+    """One point with three counts a position in thirty of background, in every draw."""
     rng = np.random.default_rng(3)
     mean = 3 * expected([[0.12, -0.06, 0.9]], confocal) + 30 / 900
-    for _ in range(20):
+    for _ in range(20 if THOROUGH else 8):
         found = seen(rng.poisson(mean).astype(np.uint32), confocal)
         assert not found.empty
         j, i = np.unravel_index(np.nanargmax(found.contrast), found.contrast.shape)

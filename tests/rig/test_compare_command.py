@@ -1,7 +1,6 @@
 """``rig compare``: every method that applies finds a hidden point, and the sheet shows what was computed."""
 
 import json
-import os
 from math import pi, sqrt
 
 import h5py
@@ -22,6 +21,7 @@ from rig.image.work import chosen
 from rig.importers import import_scan
 from rig.show.compare import Column, comparison_figure
 from support.point_scans import write_point_scan
+from support.thorough import THOROUGH
 
 POINT = np.array([0.06, -0.03, 0.55])
 #: Wavelength and depths of all comparisons here: small, since each method runs in a process of its own.
@@ -52,7 +52,7 @@ def write_point(path, detectors, truth=False):
 
 def test_every_method_that_applies_finds_the_point(rig, tmp_path):
     """Each method is a process of its own; without RIG_TEST_THOROUGH=1 the harder file is compared."""
-    kinds = ["one spot", *(["confocal"] if "RIG_TEST_THOROUGH" in os.environ else [])]
+    kinds = ["one spot", *(["confocal"] if THOROUGH else [])]
     for kind in kinds:
         write_point(tmp_path / f"{kind}.h5", kind)
     done = rig("compare", *(f"{kind}.h5" for kind in kinds), *ASKED, "--out", "found", "--json")

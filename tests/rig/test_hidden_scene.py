@@ -3,7 +3,6 @@
 The picture is compared with the scene's truth, not with a stored picture.
 """
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -17,6 +16,7 @@ from recon.depth import compensate_falloff
 from rig.files.volume import read_volume
 from rig.show.volume import save, volume_figure
 from simulators.scenes import scene
+from support.thorough import THOROUGH
 
 #: Bytes that a scan of the whole wall may take at most, whatever the number of positions.
 SCAN_MEMORY = 500e6
@@ -47,7 +47,7 @@ def rig(*arguments, folder):
 def folder(tmp_path_factory):
     """The whole wall at 10 ms a position, scanned and imaged as a user would; every other row and column."""
     folder = tmp_path_factory.mktemp("main-job")
-    grid = () if os.environ.get("RIG_TEST_THOROUGH") else ("--grid", "90x65", "--spacing", "2cm")
+    grid = () if THOROUGH else ("--grid", "90x65", "--spacing", "2cm")
     assert rig("scan", "--exposure", "10ms", *grid, "--out", "scan.h5", folder=folder) < SCAN_MEMORY
     rig("recon", "scan.h5", "--image", "picture.png", folder=folder)
     return folder

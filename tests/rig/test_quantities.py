@@ -1,11 +1,14 @@
 """Quantities at the border: read with a unit or refused, and written back readably."""
 
+import subprocess
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.errors import UsageError
-from rig.model.quantities import KINDS, parse, show, show_duration, show_length
+from rig.model.quantities import KINDS, USUAL, _in_any_unit, parse, show, show_duration, show_length
 
 
 @pytest.mark.parametrize(
@@ -26,6 +29,20 @@ from rig.model.quantities import KINDS, parse, show, show_duration, show_length
 )
 def test_reads_a_number_with_its_unit(text, kind, value):
     assert parse(text, kind) == value
+
+
+@pytest.mark.parametrize(("kind", "symbol"), [(kind, symbol) for kind in USUAL for symbol in USUAL[kind]])
+@given(st.decimals(-9999, 9999, places=3))
+def test_usual_units_are_those_of_the_library_of_units(kind, symbol, number):
+    text = f"{number}{symbol}"
+    by_library = _in_any_unit(text, float(number), symbol, kind)
+    assert parse(text, kind) == float(f"{by_library:.15g}")
+
+
+def test_usual_quantities_do_not_wait_for_the_library_of_units():
+    script = "import sys; from rig.model.config import built_in; built_in(); print('pint' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("False\n", "")
 
 
 @pytest.mark.parametrize(

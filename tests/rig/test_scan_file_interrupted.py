@@ -22,13 +22,13 @@ from rig.files import content as content_module
 from rig.files import journal as journal_module
 from rig.files import writer as writer_module
 from rig.files.journal import journal_of
+from support.thorough import THOROUGH
 
 POSITIONS, BINS, LINE = 40, 60, 7
 CHUNK_PHOTONS = 1024
 #: What a disk writes at once or not at all.
 PAGE = 4096
 #: Set to any word, these tests try everything; without it, samples.
-THOROUGH = bool(os.environ.get("RIG_TEST_THOROUGH"))
 
 
 @pytest.fixture(params=["histograms", "photons"], scope="module")
@@ -181,8 +181,8 @@ def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path, f
     first = {place: number for number, place in reversed(list(enumerate(places)))}
     last = {place: number for number, place in enumerate(places)}
     some = {(first if place[1] % 2 else last)[place] for place in first}
-    # most lines are passed with both forms: each has half of them in turn
-    tried = range(len(places)) if THOROUGH else sorted(some)[form == "photons" :: 2]
+    # most lines are passed with both forms: each has a quarter of them, in turn
+    tried = range(len(places)) if THOROUGH else sorted(some)[2 * (form == "photons") :: 4]
     kept = []
     for number in tried:
         path = tmp_path / f"{number}.h5"

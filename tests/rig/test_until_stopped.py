@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_scan_file_interrupted import THOROUGH, At
+from test_scan_file_interrupted import At
 from test_scan_file_tagged import BINS, Model, create
 
 from rig.acquire.acquisition import Watch, acquire, interrupted, resume
@@ -29,6 +29,7 @@ from rig.model import plan as plan_model
 from rig.model.config import built_in, built_in_with
 from rig.model.plan import MORE_FRAMES, Pass, ScanPlan
 from rig.model.state import RigState
+from support.thorough import THOROUGH
 
 PLAN = ScanPlan.grid(
     built_in(), columns=3, rows=2, skip_m=0.0, frames=2, until_stopped=True, motion="continuous"

@@ -121,3 +121,11 @@ def test_a_cheap_verb_loads_what_it_needs_alone(loaded, line):
     code, heavy = loaded[line]
     assert code in {0, 2}
     assert set(heavy) <= CHEAP[line]
+
+
+def test_imaging_begins_without_what_it_needs_later():
+    """Compiled loops and what draws are loaded while the record is read."""
+    script = "import sys, rig.commands.recon, rig.image.asked, rig.image.reconstruct; "
+    script += "print([one for one in ('matplotlib', 'numba', 'pint', 'scipy') if one in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
