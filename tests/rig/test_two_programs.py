@@ -18,7 +18,8 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no lock 
 
 #: Long enough to be in the middle of: the bench keeps step with the clock on the wall, and needs two minutes.
 CONFIG = "[simulation]\nreal_time = true\n"
-LONG = ("--config", "rig.toml", "--grid", "90x60", "--spacing", "2cm", "--exposure", "10ms", "--out", "a.h5")
+#: Several minutes, of which a test waits for a few lines: a busy machine reads slowly.
+LONG = ("--config", "rig.toml", "--grid", "90x60", "--spacing", "2cm", "--exposure", "40ms", "--out", "a.h5")
 
 
 @pytest.fixture(params=["", "FALSE"], ids=["HDF5 locks", "HDF5 does not lock"])
