@@ -35,7 +35,7 @@ def tried(path: Path, function: Callable[..., Any], *arguments: str) -> Any:
     DataFileError
         If the function raises one, or crashes, or takes too long, or needs too much memory.
     """
-    answer = _told(_run(Trial(function, [str(path), *arguments], path.stat().st_size)))
+    answer = _told(run(Trial(function, [str(path), *arguments], path.stat().st_size)))
     if isinstance(answer, str):
         raise DataFileError(
             f"{path} cannot be read: a trial in a separate process {answer}. The file is damaged, "
@@ -46,7 +46,7 @@ def tried(path: Path, function: Callable[..., Any], *arguments: str) -> Any:
     return answer["result"]
 
 
-def _run(trial: Trial) -> Outcome:
+def run(trial: Trial) -> Outcome:
     """Run a trial in the quickest process that is safe."""
     if sys.platform == "win32":
         return spawned(trial)

@@ -24,8 +24,11 @@ from rig.errors import DataFileError
 #: Seconds of computing that a small file may cost, and bytes a second of a large one. The largest files of
 #: this program are walked through in 0.1 s; a slow disk gives 20 MB/s.
 CPU_S, BYTES_PER_S = 5.0, 20e6
-#: By the clock it may be longer: other programs want the processors, too.
-WAIT_S = 8.0
+#: By the clock it may be longer: other programs want the processors, too. So often it is looked whether there
+#: is an answer; a longer time between two looks is this process's, or the computer's, and not the file's.
+WAIT_S, LOOK_S = 8.0, 0.25
+#: A child whose parent is gone ends by itself so much later.
+ALONE_S = 20.0
 #: Bytes that a reader may need beside the program itself: some for any file, and some for each byte of it.
 #: Photon counts are packed 20 to 40 times smaller as a rule.
 MEMORY_BYTES, MEMORY_PER_BYTE = 128 * 2**20, 32
@@ -112,7 +115,7 @@ def forked(trial: Trial, asker: int | None = None) -> Outcome:
     ended = None
     try:
         with open(reading, "rb", buffering=0) as pipe:
-            text = _read_all(pipe.fileno(), time.monotonic() + trial.wait_s, asker)
+            text = _read_all(pipe.fileno(), trial.wait_s, asker)
         if text is not None:
             ended = os.waitpid(child, 0)[1]
     finally:
@@ -141,18 +144,25 @@ def spawned(trial: Trial) -> Outcome:
     return Outcome(done.stdout, done.returncode)
 
 
-def _read_all(pipe: int, deadline_s: float, asker: int | None) -> bytes | None:
+def _read_all(
+    pipe: int, wait_s: float, asker: int | None, clock: Callable[[], float] = time.monotonic
+) -> bytes | None:
     """Return all that comes from a pipe; None where its end does not come in time, or nobody wants it."""
     parts: list[bytes] = []
     waited_for = [pipe] if asker is None else [pipe, asker]
-    while sum(map(len, parts)) <= ANSWER_BYTES:
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0 or pipe not in select.select(waited_for, [], [], left_s)[0]:
+    looked_s = clock()
+    while wait_s > 0 and sum(map(len, parts)) <= ANSWER_BYTES:
+        there, _, _ = select.select(waited_for, [], [], min(wait_s, LOOK_S))
+        now_s = clock()
+        wait_s -= min(now_s - looked_s, 2 * LOOK_S)
+        looked_s = now_s
+        if pipe in there:
+            part = os.read(pipe, 2**20)
+            if not part:
+                return b"".join(parts)
+            parts.append(part)
+        elif there:
             return None
-        part = os.read(pipe, 2**20)
-        if not part:
-            return b"".join(parts)
-        parts.append(part)
     return None
 
 
@@ -192,7 +202,7 @@ def _limit(trial: Trial) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, trial.wait_s + 1.0)  # should its parent be gone by then
+    signal.setitimer(signal.ITIMER_REAL, trial.wait_s + ALONE_S)  # should its parent be gone by then
     pages = Path("/proc/self/statm")
     if pages.exists():  # a copy of a large program begins with all that this one has
         now = int(pages.read_text(encoding="ascii").split()[0]) * resource.getpagesize()

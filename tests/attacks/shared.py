@@ -34,7 +34,7 @@ class Shared:
 
     def __init__(self, *closed) -> None:
         self._closed = closed
-        self._own = trial._run
+        self._own = trial.run
         self._child = self._pipe = None
         self._count = 0
 
@@ -42,7 +42,7 @@ class Shared:
     def install(cls, *closed) -> "Shared":
         """Let the program's trials in this process, which is there for an attack alone, be shared ones."""
         shared = cls(*closed)
-        trial._run = shared
+        trial.run = shared
         return shared
 
     def __call__(self, one: Trial) -> Outcome:

@@ -18,7 +18,7 @@ from attacks.files import volume_file
 from rig.errors import DataFileError
 from rig.files import trial_helper
 from rig.files.trial import tried
-from rig.files.trial_child import WAIT_S, Outcome, Trial, spawned
+from rig.files.trial_child import WAIT_S, Outcome, Trial, _read_all, spawned
 from support import tried as doing
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked for in /proc")
@@ -106,6 +106,31 @@ def test_a_file_that_stays_holds_up_no_other_and_ends_in_time(path, beside, tmp_
         with pytest.raises(DataFileError, match="did not end"):
             staying.result()
     assert not Path(f"/proc/{path.read_text()}").exists()
+
+
+def test_a_computer_that_stood_still_is_not_taken_for_a_file_without_end():
+    """Hours pass between two looks, of which the child had nothing; its answer is waited for."""
+    reading, writing = os.pipe()
+    hours = iter([0.0, *(3600.0 * number for number in range(1, 100))])
+
+    def clock():
+        now_s = next(hours)
+        if now_s == 3600.0 * 3:
+            os.write(writing, b"an answer")
+            os.close(writing)
+        return now_s
+
+    assert _read_all(reading, WAIT_S, None, clock) == b"an answer"
+    os.close(reading)
+
+
+def test_an_answer_that_does_not_come_is_not_waited_for():
+    reading, writing = os.pipe()
+    looks = iter(range(10**6))
+    assert _read_all(reading, 0.5, None, lambda: 0.1 * next(looks)) is None
+    assert next(looks) < 10
+    os.close(reading)
+    os.close(writing)
 
 
 def test_a_file_reaches_nobody_but_the_process_that_asks_about_it(path, beside):

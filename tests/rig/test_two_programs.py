@@ -16,9 +16,9 @@ from support.thorough import THOROUGH
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no lock on the journal")
 
-#: Long enough to be in the middle of: the bench keeps step with the clock on the wall, and needs two minutes.
+#: Long enough to be in the middle of, also of a busy machine: the bench keeps step with the clock on the
+#: wall, and needs four minutes.
 CONFIG = "[simulation]\nreal_time = true\n"
-#: Several minutes, of which a test waits for a few lines: a busy machine reads slowly.
 LONG = ("--config", "rig.toml", "--grid", "90x60", "--spacing", "2cm", "--exposure", "40ms", "--out", "a.h5")
 
 
