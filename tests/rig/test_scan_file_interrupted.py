@@ -439,7 +439,7 @@ def test_a_journal_without_its_file_is_a_scan(states, tmp_path, form):
 def in_a_process_of_its_own(fault, folder, form, numbers):
     """Measure a file for each number, each with its fault; return the errors."""
     here = Path(__file__)
-    code = f"import sys; sys.path.insert(0, {str(here.parent)!r}); import {here.stem} as t; "
+    code = f"import sys; sys.path[:0] = {[str(here.parent), *sys.path]}; import {here.stem} as t; "
     code += f"t.measure_with(t.{fault.__name__}, {str(folder)!r}, {form!r}, {list(numbers)})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
