@@ -104,9 +104,11 @@ def _chunk(dataset: h5py.Dataset, offset: tuple[int, ...], within: tuple[slice, 
     info = dataset.id.get_chunk_info_by_coord(offset)
     if info.byte_offset is None:
         return None
-    filter_mask, packed = dataset.id.read_direct_chunk(offset)
     plist = dataset.id.get_create_plist()
     whole, shuffled = prod(dataset.chunks) * dataset.dtype.itemsize, False
+    if not plist.get_nfilters() and info.size != whole:  # the library would write beyond the memory it takes
+        raise _damaged(dataset, f"a chunk has {info.size} bytes of {whole}")
+    filter_mask, packed = dataset.id.read_direct_chunk(offset)
     for number in reversed(range(plist.get_nfilters())):
         if filter_mask & (1 << number):
             continue

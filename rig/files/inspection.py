@@ -236,7 +236,8 @@ def _chunks(
 
     def holds(info: Any) -> None:
         most = info.size * PACKED if packed else info.size
-        if most < chunk_bytes or info.size > 2 * chunk_bytes + 1024:
+        largest = 2 * chunk_bytes + 1024 if filters else chunk_bytes
+        if most < chunk_bytes or info.size > largest:
             raise _refused(
                 path, place, f"has a chunk of {info.size} bytes that claims to hold {chunk_bytes} bytes"
             )

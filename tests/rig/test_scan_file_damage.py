@@ -2,6 +2,7 @@
 
 import os
 import signal
+import struct
 import subprocess
 import sys
 import textwrap
@@ -15,6 +16,7 @@ import pytest
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
+from rig.files.blocks import read
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from support.thorough import THOROUGH
@@ -185,6 +187,21 @@ def test_a_damaged_chunk_is_noticed(healthy, tmp_path):
         del file["transients/checksum"]
     with pytest.raises(DataFileError, match="damaged"):
         read_all(path)
+
+
+def test_a_chunk_that_claims_to_be_longer_than_a_chunk_is_refused(tmp_path):
+    """Of data that is not packed the library makes room for a chunk, and reads what the file says."""
+    path = good(tmp_path, tagged=True)
+    with h5py.File(path) as file:
+        chunk = file["transients/checksum"].id.get_chunk_info(0)
+    content = path.read_bytes()
+    said = struct.pack("<IIQQQ", chunk.size, 0, 0, 0, chunk.byte_offset)
+    assert content.count(said) == 1
+    path.write_bytes(content.replace(said, struct.pack("<I", chunk.size + 187) + said[4:]))
+    with pytest.raises(DataFileError, match="claims to hold"):
+        ScanFile(path)
+    with h5py.File(path) as file, pytest.raises(DataFileError, match=f"{chunk.size + 187} bytes of"):
+        read(file["transients/checksum"])
 
 
 def test_other_files_are_refused_by_what_they_are(tmp_path):
