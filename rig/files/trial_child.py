@@ -5,6 +5,7 @@ its parent run anything.
 """
 
 import faulthandler
+import gc
 import importlib
 import json
 import os
@@ -170,6 +171,7 @@ def _answer_and_leave(pipe: int, trial: Trial) -> NoReturn:
     """Give a function's answer, and end without what the parent had planned for its own end."""
     code = 1
     try:
+        gc.freeze()  # garbage is looked for among its own objects: those of a large program are many
         faulthandler.disable()  # the parent says what happened
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -71,7 +71,7 @@ def test_a_plane_is_where_it_is(confocal, cycles):
 
     Within a millimetre in the mean; single pixels, where such waves are left, within two and a half.
     """
-    axis_m = np.arange(-0.5, 0.5001, 0.01)
+    axis_m = np.arange(-0.5, 0.5001, 0.02)
     x_m, y_m = np.meshgrid(axis_m, axis_m)
     plane_m = np.column_stack([x_m.ravel(), y_m.ravel(), np.full(x_m.size, 0.3)])
     fading = np.exp(-(plane_m[:, 0] ** 2 + plane_m[:, 1] ** 2) / (2 * 0.2**2))

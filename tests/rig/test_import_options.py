@@ -10,6 +10,7 @@ from rig.importers import LAYOUTS, import_scan
 from rig.importers.options import SPELLING, Given
 from support.layout_examples import EXAMPLES, _mat, _neutral
 from support.scan_files import load
+from support.thorough import THOROUGH
 
 #: Two values of each option that no example holds.
 VALUES = {
@@ -48,8 +49,16 @@ def test_each_option_has_values_here():
     assert set(EXAMPLES) == {layout.NAME for layout in LAYOUTS}
 
 
-@pytest.mark.parametrize("option", VALUES)
-@pytest.mark.parametrize("layout", EXAMPLES)
+#: Each option of each layout; in the short tests every other one, of neighbouring layouts in turn.
+PAIRS = [
+    pytest.param(layout, option, id=f"{layout}-{option}")
+    for row, layout in enumerate(EXAMPLES)
+    for column, option in enumerate(VALUES)
+    if THOROUGH or (row + column) % 2
+]
+
+
+@pytest.mark.parametrize(("layout", "option"), PAIRS)
 def test_no_option_is_ignored(tmp_path, layout, option):
     write, needed = EXAMPLES[layout]
     source = write(tmp_path)

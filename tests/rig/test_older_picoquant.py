@@ -20,6 +20,7 @@ from support import older_picoquant_files as older
 from support.picoquant_files import counts_of, ptu, scan_events
 from support.published import published
 from support.scan_files import load
+from support.thorough import THOROUGH
 
 GRID = {"grid": (3, 1), "spacing_m": 1e-3, "detector": "confocal"}
 RECORDS = GRID | {"point_marker": 1}
@@ -67,7 +68,12 @@ def scan(name, events=None, **how):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@settings(max_examples=15, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=15 if THOROUGH else 6,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+)
 @given(data=st.data())
 def test_records_come_back_photon_for_photon(name, data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("records")
@@ -105,7 +111,12 @@ def test_unified_files_have_the_same_records(tmp_path, kind, write):
 
 
 @pytest.mark.parametrize("name", CURVES)
-@settings(max_examples=10, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=10 if THOROUGH else 4,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+)
 @given(data=st.data())
 def test_curves_come_back_count_for_count(name, data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("curves")
