@@ -216,7 +216,7 @@ def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:
     if text and whole_bytes > TEXT_BYTES:
         raise _refused(path, place, f"claims {whole_bytes} bytes of text")
     if plist.get_layout() == h5py.h5d.CHUNKED:
-        _chunks(path, place, dataset, plist.get_chunk(), filters)
+        _chunks(path, place, dataset, plist.get_chunk(), filters, text=text)
     elif not text and dataset.get_storage_size() not in {0, whole_bytes}:
         raise _refused(
             path, place, f"claims {whole_bytes} bytes, but {dataset.get_storage_size()} are stored"
@@ -226,9 +226,18 @@ def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:
 
 
 def _chunks(
-    path: str, place: str, dataset: h5py.h5d.DatasetID, chunk: tuple[int, ...], filters: list[int]
+    path: str,
+    place: str,
+    dataset: h5py.h5d.DatasetID,
+    chunk: tuple[int, ...],
+    filters: list[int],
+    *,
+    text: bool,
 ) -> None:
-    """Refuse chunks that are too large, or say that they hold more than can be packed into what is stored."""
+    """Refuse chunks that are too large, or say that they hold more than can be packed into what is stored.
+
+    Numbers that are not packed take as many bytes as they have; texts have other sizes in a file.
+    """
     chunk_bytes = prod(chunk) * dataset.get_type().get_size()
     if chunk_bytes > CHUNK_BYTES:
         raise _refused(path, place, f"has chunks of {chunk_bytes} bytes, more than {CHUNK_BYTES}")
@@ -236,7 +245,7 @@ def _chunks(
 
     def holds(info: Any) -> None:
         most = info.size * PACKED if packed else info.size
-        largest = 2 * chunk_bytes + 1024 if filters else chunk_bytes
+        largest = 2 * chunk_bytes + 1024 if filters or text else chunk_bytes
         if most < chunk_bytes or info.size > largest:
             raise _refused(
                 path, place, f"has a chunk of {info.size} bytes that claims to hold {chunk_bytes} bytes"
