@@ -71,6 +71,8 @@ class Interrupts:
     def _send(self) -> None:
         time.sleep(AGAIN_S)
         while self._owed:
+            if signal.getsignal(signal.SIGINT) is not self:  # a scan's: it hears the first, and drops none
+                self._owed = False
             _interrupt()
             time.sleep(AGAIN_S)
 

@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -73,7 +74,7 @@ def reconstruct(
     with ScanFile(scan_path) as scan:
         work, reason = _possible(scan, request, volume_path, elsewhere)
         # what draws takes half a second to import: as long as the first part of the record is waited for
-        Thread(target=import_module, args=["rig.image.picture"]).start()
+        Thread(target=_get_ready_to_draw).start()
         result = _computed(scan, work, reason, volume_path, progress, began_s)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
@@ -88,6 +89,12 @@ def reconstruct(
     if video_path:
         save_film(result.volume, request, video_path)
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
+
+
+def _get_ready_to_draw() -> None:
+    """Import what draws; what is wrong with that is said where it is needed."""
+    with suppress(Exception):
+        import_module("rig.image.picture")
 
 
 def imaged(

@@ -10,6 +10,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -221,3 +222,16 @@ def test_ctrl_c_is_not_lost_where_python_drops_it(monkeypatch, again_s):
                 thread.join()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_dropped_ctrl_c_is_heard_once_by_a_scan_that_began_meanwhile():
+    interrupts, before, heard = Interrupts(), signal.getsignal(signal.SIGINT), []
+    signal.signal(signal.SIGINT, lambda *_: heard.append(1))
+    try:
+        interrupts.lost(SimpleNamespace(exc_type=KeyboardInterrupt))
+        for thread in threading.enumerate():
+            if thread.name == "Ctrl-C":
+                thread.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert heard == [1]
