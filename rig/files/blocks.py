@@ -48,6 +48,42 @@ def read(dataset: h5py.Dataset, *parts: slice) -> NDArray:
     return values
 
 
+def stored_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> tuple[int, bytes] | None:
+    """Return the chunk that begins at a place as it is stored, and the mask of the filters that it left out.
+
+    None where it was never written.
+
+    Raises
+    ------
+    DataFileError
+        If it is not packed and has not the size of a chunk: the library makes room for a chunk, and reads as
+        many bytes as the file says.
+    OSError, RuntimeError, ValueError
+        Of the library, as for any damaged file.
+    """
+    info = dataset.id.get_chunk_info_by_coord(offset)
+    if info.byte_offset is None:
+        return None
+    if not dataset.id.get_create_plist().get_nfilters() and info.size != _chunk_bytes(dataset):
+        raise _damaged(dataset, f"a chunk has {info.size} bytes of {_chunk_bytes(dataset)}")
+    filter_mask, packed = dataset.id.read_direct_chunk(offset)
+    return filter_mask, packed
+
+
+def packed_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
+    """Return the chunk that begins at a place as it is stored.
+
+    Raises
+    ------
+    DataFileError
+        As `stored_chunk`, or if it was never written.
+    """
+    stored = stored_chunk(dataset, offset)
+    if stored is None:
+        raise _damaged(dataset, "a chunk is missing")
+    return stored[1]
+
+
 def spans(dataset: h5py.Dataset, axis: int, most_bytes: int) -> Iterator[slice]:
     """Yield slices along an axis that together are all of it, of whole chunks, and of so many bytes at most.
 
@@ -78,7 +114,7 @@ def _ours(dataset: h5py.Dataset) -> bool:
     """Return whether the chunks hold plain numbers, packed by deflate and shuffle at most."""
     plist = dataset.id.get_create_plist()
     filters = [plist.get_filter(number)[0] for number in range(plist.get_nfilters())]
-    plain = dataset.dtype.kind in "uif" and dataset.id.get_type().equal(h5py.h5t.py_create(dataset.dtype))
+    plain = dataset.dtype.kind in "uifb" and dataset.id.get_type().equal(h5py.h5t.py_create(dataset.dtype))
     return plain and filters in ([], [_DEFLATE], [_SHUFFLE], [_SHUFFLE, _DEFLATE])
 
 
@@ -101,14 +137,12 @@ def _fill(values: NDArray, dataset: h5py.Dataset, taken: list[tuple[int, int]]) 
 
 def _chunk(dataset: h5py.Dataset, offset: tuple[int, ...], within: tuple[slice, ...]) -> NDArray | None:
     """Return a part of the chunk that begins at a place, unpacked; None where it was never written."""
-    info = dataset.id.get_chunk_info_by_coord(offset)
-    if info.byte_offset is None:
+    stored = stored_chunk(dataset, offset)
+    if stored is None:
         return None
+    filter_mask, packed = stored
     plist = dataset.id.get_create_plist()
-    whole, shuffled = prod(dataset.chunks) * dataset.dtype.itemsize, False
-    if not plist.get_nfilters() and info.size != whole:  # the library would write beyond the memory it takes
-        raise _damaged(dataset, f"a chunk has {info.size} bytes of {whole}")
-    filter_mask, packed = dataset.id.read_direct_chunk(offset)
+    whole, shuffled = _chunk_bytes(dataset), False
     for number in reversed(range(plist.get_nfilters())):
         if filter_mask & (1 << number):
             continue
@@ -120,7 +154,12 @@ def _chunk(dataset: h5py.Dataset, offset: tuple[int, ...], within: tuple[slice, 
         raise _damaged(dataset, f"a chunk has {len(packed)} bytes of {whole}")
     if shuffled:
         return _unshuffled(packed, dataset, within)
-    return np.frombuffer(packed, dataset.dtype).reshape(dataset.chunks)[within]
+    chunk = np.frombuffer(packed, dataset.dtype).reshape(dataset.chunks)[within]
+    return chunk.view(np.uint8) != 0 if dataset.dtype.kind == "b" else chunk  # a file may hold other bytes
+
+
+def _chunk_bytes(dataset: h5py.Dataset) -> int:
+    return prod(dataset.chunks) * dataset.dtype.itemsize
 
 
 def _inflated(dataset: h5py.Dataset, packed: bytes, whole: int) -> bytes:

@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.blocks import read
+from rig.errors import DataFileError
+from rig.files.blocks import packed_chunk, read, stored_chunk
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.journal import Chunk
@@ -97,9 +98,10 @@ class CountForm(Form):
     @staticmethod
     def chunks(file: h5py.File, measured: int) -> Iterator[Chunk]:
         """Yield the first steps of a scan file as they are stored."""
-        counts, live_time_s = file["transients/counts"], file["transients/live_time_s"][:measured]
+        counts = file["transients/counts"]
+        live_time_s = read(file["transients/live_time_s"], slice(measured))
         for first in range(0, measured, counts.chunks[0]):
-            pieces = [counts.id.read_direct_chunk((first, *place))[1] for place in _places(counts)]
+            pieces = [packed_chunk(counts, (first, *place)) for place in _places(counts)]
             yield Chunk(first, live_time_s[first : first + counts.chunks[0]], _joined(pieces))
 
     @staticmethod
@@ -122,7 +124,7 @@ class CountForm(Form):
     @staticmethod
     def altered(file: h5py.File, sums: NDArray[np.uint32]) -> NDArray[np.bool_]:
         """Return (S,) which steps are marked as measured though their chunk is not what was written."""
-        counts, done = file["transients/counts"], file["transients/done"][()].astype(bool)
+        counts, done = file["transients/counts"], read(file["transients/done"]).astype(bool)
         size, wrong, places = counts.chunks[0], np.zeros(len(done), bool), _places(counts)
         for number, expected in enumerate(np.reshape(sums, (-1, len(places))).tolist()):
             steps = slice(number * size, (number + 1) * size)
@@ -195,17 +197,18 @@ class CountForm(Form):
         if first >= self.at.first:
             return self.at, self.at.first
         kept = first // self._size * self._size
-        return Rows(kept, self._counts[kept : kept + self._size]), kept
+        return Rows(kept, read(self._counts, slice(kept, kept + self._size))), kept
 
     def take_up(self, measured: int) -> int:
         """Read back the first steps of a file."""
         for number in range(-(-measured // self._size)):
             for index, place in enumerate(self._places):
-                packed = self._counts.id.read_direct_chunk((number * self._size, *place))[1]
-                self.sums[number, index] = zlib.crc32(packed)
+                self.sums[number, index] = zlib.crc32(
+                    packed_chunk(self._counts, (number * self._size, *place))
+                )
         for first in range(0, measured, self._size):
             rows = slice(first, min(first + self._size, measured))
-            self.at.counts[: rows.stop - first] = self._counts[rows]
+            self.at.counts[: rows.stop - first] = read(self._counts, rows)
             self._photons[rows] = _sums(self.at.counts[: rows.stop - first])
             self.turn(first)
         whole = measured in {self.at.first + self._size, self.steps}
@@ -231,9 +234,10 @@ def shuffled(values: NDArray) -> memoryview:
 def stored_crc(dataset: h5py.Dataset, place: tuple[int, ...]) -> int | None:
     """Return the CRC-32 of a chunk as it is stored, None if it cannot be read."""
     try:
-        return zlib.crc32(dataset.id.read_direct_chunk(place)[1])
-    except (OSError, RuntimeError, ValueError, KeyError):
+        stored = stored_chunk(dataset, place)
+    except (DataFileError, OSError, RuntimeError, ValueError, KeyError):
         return None
+    return None if stored is None else zlib.crc32(stored[1])
 
 
 def chunk_shape(steps: int, channels: int, bins: int, itemsize: int) -> tuple[int, int, int]:

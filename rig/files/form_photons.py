@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.blocks import read
+from rig.files.blocks import packed_chunk, read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.form_counts import shuffled, stored_crc
@@ -102,7 +102,7 @@ class PhotonForm(Form):
         transients = file["transients"]
         offset = read(transients["photon_offset"]).astype(np.int64)
         channels = (len(offset) - 1) // len(transients["done"])
-        live_time_s = transients["live_time_s"][:measured]
+        live_time_s = read(transients["live_time_s"], slice(measured))
         ends, first = offset[channels::channels], 0
         while first < measured:
             begin = int(offset[first * channels])
@@ -131,7 +131,7 @@ class PhotonForm(Form):
     def altered(file: h5py.File, sums: Sums) -> NDArray[np.bool_]:
         """Return (S,) which measured steps have other offsets than were written, or an altered chunk."""
         transients = file["transients"]
-        done = transients["done"][()].astype(bool)
+        done = read(transients["done"]).astype(bool)
         offset = read(transients["photon_offset"]).astype(np.int64)
         channels = (len(offset) - 1) // len(done)
         right = done.copy()
@@ -313,20 +313,19 @@ class PhotonForm(Form):
         if kept >= self.at.first:
             return self.at, self._within(self.at.first, first)
         bins = np.zeros(2 * self._size, self.at.bins.dtype)
-        bins[: end - kept] = self._photons[kept:end]
+        bins[: end - kept] = read(self._photons, slice(kept, end))
         return Gathered(kept, bins), self._within(kept, first)
 
     def take_up(self, measured: int) -> int:
         """Read back the first steps of a file."""
         pairs = measured * self._channels
-        self._offset[: pairs + 1] = self._offsets[: pairs + 1]
+        self._offset[: pairs + 1] = read(self._offsets, slice(pairs + 1))
         for step in range(measured):
             self.sums.steps[step] = _step_sum(self._offset, step, self._channels)
         end = self._end(measured)
         chunks = np.zeros(-(-end // self._size), np.uint32)
         for number in range(len(chunks)):
-            _, packed = self._photons.id.read_direct_chunk((number * self._size,))
-            chunks[number] = zlib.crc32(packed)
+            chunks[number] = zlib.crc32(packed_chunk(self._photons, (number * self._size,)))
         self.sums = self.sums._replace(chunks=chunks)
         self.at = Gathered(end, self.at.bins)
         self.at, within = self.before(measured)

@@ -123,15 +123,13 @@ def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]
         yield prefix or "/", group, depth
         for name in _names(path, prefix, group):
             place = f"{prefix}/{name.decode('utf-8', 'replace')}"
-            if not _is_here(path, place, group, name):
+            address = _address(path, place, group, name)
+            if address is None or address in seen:
                 continue
-            with suppress(*_UNREADABLE):
-                info = h5py.h5o.get_info(group.id, name)
-                if info.addr in seen:
-                    continue
-                seen.add(info.addr)
-                if len(seen) > OBJECTS:
-                    raise _refused(path, prefix, f"and the rest hold more than {OBJECTS} objects")
+            seen.add(address)
+            if len(seen) > OBJECTS:
+                raise _refused(path, prefix, f"and the rest hold more than {OBJECTS} objects")
+            with suppress(*_UNREADABLE):  # what cannot be opened is left to who needs it
                 found = h5py.h5o.open(group.id, name)
                 if isinstance(found, h5py.h5g.GroupID):
                     waiting.append((place, h5py.Group(found), depth + 1))
@@ -152,16 +150,19 @@ def _names(path: str, place: str, group: h5py.Group) -> list[bytes]:
         ) from None
 
 
-def _is_here(path: str, place: str, group: h5py.Group, name: bytes) -> bool:
-    """Return whether a name is that of an object of its own; refuse one that leads out of the file."""
+def _address(path: str, place: str, group: h5py.Group, name: bytes) -> int | None:
+    """Return where a named object lies, None for another name of one; refuse what leads out of the file.
+
+    The link is asked: to ask the object would walk the index of its chunks, and fail where that is damaged.
+    """
     try:
-        kind = group.id.links.get_info(name).type
+        link = group.id.links.get_info(name)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise DataFileError(f"{path} is damaged: {place} cannot be found ({error}); copy it again") from None
-    if kind == h5py.h5l.TYPE_HARD:
-        return True
-    if kind == h5py.h5l.TYPE_SOFT:  # another name of what is in the file, or of nothing
-        return False
+    if link.type == h5py.h5l.TYPE_HARD:
+        return int(link.u)
+    if link.type == h5py.h5l.TYPE_SOFT:  # another name of what is in the file, or of nothing
+        return None
     raise _refused(path, place, "is a link to another file")
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError, in_shell
 from rig.files import content, forms, mend
+from rig.files.blocks import read
 from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
 from rig.files.form_photons import PhotonForm
@@ -146,9 +147,9 @@ class ScanWriter:
     def _take_up(self) -> None:
         """Read back what is there."""
         assert self._file is not None
-        done = self._file["transients/done"][()]
+        done = read(self._file["transients/done"])
         measured = int(np.count_nonzero(done))
-        self._live[:measured] = self._file["transients/live_time_s"][:measured]
+        self._live[:measured] = read(self._file["transients/live_time_s"], slice(measured))
         written = self._form.take_up(measured)
         self._notes = content.read_events(self._file)
         self._newest = {(note.kind, note.sentence): row for row, note in enumerate(self._notes)}

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import zlib
 from pathlib import Path
 from unittest.mock import patch
 
@@ -16,7 +17,8 @@ import pytest
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
-from rig.files.blocks import read
+from rig.files.blocks import packed_chunk, read
+from rig.files.form_counts import stored_crc
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from support.thorough import THOROUGH
@@ -192,16 +194,63 @@ def test_a_damaged_chunk_is_noticed(healthy, tmp_path):
 def test_a_chunk_that_claims_to_be_longer_than_a_chunk_is_refused(tmp_path):
     """Of data that is not packed the library makes room for a chunk, and reads what the file says."""
     path = good(tmp_path, tagged=True)
-    with h5py.File(path) as file:
-        chunk = file["transients/checksum"].id.get_chunk_info(0)
-    content = path.read_bytes()
-    said = struct.pack("<IIQQQ", chunk.size, 0, 0, 0, chunk.byte_offset)
-    assert content.count(said) == 1
-    path.write_bytes(content.replace(said, struct.pack("<I", chunk.size + 187) + said[4:]))
-    with pytest.raises(DataFileError, match="claims to hold"):
+    said = key_of_the_first_chunk(path, "transients/checksum")
+    claimed = struct.unpack_from("<I", said)[0] + 187
+    replace_once(path, said, struct.pack("<I", claimed) + said[4:])
+    with pytest.raises(
+        DataFileError, match=f"transients/checksum has a chunk of {claimed} bytes that claims"
+    ):
         ScanFile(path)
-    with h5py.File(path) as file, pytest.raises(DataFileError, match=f"{chunk.size + 187} bytes of"):
-        read(file["transients/checksum"])
+    with h5py.File(path) as file:
+        checksum = file["transients/checksum"]
+        for reader in (read, lambda dataset: packed_chunk(dataset, (0,))):
+            with pytest.raises(DataFileError, match=f"{claimed} bytes of"):
+                reader(checksum)
+        assert stored_crc(checksum, (0,)) is None
+
+
+def test_it_is_found_also_where_the_index_of_chunks_leads_nowhere(tmp_path):
+    """What asks an object for its place walks the index of its chunks, and would not look at it any more."""
+    path = good(tmp_path, tagged=True)
+    said = key_of_the_first_chunk(path, "transients/checksum")
+    node = b"TREE" + bytes([1, 0]) + struct.pack("<H", 1)  # of chunks, a leaf, with one chunk
+    at = path.read_bytes().rindex(node, 0, path.read_bytes().index(said))
+    replace_once(path, said, struct.pack("<I", struct.unpack_from("<I", said)[0] + 187) + said[4:])
+    content = bytearray(path.read_bytes())
+    content[at + 16 : at + 24] = struct.pack("<Q", 2**62 + 123)  # the node to its right, which there is not
+    path.write_bytes(content)
+    with h5py.File(path) as file, pytest.raises(RuntimeError):
+        h5py.h5o.get_info(file["transients"].id, b"checksum")
+    with pytest.raises(DataFileError, match="transients/checksum has a chunk of"):
+        ScanFile(path)
+
+
+def key_of_the_first_chunk(path, name):
+    """Return what HDF5's B-tree says of the first chunk of a dataset of one axis: size, place, address."""
+    with h5py.File(path) as file:
+        chunk = file[name].id.get_chunk_info(0)
+    return struct.pack("<IIQQQ", chunk.size, 0, 0, 0, chunk.byte_offset)
+
+
+def replace_once(path, old, new):
+    content = path.read_bytes()
+    assert content.count(old) == 1
+    path.write_bytes(content.replace(old, new))
+
+
+def test_truth_values_are_unpacked_and_held_against_their_size_as_numbers_are(tmp_path):
+    done = np.arange(100) % 3 == 0
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, options in {"plain": {}, "packed": {"compression": "gzip", "shuffle": True}}.items():
+            file.create_dataset(name, data=done, chunks=(64,), **options)
+            assert np.array_equal(read(file[name], slice(10, 90)), done[10:90])
+        short = zlib.compress(bytes(40))
+        file["packed"].id.write_direct_chunk((0,), short)
+        file["plain"].id.write_direct_chunk((0,), bytes([7]) * 64)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert read(file["plain"])[:64].sum() == 64  # whatever is not 0 is true
+        with pytest.raises(DataFileError, match="40 bytes of 64"):
+            read(file["packed"])
 
 
 def test_other_files_are_refused_by_what_they_are(tmp_path):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rig.atomic import appearing
 from rig.calibrate import Floats, require
 from rig.errors import DataFileError, in_shell
+from rig.files.blocks import read
 from rig.files.check import check_format, plain, reading
 from rig.files.recorded import RecordedFile
 from rig.files.start import write_origin, write_root
@@ -103,7 +104,7 @@ class WallImages(RecordedFile):
 
     def _read(self) -> None:
         check_format(self.path, self._file, FORMAT, (VERSION,))
-        self.mirror_rad: Floats = self._file["geometry/mirror_rad"][()].astype(float)
+        self.mirror_rad: Floats = read(self._file["geometry/mirror_rad"]).astype(float)
         self._groups = [self._file["cameras"][name] for name in sorted(self._file["cameras"])]
         self.cameras = [str(plain(group.attrs["name"])) for group in self._groups]
         self.full = [int(plain(group.attrs["full"])) for group in self._groups]
@@ -132,4 +133,6 @@ class WallImages(RecordedFile):
     def pictures(self, camera: int, series: str) -> Iterator[Image]:
         """Return one camera's pictures, one after the other."""
         with reading(self.path):
-            yield from self._groups[camera][series]
+            stored = self._groups[camera][series]
+            for number in range(len(stored)):
+                yield read(stored, slice(number, number + 1))[0]
