@@ -10,23 +10,28 @@ that the carrier turns:
 with phi^ the window's Fourier transform (the non-uniform FFT; Beatty, Nishimura and Pauly 2005, IEEE Trans.
 Med. Imaging 24, 799, for the window and its parameter). Its error is exp(-pi W sqrt(1 - 1/s)) of the sum of
 counts, where cells are s times as dense as the band needs. Cells are few, so that the sums over them, which
-are a matrix product, take little for any number of frequencies and depth blocks.
+are a matrix product, take little for any number of frequencies and depth blocks. The spreading is a product,
+too, for each stretch of bins: it meets few cells, and whether bins hold photons need not be asked.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from math import inf, pi
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from recon.capture import pieces
 from recon.wave import Band
 
 #: Cells that a count is spread over, and how many times as dense as the band needs cells are: an error of
 #: 1e-7 in single precision, and of 4e-16 in double.
 SINGLE, DOUBLE = (8, 1.7), (16, 2.0)
-#: Types of counts that are taken as they are; a compiled loop is made for each.
-AS_THEY_ARE = (np.dtype(np.uint16), np.dtype(np.uint32), np.dtype(np.float32), np.dtype(np.float64))
+#: Bins of a stretch that is spread by one product, at least and at most: of a short one the call costs more
+#: than the product, and of a long one most of the table is zeros.
+STRETCH = (16, 128)
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,33 @@ class Cells:
             np.concatenate([self.all, *(one.all for one in others)]),
             np.concatenate([self.before, *(one.before for one in others)], axis=1),
         )
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Some bins in a row, and what they put into the cells that they meet.
+
+    Attributes
+    ----------
+    bins, cells
+        Which; of a cell, real and imaginary part in turn.
+    table
+        (bins, cells).
+    """
+
+    bins: slice
+    cells: slice
+    table: NDArray[np.floating]
+
+    @classmethod
+    def of(cls, bins: slice, parts: NDArray[np.floating], first: NDArray[np.intp]) -> "_Stretch":
+        """Make it of the (all bins, 2 W) parts that every bin puts into its own W cells."""
+        many, width = bins.stop - bins.start, parts.shape[1]
+        begin = 2 * int(first[bins.start])
+        at = 2 * first[bins] - begin
+        table = np.zeros((many, int(at[-1]) + width), parts.dtype)
+        table[np.arange(many)[:, None], at[:, None] + np.arange(width)] = parts[bins]
+        return cls(bins, slice(begin, begin + table.shape[1]), table)
 
 
 class Mixer:
@@ -97,14 +129,23 @@ class Mixer:
 
     def counts(self, counts: NDArray, fade: NDArray[np.floating]) -> Cells:
         """Mix down (positions, bins) counts, the first bins multiplied by (positions or 1, some) `fade`."""
-        from recon.baseband_kernels import mix_counts  # compiled, which a forecast does not need
-
-        if counts.dtype not in AS_THEY_ARE:
-            counts = counts.astype(self._dtype.type(0).real.dtype)
         cells = self._empty(len(counts))
-        fade = np.broadcast_to(fade, (len(counts), fade.shape[1])).astype(self._table.real.dtype)
-        mix_counts(counts, fade, self._first, self._parts(self._table), self._edges, *self._views(cells))
+        spread, before = self._views(cells)
+        fade = np.broadcast_to(fade, (len(counts), fade.shape[1]))
+        for some in pieces(*counts.shape):
+            faded = counts[some].astype(spread.dtype)
+            faded[:, : fade.shape[1]] *= fade[some]
+            self._spread(faded, spread[some], before[:, some])
         return cells
+
+    def _spread(self, counts: NDArray, spread: NDArray[np.floating], before: NDArray[np.floating]) -> None:
+        """Add counts to their cells, in order of bins; copy cells at the edges as they pass."""
+        for stretch in self._stretches:
+            spread[:, stretch.cells] += counts[:, stretch.bins] @ stretch.table
+            edge = self._edge_of.get(stretch.bins.stop)
+            if edge is not None:
+                at = 2 * self._first[stretch.bins.stop]
+                before[edge] = spread[:, at : at + 2 * self._taps]
 
     def photons(
         self,
@@ -121,6 +162,15 @@ class Mixer:
         photons, table = (row, bins, weight.astype(self._table.real.dtype)), self._parts(self._table)
         mix_photons(photons, self._first, table, self._edges, following, *self._views(cells))
         return cells
+
+    @cached_property
+    def _stretches(self) -> list["_Stretch"]:
+        """All bins, cut at the edges and where they meet more cells than a window has twice."""
+        bins, parts = len(self._table), self._parts(self._table)
+        per_bin = self._first[-1] / bins
+        long = int(np.clip(self._taps / per_bin if per_bin else inf, *STRETCH))
+        cuts = sorted({*range(0, bins, long), *self._edge_of})
+        return [_Stretch.of(slice(*ends), parts, self._first) for ends in pairwise(cuts)]
 
     def spectrum(self, cells: Cells, run: slice, matrix: NDArray[np.complexfloating]) -> NDArray:
         """Return (F, positions) sums over a run of bins, its matrix from `matrix`."""

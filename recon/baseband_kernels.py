@@ -6,34 +6,6 @@ from numpy.typing import NDArray
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-def mix_counts(
-    counts: NDArray,
-    fade: NDArray[np.floating],
-    first: NDArray[np.intp],
-    table: NDArray[np.floating],
-    edges: NDArray[np.intp],
-    cells: NDArray[np.floating],
-    before: NDArray[np.floating],
-) -> None:
-    """Add (positions, bins) counts to their cells, in order of bins; copy cells at the edges as they pass."""
-    width = table.shape[1]
-    for p in range(len(counts)):
-        line = cells[p]
-        for e in range(len(edges)):
-            for n in range(edges[e - 1] if e else 0, edges[e]):
-                if counts[p, n] != 0:
-                    count = table.dtype.type(counts[p, n])
-                    if n < fade.shape[1]:
-                        count *= fade[p, n]
-                    at = 2 * first[n]
-                    for j in range(width):
-                        line[at + j] += count * table[n, j]
-            at = 2 * first[edges[e]]
-            for j in range(width):
-                before[e, p, j] = line[at + j]
-
-
-@njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def mix_photons(photons, first, table, edges, following, cells, before):  # type: ignore[no-untyped-def]
     """Add photons (row, bin, weight) to their cells, and to the copies at the edges that follow them."""
     rows, bins, weights = photons

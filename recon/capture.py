@@ -9,11 +9,21 @@ from numpy.typing import NDArray
 
 #: Speed of light in vacuum [m/s], exact by definition.
 C_M_PER_S = 299_792_458.0
-#: Positions in a block of the record, as the readers of this program make them.
-BLOCK_POSITIONS = 1024
+#: Positions in a block of the record, and bytes, as the readers of this program make them; one that holds a
+#: single position, or a single chunk of a file, may have more bytes.
+BLOCK_POSITIONS, BLOCK_BYTES = 1024, 8 * 2**20
+#: Bytes of a piece of a block, of which copies are made: it fits the cache of a processor.
+PIECE_BYTES = 2 * 2**20
 
 #: Some of a capture's positions: a run of them, or their numbers.
 Positions = slice | NDArray[np.intp]
+
+
+def pieces(positions: int, bins: int) -> Iterator[slice]:
+    """Yield slices of a block's positions, each of `PIECE_BYTES` in single precision, or of one position."""
+    step = max(1, PIECE_BYTES // max(1, 4 * bins))
+    for start in range(0, positions, step):
+        yield slice(start, min(start + step, positions))
 
 
 class Histograms(Protocol):

@@ -5,7 +5,7 @@ solver that keeps to a bound what it needs itself (`needs`; lattice and tables b
 
 ==================================  ========================================================================
 the field and its lateness          12 bytes a voxel; 32 more for each voxel of the thickest depth block
-blocks of the record                8 bytes a bin of `BLOCK_POSITIONS` positions; one, and those read ahead
+blocks of the record                `blocks_bytes`: 8 bytes a bin of those in work, read and mixed ahead
 spectra                             8 bytes a position and frequency; 40 more while phases are applied, where
                                     each position has its own first bin
 a thread's plane (lattice)          about 15 bytes a point of the padded lattice and 48 a voxel
@@ -29,7 +29,7 @@ from math import ceil
 from recon.errors import MemoryBoundError
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
-from recon.spectrum import block_bytes, blocks_ahead
+from recon.spectrum import blocks_bytes
 
 #: Most that a solver takes at once for wall spectra or tables.
 WORKING_BYTES = 256 * 2**20
@@ -143,7 +143,7 @@ def _at_least(problem: ImagingProblem, needs_of: Needs) -> _Least:
     spectrum = (8 if len(capture.first_bin_s) == 1 else 48) * capture.positions + 40 * bins
     solver, together = max(need.least for need in needs), max(need.together for need in needs)
     # The Fourier matrix of a frequency is complex128 for a moment, which is in `spectrum`.
-    fixed = SLACK_BYTES + (1 + blocks_ahead(capture.positions, bins)) * block_bytes(capture.positions, bins)
+    fixed = SLACK_BYTES + blocks_bytes(capture.positions, bins)
     frames, pixels = problem.frames, len(grid.y_m) * len(grid.x_m)
     plane = 8 * pixels * (max(len(part.band) for part in reached) + frames)
     fixed += 12 * grid.size if frames == 1 else 4 * pixels * frames + PLANES_PER_THREAD * plane

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture import C_M_PER_S, Capture, Positions, UnreadHistograms
+from recon.capture import C_M_PER_S, Capture, Positions, UnreadHistograms, pieces
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from recon.window import Window
@@ -67,6 +67,7 @@ class Tally:
         self.tile = _tiles(ends_m)
         self.cells = np.zeros((self.tile.max() + 1, -(-capture.bins // self.group)), np.float32)
         self._taken = np.zeros(capture.bins, bool)
+        self._end = self.window.end_weights(capture.bins, capture.bin_width_s)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -86,25 +87,29 @@ class Tally:
 
     def add(self, positions: Positions, bins: slice, counts: NDArray) -> None:
         """Add counts to their cells; the window, which is wide, is taken at the cells' centres."""
+        where = np.arange(self.capture.positions)[positions]
+        for some in pieces(*counts.shape):
+            self._add(where[some], bins, counts[some])
+
+    def _add(self, positions: NDArray[np.intp], bins: slice, counts: NDArray) -> None:
         capture, cell_s = self.capture, self.group * self.capture.bin_width_s
-        number = np.arange(bins.start, bins.stop) // self.group
-        starts = np.flatnonzero(np.diff(number, prepend=-1))
-        cells = slice(int(number[0]), int(number[-1]) + 1)
-        summed = np.add.reduceat(counts, starts, axis=1).astype(np.float32)
-        end = self.window.end_weights(capture.bins, capture.bin_width_s)
-        summed *= end[np.minimum(number[starts] * self.group + self.group // 2, capture.bins - 1)]
+        cells = slice(bins.start // self.group, -(-bins.stop // self.group))
+        summed = _summed(counts, bins.start % self.group, self.group)
+        centres = np.arange(cells.start, cells.stop) * self.group + self.group // 2
+        summed *= self._end[np.minimum(centres, capture.bins - 1)]
         start = self.window.start_weights(capture.begins_s(positions), cells, cell_s)
         summed[:, : start.shape[1]] *= start
-        np.add.at(self.cells[:, cells], self.tile[positions], summed)
+        tiles, row_of = np.unique(self.tile[positions], return_inverse=True)
+        members = np.equal.outer(np.arange(len(tiles)), row_of).astype(np.float32)
+        self.cells[tiles, cells] += members @ summed
 
     def add_photons(self, positions: NDArray[np.intp], bins: slice, photon_bins: NDArray[np.integer]) -> None:
         """Add photons, each by its position and its bin; those outside `bins` are left out."""
         capture, cell_s = self.capture, self.group * self.capture.bin_width_s
         inside = (photon_bins >= bins.start) & (photon_bins < bins.stop)
         positions, number = positions[inside], photon_bins[inside].astype(np.intp) // self.group
-        end = self.window.end_weights(capture.bins, capture.bin_width_s)
         centre = np.maximum(number * self.group, bins.start) + self.group // 2
-        weight = end[np.minimum(centre, capture.bins - 1)]
+        weight = self._end[np.minimum(centre, capture.bins - 1)]
         begins_s = np.broadcast_to(capture.begins_s(positions), positions.shape)
         weight = weight * self.window.start_weights_at(begins_s + (number + 0.5) * cell_s)
         np.add.at(self.cells, (self.tile[positions], number), weight.astype(np.float32))
@@ -141,6 +146,17 @@ class Tally:
         other = copy(self)
         other.cells = self.cells * np.divide(squares, np.maximum(members, 1))[:, None].astype(np.float32)
         return other
+
+
+def _summed(counts: NDArray, begin: int, group: int) -> NDArray[np.float32]:
+    """Return (n, groups) sums of (n, bins) counts over groups of bins, of which the first begins before them.
+
+    They are products with ones, which take a third of the time of sums.
+    """
+    groups = -(-(begin + counts.shape[1]) // group)
+    room = np.zeros((len(counts), groups * group), np.float32)
+    room[:, begin : begin + counts.shape[1]] = counts
+    return room.reshape(len(counts), groups, group) @ np.ones(group, np.float32)
 
 
 def _tiles(ends_m: NDArray[np.float64]) -> NDArray[np.intp]:

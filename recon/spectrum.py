@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from threadpoolctl import threadpool_limits
 
-from recon.capture import BLOCK_POSITIONS, Capture, Positions
+from recon.capture import BLOCK_BYTES, BLOCK_POSITIONS, Capture, Positions
 from recon.sampling import DepthBlock
 from recon.window import Edges, Window
 
@@ -34,9 +34,9 @@ Spectra = Callable[
 
 #: Positions whose cells are multiplied at once: fewer would have threads wait for one another more often.
 TOGETHER = 512
-#: Blocks that are read ahead, at most: about as many as are read while compiled loops are loaded. And of so
-#: many bytes, unless one has more.
-READ_AHEAD, READ_AHEAD_BYTES = 8, 32 * 2**20
+#: Blocks that are made ahead, at most, and their bytes, unless one has more. So many are read while memory
+#: is taken and compiled loops are loaded.
+AHEAD, AHEAD_BYTES = 12, 32 * 2**20
 #: Some positions, and their cells.
 Mixed = tuple[NDArray[np.intp], "Cells"]
 Item = TypeVar("Item")
@@ -89,25 +89,21 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    many = blocks_ahead(capture.positions, transform.bins.stop - transform.bins.start)
-    read = ahead(capture.histograms.blocks(transform.bins), many)
+    read = ahead(capture.histograms.blocks(transform.bins), lambda block: block[1].nbytes)
+    mixed = ahead((transform.mixed(*block) for block in read), lambda block: block[1].all.nbytes)
     with one_thread_each:
-        for where, cells in _gathered(ahead(transform.mixed(*block) for block in read)):
+        for where, cells in _gathered(mixed):
             transform.add_cells(where, cells)
             if progress:
                 progress((int(where[-1]) + 1) / capture.positions)
     return transform.spectra
 
 
-def block_bytes(positions: int, bins: int) -> int:
-    """Return what a block of the record takes: its positions' counts in double precision at the most."""
-    return 8 * min(BLOCK_POSITIONS, positions) * bins
-
-
-def blocks_ahead(positions: int, bins: int) -> int:
-    """Return how many blocks of a record are read ahead."""
-    there = -(-positions // BLOCK_POSITIONS)
-    return max(1, min(READ_AHEAD, READ_AHEAD_BYTES // block_bytes(positions, bins), there))
+def blocks_bytes(positions: int, bins: int) -> int:
+    """Return what blocks of a record take, as double precision at the most: in work, read and mixed ahead."""
+    whole = 8 * positions * bins
+    block = min(8 * BLOCK_POSITIONS * bins, max(2 * BLOCK_BYTES, 8 * bins))
+    return min(whole, 2 * block + AHEAD_BYTES) + min(whole, AHEAD_BYTES)
 
 
 class _OneThreadEach:
@@ -136,12 +132,13 @@ class _OneThreadEach:
 one_thread_each = _OneThreadEach()
 
 
-def ahead(items: Iterator[Item], many: int = 1) -> Iterator[Item]:
-    """Yield the same, so many of them made in a thread while the one before is worked at."""
+def ahead(items: Iterator[Item], size: Callable[[Item], int]) -> Iterator[Item]:
+    """Yield the same, made ahead in a thread: so many of them as `AHEAD` and their size allow."""
     with ThreadPoolExecutor(1) as thread:
-        following = deque(thread.submit(next, items, None) for _ in range(many))
+        following = deque([thread.submit(next, items, None)])
         while (item := following.popleft().result()) is not None:
-            following.append(thread.submit(next, items, None))
+            many = max(1, min(AHEAD, AHEAD_BYTES // max(1, size(item))))
+            following.extend(thread.submit(next, items, None) for _ in range(many - len(following)))
             yield item
 
 
@@ -171,9 +168,6 @@ class Transform:
     ----------
     bins
         Bins that are needed; empty where no depth block is reached.
-    spectra
-        (F, P) for each depth block, (0, P) for one that the record does not reach; zero for positions that
-        were not added yet.
     """
 
     def __init__(
@@ -183,15 +177,21 @@ class Transform:
         window: Window,
         dtype: DTypeLike = np.complex64,
     ) -> None:
-        self._capture, self._dtype = capture, dtype
-        # Written, not only asked for: memory that is first touched column by column takes ten times as long.
-        self.spectra: list[NDArray[np.complexfloating]] = [
-            np.full((part.reached * len(part.band), capture.positions), 0, dtype) for part in depth_blocks
-        ]
+        self._capture, self._depth_blocks, self._dtype = capture, depth_blocks, dtype
         self._reached = {number: part for number, part in enumerate(depth_blocks) if part.reached}
         first = min((part.bins.start for part in self._reached.values()), default=0)
         self.bins = slice(first, max((part.bins.stop for part in self._reached.values()), default=first))
         self._edges = Edges(capture, window, self.bins)
+
+    @cached_property
+    def spectra(self) -> list[NDArray[np.complexfloating]]:
+        """(F, P) for each depth block, (0, P) for one that the record does not reach.
+
+        Zero for positions that were not added yet. Memory is taken when it is first asked for, and written to
+        at once: touched column by column it would take ten times as long.
+        """
+        many = self._capture.positions
+        return [np.full((part.reached * len(part.band), many), 0, self._dtype) for part in self._depth_blocks]
 
     def add(self, positions: Positions, counts: NDArray) -> None:
         """Add the counts of some positions, each of them once.

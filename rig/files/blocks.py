@@ -42,7 +42,7 @@ def read(dataset: h5py.Dataset, *parts: slice) -> NDArray:
     _bounded(dataset, prod(shape))
     if dataset.chunks is None or not _ours(dataset):
         return np.asarray(dataset[tuple(slice(*one) for one in taken)])
-    values = np.full(shape, dataset.fillvalue, dataset.dtype)
+    values = np.empty(shape, dataset.dtype)
     if values.size:
         _fill(values, dataset, taken)
     return values
@@ -61,13 +61,7 @@ def stored_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> tuple[int, b
     OSError, RuntimeError, ValueError
         Of the library, as for any damaged file.
     """
-    info = dataset.id.get_chunk_info_by_coord(offset)
-    if info.byte_offset is None:
-        return None
-    if not dataset.id.get_create_plist().get_nfilters() and info.size != _chunk_bytes(dataset):
-        raise _damaged(dataset, f"a chunk has {info.size} bytes of {_chunk_bytes(dataset)}")
-    filter_mask, packed = dataset.id.read_direct_chunk(offset)
-    return filter_mask, packed
+    return _stored(dataset, offset, _filters(dataset))
 
 
 def packed_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
@@ -110,17 +104,22 @@ def _bounded(dataset: h5py.Dataset, values: int) -> None:
         )
 
 
+def _filters(dataset: h5py.Dataset) -> list[int]:
+    """Return the filters by HDF5's number, in the order in which they were applied."""
+    plist = dataset.id.get_create_plist()
+    return [plist.get_filter(number)[0] for number in range(plist.get_nfilters())]
+
+
 def _ours(dataset: h5py.Dataset) -> bool:
     """Return whether the chunks hold plain numbers, packed by deflate and shuffle at most."""
-    plist = dataset.id.get_create_plist()
-    filters = [plist.get_filter(number)[0] for number in range(plist.get_nfilters())]
-    plain = dataset.dtype.kind in "uifb" and dataset.id.get_type().equal(h5py.h5t.py_create(dataset.dtype))
-    return plain and filters in ([], [_DEFLATE], [_SHUFFLE], [_SHUFFLE, _DEFLATE])
+    plain = dataset.dtype.kind in "uifb" and dataset.dtype.itemsize <= 8
+    plain = plain and dataset.id.get_type().equal(h5py.h5t.py_create(dataset.dtype))
+    return plain and _filters(dataset) in ([], [_DEFLATE], [_SHUFFLE], [_SHUFFLE, _DEFLATE])
 
 
 def _fill(values: NDArray, dataset: h5py.Dataset, taken: list[tuple[int, int]]) -> None:
     """Put the chunks that overlap with a part of a dataset into that part's values."""
-    chunks = dataset.chunks
+    chunks, filters = dataset.chunks, _filters(dataset)
     ranges = [
         range(start // size * size, stop, size) for (start, stop), size in zip(taken, chunks, strict=True)
     ]
@@ -130,32 +129,46 @@ def _fill(values: NDArray, dataset: h5py.Dataset, taken: list[tuple[int, int]]) 
             low, high = max(start, first), min(stop, first + size)
             within.append(slice(low - first, high - first))
             into.append(slice(low - start, high - start))
-        chunk = _chunk(dataset, offset, tuple(within))
-        if chunk is not None:
-            values[tuple(into)] = chunk
+        target, stored = values[tuple(into)], _stored(dataset, offset, filters)
+        if stored is None:
+            target[...] = dataset.fillvalue
+        else:
+            _unpack(target, dataset, stored, filters, tuple(within))
 
 
-def _chunk(dataset: h5py.Dataset, offset: tuple[int, ...], within: tuple[slice, ...]) -> NDArray | None:
-    """Return a part of the chunk that begins at a place, unpacked; None where it was never written."""
-    stored = stored_chunk(dataset, offset)
-    if stored is None:
+def _stored(dataset: h5py.Dataset, offset: tuple[int, ...], filters: list[int]) -> tuple[int, bytes] | None:
+    info = dataset.id.get_chunk_info_by_coord(offset)
+    if info.byte_offset is None:
         return None
-    filter_mask, packed = stored
-    plist = dataset.id.get_create_plist()
-    whole, shuffled = _chunk_bytes(dataset), False
-    for number in reversed(range(plist.get_nfilters())):
-        if filter_mask & (1 << number):
+    if not filters and info.size != _chunk_bytes(dataset):
+        raise _damaged(dataset, f"a chunk has {info.size} bytes of {_chunk_bytes(dataset)}")
+    filter_mask, packed = dataset.id.read_direct_chunk(offset)
+    return filter_mask, packed
+
+
+def _unpack(
+    target: NDArray,
+    dataset: h5py.Dataset,
+    stored: tuple[int, bytes],
+    filters: list[int],
+    within: tuple[slice, ...],
+) -> None:
+    """Put a part of a chunk as it is stored where it belongs."""
+    (left_out, packed), whole, shuffled = stored, _chunk_bytes(dataset), False
+    for number, name in reversed(list(enumerate(filters))):
+        if left_out & (1 << number):
             continue
-        if plist.get_filter(number)[0] == _DEFLATE:
+        if name == _DEFLATE:
             packed = _inflated(dataset, packed, whole)
         else:  # of the filters taken here, the first that packs: the last to be undone
             shuffled = dataset.dtype.itemsize > 1
     if len(packed) != whole:
         raise _damaged(dataset, f"a chunk has {len(packed)} bytes of {whole}")
     if shuffled:
-        return _unshuffled(packed, dataset, within)
+        _unshuffle(target, packed, dataset, within)
+        return
     chunk = np.frombuffer(packed, dataset.dtype).reshape(dataset.chunks)[within]
-    return chunk.view(np.uint8) != 0 if dataset.dtype.kind == "b" else chunk  # a file may hold other bytes
+    target[...] = chunk.view(np.uint8) != 0 if dataset.dtype.kind == "b" else chunk  # of a bool any byte
 
 
 def _chunk_bytes(dataset: h5py.Dataset) -> int:
@@ -173,18 +186,18 @@ def _inflated(dataset: h5py.Dataset, packed: bytes, whole: int) -> bytes:
     return unpacked
 
 
-def _unshuffled(packed: bytes, dataset: h5py.Dataset, within: tuple[slice, ...]) -> NDArray:
+def _unshuffle(target: NDArray, packed: bytes, dataset: h5py.Dataset, within: tuple[slice, ...]) -> None:
     """Undo HDF5's shuffle, which puts the first bytes of all numbers first, then the second ones.
 
     The bytes are put together as whole numbers are, little endian; of small counts most are zero, and cost
     nothing.
     """
     planes = np.frombuffer(packed, np.uint8).reshape(-1, *dataset.chunks)[(slice(None), *within)]
-    numbers = planes[0].astype(f"<u{dataset.dtype.itemsize}")
+    numbers = target.view(f"<u{dataset.dtype.itemsize}")
+    numbers[...] = planes[0]
     for place in range(1, len(planes)):
         if planes[place].any():
             numbers |= planes[place].astype(numbers.dtype) << (8 * place)
-    return numbers.view(dataset.dtype)
 
 
 def _damaged(dataset: h5py.Dataset, what: str) -> DataFileError:

@@ -7,14 +7,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from recon.capture import Histograms
+from recon.capture import BLOCK_BYTES, Histograms
 from rig.errors import DataFileError
 from rig.files.blocks import read, spans
 from rig.files.check import reading
 from rig.files.form_counts import CHUNK_HISTOGRAMS
-
-#: Bytes of counts in a block: a few chunks. Two are in memory, one of them read ahead.
-BLOCK_BYTES = 8 * 2**20
 
 
 class DenseHistograms:

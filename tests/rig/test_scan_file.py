@@ -6,9 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
+from recon.capture import BLOCK_BYTES
 from rig.errors import UsageError
 from rig.files import ScanDescription, ScanFile, ScanWriter
-from rig.files.histograms import BLOCK_BYTES
 from rig.model.config import built_in
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
