@@ -34,9 +34,9 @@ Spectra = Callable[
 
 #: Positions whose cells are multiplied at once: fewer would have threads wait for one another more often.
 TOGETHER = 512
-#: Blocks that are made ahead, at most, and their bytes, unless one has more. So many are read while memory
-#: is taken and compiled loops are loaded.
-AHEAD, AHEAD_BYTES = 12, 32 * 2**20
+#: Blocks that are made ahead, at most, as many as are read while memory is taken and compiled loops are
+#: loaded; bytes of those that are read, and of those that are mixed down, unless a single one has more.
+AHEAD, READ_BYTES, MIXED_BYTES = 12, 24 * 2**20, 4 * 2**20
 #: Some positions, and their cells.
 Mixed = tuple[NDArray[np.intp], "Cells"]
 Item = TypeVar("Item")
@@ -89,10 +89,10 @@ def spectra(
     transform = Transform(capture, depth_blocks, window, dtype)
     if transform.bins.stop == transform.bins.start:
         return transform.spectra
-    read = ahead(capture.histograms.blocks(transform.bins), lambda block: block[1].nbytes)
-    mixed = ahead((transform.mixed(*block) for block in read), lambda block: block[1].all.nbytes)
+    read = ahead(capture.histograms.blocks(transform.bins), lambda block: block[1].nbytes, READ_BYTES)
+    mixed = (transform.mixed(*block) for block in read)
     with one_thread_each:
-        for where, cells in _gathered(mixed):
+        for where, cells in _gathered(ahead(mixed, lambda block: block[1].all.nbytes, MIXED_BYTES)):
             transform.add_cells(where, cells)
             if progress:
                 progress((int(where[-1]) + 1) / capture.positions)
@@ -103,7 +103,7 @@ def blocks_bytes(positions: int, bins: int) -> int:
     """Return what blocks of a record take, as double precision at the most: in work, read and mixed ahead."""
     whole = 8 * positions * bins
     block = min(8 * BLOCK_POSITIONS * bins, max(2 * BLOCK_BYTES, 8 * bins))
-    return min(whole, 2 * block + AHEAD_BYTES) + min(whole, AHEAD_BYTES)
+    return min(whole, block + READ_BYTES) + min(whole, MIXED_BYTES)
 
 
 class _OneThreadEach:
@@ -132,12 +132,12 @@ class _OneThreadEach:
 one_thread_each = _OneThreadEach()
 
 
-def ahead(items: Iterator[Item], size: Callable[[Item], int]) -> Iterator[Item]:
-    """Yield the same, made ahead in a thread: so many of them as `AHEAD` and their size allow."""
+def ahead(items: Iterator[Item], size: Callable[[Item], int], most_bytes: int) -> Iterator[Item]:
+    """Yield the same, made ahead in a thread: `AHEAD` of them, or as many as have so many bytes."""
     with ThreadPoolExecutor(1) as thread:
         following = deque([thread.submit(next, items, None)])
         while (item := following.popleft().result()) is not None:
-            many = max(1, min(AHEAD, AHEAD_BYTES // max(1, size(item))))
+            many = max(1, min(AHEAD, most_bytes // max(1, size(item))))
             following.extend(thread.submit(next, items, None) for _ in range(many - len(following)))
             yield item
 

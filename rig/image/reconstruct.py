@@ -73,9 +73,7 @@ def reconstruct(
     check_page(request, page_path)
     with ScanFile(scan_path) as scan:
         work, reason = _possible(scan, request, volume_path, elsewhere)
-        # what draws takes half a second to import: as long as the first part of the record is waited for
-        Thread(target=_get_ready_to_draw).start()
-        result = _computed(scan, work, reason, volume_path, progress, began_s)
+        result = _computed(scan, work, reason, volume_path, _drawing_soon(progress), began_s)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
     from rig.image.picture import picture, save_film
@@ -89,6 +87,23 @@ def reconstruct(
     if video_path:
         save_film(result.volume, request, video_path)
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
+
+
+def _drawing_soon(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return what tells progress, and imports what draws beside the second half of the work.
+
+    That takes half a second, in which no other Python code runs: compiled loops are not held up by it, the
+    reading of the record would be.
+    """
+    thread = Thread(target=_get_ready_to_draw)
+
+    def told(done: float) -> None:
+        if done >= 0.5 and thread.ident is None:
+            thread.start()
+        if progress:
+            progress(done)
+
+    return told
 
 
 def _get_ready_to_draw() -> None:

@@ -37,10 +37,12 @@ def by_structure(path: Path, seed: int) -> None:
     with h5py.File(path, "r+") as file:
         places: list[str] = []
         file.visit(places.append)
-        for _ in range(int(rng.integers(1, 4))):
-            name = str(rng.choice(places))
+        many = int(rng.integers(1, 4))
+        edits = [(_EDITS[int(rng.integers(len(_EDITS)))], str(rng.choice(places))) for _ in range(many)]
+        # chunks of a wrong size last: HDF5 reads a chunk of which it writes a part, and would crash here
+        for edit, name in sorted(edits, key=lambda one: one[0] is _short_chunk):
             if name in file:
-                _EDITS[int(rng.integers(len(_EDITS)))](file, name, rng)
+                edit(file, name, rng)
 
 
 def _number(rng):
