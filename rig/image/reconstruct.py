@@ -22,6 +22,9 @@ from rig.image.result import Result
 from rig.image.work import Fields, Work, camera_of, chosen, warnings_of
 from rig.show.endings import check_picture
 
+#: What is needed when the field is there, and takes long to import: in the order of its use.
+_AFTERWARDS = ("scipy.ndimage", "scipy.sparse.csgraph", "rig.image.picture")
+
 
 class Elsewhere(Protocol):
     """Other processes that compute fields."""
@@ -73,7 +76,7 @@ def reconstruct(
     check_page(request, page_path)
     with ScanFile(scan_path) as scan:
         work, reason = _possible(scan, request, volume_path, elsewhere)
-        result = _computed(scan, work, reason, volume_path, _drawing_soon(progress), began_s)
+        result = _computed(scan, work, reason, volume_path, _ready_soon(progress), began_s)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
     from rig.image.picture import picture, save_film
@@ -89,27 +92,29 @@ def reconstruct(
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
 
 
-def _drawing_soon(progress: Callable[[float], None] | None) -> Callable[[float], None]:
-    """Return what tells progress, and imports what draws beside the second half of the work.
+def _ready_soon(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+    """Return what tells progress, and imports beside the second half of the work what follows it.
 
     That takes half a second, in which no other Python code runs: compiled loops are not held up by it, the
     reading of the record would be.
     """
-    thread = Thread(target=_get_ready_to_draw)
+    waiting = [Thread(target=_get_ready)]
 
     def told(done: float) -> None:
-        if done >= 0.5 and thread.ident is None:
-            thread.start()
+        if done >= 0.5:
+            with suppress(IndexError):  # it was started, perhaps from another thread
+                waiting.pop().start()
         if progress:
             progress(done)
 
     return told
 
 
-def _get_ready_to_draw() -> None:
-    """Import what draws; what is wrong with that is said where it is needed."""
+def _get_ready() -> None:
+    """Import what finds surfaces, and what draws; what is wrong with it is said where it is needed."""
     with suppress(Exception):
-        import_module("rig.image.picture")
+        for name in _AFTERWARDS:
+            import_module(name)
 
 
 def imaged(
