@@ -83,7 +83,7 @@ class UnreadHistograms:
         raise ValueError("the histograms are not in memory; give their spectra")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """A scan in rectified time: t = 0 when the pulse is on the wall, and only wall, object, wall remains.
 

@@ -158,11 +158,11 @@ def test_the_way_that_costs_less_is_taken():
         counts = ArrayHistograms(np.zeros((len(spots), 1)))
         return dispatch.planar_groups(Capture(counts, BIN, np.zeros(1), spots, DETECTORS[geometry](spots)))
 
-    assert dispatch.quicker_on_lattice(runs(many), many, band, large)
-    assert not dispatch.quicker_on_lattice(runs(few), few, band, large)
-    assert not dispatch.quicker_on_lattice(runs(many, "pairs"), many, band, large)
+    assert dispatch.quicker_on_lattice(runs(many), len(many), band, large)
+    assert not dispatch.quicker_on_lattice(runs(few), len(few), band, large)
+    assert not dispatch.quicker_on_lattice(runs(many, "pairs"), len(many), band, large)
     near = VoxelGrid(large.x_m, large.y_m, large.z_m - 0.4)  # evanescent waves still there
-    assert not dispatch.quicker_on_lattice(runs(many), many, band, near)
-    assert dispatch.quicker_on_lattice(runs(many), many, band, large, frames=9)
+    assert not dispatch.quicker_on_lattice(runs(many), len(many), band, near)
+    assert dispatch.quicker_on_lattice(runs(many), len(many), band, large, frames=9)
     assert len(runs(many, "three")) == 3
     assert not runs(WALLS["curved"])

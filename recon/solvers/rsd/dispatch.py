@@ -15,11 +15,12 @@ The quickest is chosen by counting what each does; the times for that are measur
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import repeat
+from functools import cached_property, partial
 from math import pi
 from os import cpu_count
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ GROUPS = 64
 TERM_NS = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanarGroup:
     """Records that are taken on one lattice.
 
@@ -67,12 +68,22 @@ class PlanarGroup:
         (3,) the spot they share, where each record has its own and its path is not the camera's affair.
     depth_m
         Depth z of their plane.
+    laser_m
+        (records, 3) their laser spots, z counted from that plane.
     """
 
     records: NDArray[np.intp]
     round_trip_factor: int
     detector_m: NDArray[np.float64] | None
     depth_m: float
+    laser_m: NDArray[np.float64]
+
+    @cached_property
+    def aperture(self) -> Aperture | None:
+        """The regular grid that the laser spots are; None where they are none, and must be spread."""
+        with suppress(GeometryError):
+            return recognise(self.laser_m)
+        return None
 
     def detector_time_s(self, grid: VoxelGrid, z_m: float) -> NDArray[np.float64]:
         """Return the time from a plane to the group's detector spot, (y, x), or (1, 1) zero."""
@@ -106,8 +117,8 @@ def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
         return Need(100 * capture.positions, 8 * capture.positions * many, many)
     round_trip_factor = groups[0].round_trip_factor
     near_m = replace(problem, grid=planes).near_m - groups[0].depth_m
-    if together(capture.laser_m, groups) and _on_a_lattice(groups[0], capture.laser_m):
-        aperture = recognise(capture.laser_m[groups[0].records] - [0, 0, groups[0].depth_m])
+    aperture = groups[0].aperture
+    if aperture and together(groups):
         need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor, near_m)
         # beside the walls, the groups' own phases at the voxels of a plane, their steps, and the wave
         pixels = planes.size // len(planes.z_m)
@@ -126,23 +137,40 @@ def _by_fft(problem: ImagingProblem, band: Band, grid: VoxelGrid, groups: Sequen
     """Return whether a depth block is imaged on lattices: as asked, else as is quicker."""
     if problem.fft is not None:
         return problem.fft
-    return regular(problem.capture, groups) or quicker_on_lattice(
-        groups, problem.capture.laser_m, band, grid, problem.frames
+    return regular(groups) or quicker_on_lattice(
+        groups, problem.capture.positions, band, grid, problem.frames
     )
 
 
 def planar_groups(capture: Capture) -> Sequence[PlanarGroup]:
-    """Group records by detector spot; empty where the laser spots lie on no plane of constant depth."""
+    """Group records by detector spot; empty where the laser spots lie on no plane of constant depth.
+
+    It is asked for with each depth block, and remembered.
+    """
+    if capture not in _groups:
+        _groups[capture] = _grouped(capture)
+    return _groups[capture]
+
+
+_groups: WeakKeyDictionary[Capture, Sequence[PlanarGroup]] = WeakKeyDictionary()
+
+
+def _grouped(capture: Capture) -> Sequence[PlanarGroup]:
     laser_m, detector_m = capture.laser_m, capture.detector_m
     depth_m = float(laser_m[:, 2].min() + laser_m[:, 2].max()) / 2
     if np.abs(laser_m[:, 2] - depth_m).max() > TOLERANCE_M:
         return []
+    on_plane_m = laser_m - [0, 0, depth_m]
     if capture.confocal or not capture.round_trip:
-        return [PlanarGroup(np.arange(len(laser_m)), 2 if capture.confocal else 1, None, depth_m)]
+        factor = 2 if capture.confocal else 1
+        return [PlanarGroup(np.arange(len(laser_m)), factor, None, depth_m, on_plane_m)]
     spots_m, which = _unique(np.round(detector_m, 7))
     order = np.argsort(which, kind="stable")
     members = np.split(order, np.cumsum(np.bincount(which))[:-1])
-    return [PlanarGroup(*one, depth_m) for one in zip(members, repeat(1), spots_m)]
+    return [
+        PlanarGroup(records, 1, spot_m, depth_m, on_plane_m[records])
+        for records, spot_m in zip(members, spots_m, strict=True)
+    ]
 
 
 def _unique(spots_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -152,54 +180,43 @@ def _unique(spots_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     return unique_m, np.repeat(which.reshape(-1), np.diff(begins, append=len(spots_m)))
 
 
-def regular(capture: Capture, groups: Sequence[PlanarGroup]) -> bool:
+def regular(groups: Sequence[PlanarGroup]) -> bool:
     """Return whether all records are one group on a regular grid."""
-    if len(groups) != 1:
-        return False
-    try:
-        recognise(capture.laser_m - [0, 0, groups[0].depth_m])
-    except GeometryError:
-        return False
-    return True
+    return len(groups) == 1 and groups[0].aperture is not None
 
 
 def quicker_on_lattice(
-    groups: Sequence[PlanarGroup], laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid, frames: int = 1
+    groups: Sequence[PlanarGroup], records: int, band: Band, grid: VoxelGrid, frames: int = 1
 ) -> bool:
     """Return whether lattices take less time than the other ways, and are exact at these depths."""
     if not groups or (frames > 1 and len(groups) > 1):
         return False
-    if _too_near(groups[0], band, grid) and not all(_on_a_lattice(group, laser_m) for group in groups):
+    if _too_near(groups[0], band, grid) and not all(group.aperture for group in groups):
         return False
-    return _lattice_ns(groups, laser_m, band, grid) < _other_ns(len(laser_m), band, grid, frames)
+    return _lattice_ns(groups, band, grid) < _other_ns(records, band, grid, frames)
 
 
-def _lattice_ns(
-    groups: Sequence[PlanarGroup], laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid
-) -> float:
+def _lattice_ns(groups: Sequence[PlanarGroup], band: Band, grid: VoxelGrid) -> float:
     """Return the time that lattices take [ns]; positions are spread, or a regular grid is one as it is."""
-    if len(groups) > 1 and together(laser_m, groups):
-        each_ns = SHARED_NS * len(groups) * _points(groups[0], laser_m, band, grid)
+    if len(groups) > 1 and together(groups):
+        each_ns = SHARED_NS * len(groups) * _points(groups[0], band, grid)
     else:
         each_ns = LATTICE_NS * sum(
-            _points(group, laser_m, band, grid, len(groups) > GROUPS) / group.round_trip_factor
-            for group in groups
+            _points(group, band, grid, len(groups) > GROUPS) / group.round_trip_factor for group in groups
         )
     return each_ns * len(grid.z_m) * len(band)
 
 
-def _points(
-    group: PlanarGroup, laser_m: NDArray[np.float64], band: Band, grid: VoxelGrid, roughly: bool = False
-) -> int:
+def _points(group: PlanarGroup, band: Band, grid: VoxelGrid, roughly: bool = False) -> int:
     """Return the number of points of a group's FFT, on its own lattice or that which it is spread over.
 
     What is found `roughly`, at once, may be too large.
     """
-    try:
-        aperture = recognise(laser_m[group.records] - [0, 0, group.depth_m])
+    aperture = group.aperture
+    if aperture:
         x, y = aperture.x, aperture.y
-    except GeometryError:
-        x, y = lattice(laser_m[group.records], group.round_trip_factor, band, grid)
+    else:
+        x, y = lattice(group.laser_m, group.round_trip_factor, band, grid)
     wavenumber = group.round_trip_factor * band.finest_rad_per_s / C_M_PER_S
     near_m = None if roughly else float(grid.z_m[0]) - group.depth_m
     return (
@@ -214,39 +231,27 @@ def _other_ns(positions: int, band: Band, grid: VoxelGrid, frames: int) -> float
 
 def way(problem: ImagingProblem, part: DepthBlock) -> Way:
     """Return how a depth block is imaged, as `focus_block` goes, and what that takes."""
-    laser_m = problem.capture.laser_m
     groups = planar_groups(problem.capture)
     planes = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes])
     if not _by_fft(problem, part.band, planes, groups):
-        count_ns = _other_ns(len(laser_m), part.band, planes, problem.frames)
+        count_ns = _other_ns(problem.capture.positions, part.band, planes, problem.frames)
         return Way(1e-9 * count_ns, False, ())
     if len(groups) == 1 and problem.frames == 1:
         count_ns = _levels_ns(replace(problem, grid=planes), part.band, groups[0])
     else:
-        count_ns = _lattice_ns(groups, laser_m, part.band, planes)
+        count_ns = _lattice_ns(groups, part.band, planes)
     return Way(1e-9 * count_ns, True, tuple(group.records for group in groups))
 
 
 def _levels_ns(problem: ImagingProblem, band: Band, group: PlanarGroup) -> float:
     """Return the time that the planes of a problem take level by level [ns]."""
-    laser_m, grid = problem.capture.laser_m, _planned_for(group, problem)
-    try:
-        aperture = recognise(laser_m - [0, 0, group.depth_m])
-    except GeometryError:
-        axes = lattice(laser_m, group.round_trip_factor, band, problem.grid)
+    grid, aperture = _planned_for(group, problem), group.aperture
+    if aperture is None:
+        axes = lattice(group.laser_m, group.round_trip_factor, band, problem.grid)
         aperture = Aperture(*axes, np.zeros(0, np.intp), np.zeros(0, np.intp))
     scene = Scene.of(aperture, grid, group.round_trip_factor, partial(_moments_s, problem, group))
     points = work_points(plan_levels(scene, band)) / group.round_trip_factor
     return LATTICE_NS * points * len(problem.grid.z_m)
-
-
-def _on_a_lattice(group: PlanarGroup, laser_m: NDArray[np.float64]) -> bool:
-    """Return whether a group's positions are a regular grid as they are, so that none need be spread."""
-    try:
-        recognise(laser_m[group.records] - [0, 0, group.depth_m])
-    except GeometryError:
-        return False
-    return True
 
 
 def _too_near(group: PlanarGroup, band: Band, grid: VoxelGrid) -> bool:
@@ -270,16 +275,13 @@ def _put(
     problem: ImagingProblem, emitted: NDArray[np.complex64], group: PlanarGroup
 ) -> tuple[Aperture, NDArray[np.complex64]]:
     """Return a group's positions as a lattice and what its points emit: as they are, or spread."""
-    laser_m = problem.capture.laser_m
-    if len(group.records) < len(laser_m):
-        laser_m, emitted = laser_m[group.records], emitted[:, group.records]
-    try:
-        return recognise(laser_m - [0, 0, group.depth_m]), emitted
-    except GeometryError:
-        x, y = lattice(laser_m, group.round_trip_factor, problem.band, problem.grid)
-        return spread(
-            laser_m, emitted, x, y, group.round_trip_factor * problem.band.finest_rad_per_s / C_M_PER_S
-        )
+    if len(group.records) < problem.capture.positions:
+        emitted = emitted[:, group.records]
+    if group.aperture:
+        return group.aperture, emitted
+    x, y = lattice(group.laser_m, group.round_trip_factor, problem.band, problem.grid)
+    wavenumber = group.round_trip_factor * problem.band.finest_rad_per_s / C_M_PER_S
+    return spread(group.laser_m, emitted, x, y, wavenumber)
 
 
 def _from(group: PlanarGroup, grid: VoxelGrid) -> VoxelGrid:
@@ -302,9 +304,8 @@ def _on_lattices(
         (len(problem.grid.z_m), 1 + problem.slopes, *problem.grid.shape[1:]), np.complex64
     )
     at_once = 1
-    laser_m = problem.capture.laser_m
-    if together(laser_m, groups):
-        wall_bytes = 8 * len(problem.band) * _points(groups[0], laser_m, problem.band, problem.grid)
+    if together(groups):
+        wall_bytes = 8 * len(problem.band) * _points(groups[0], problem.band, problem.grid)
         at_once = min(GROUPS, max(1, problem.working_bytes // wall_bytes))
     for start in range(0, len(groups), at_once):
         some = groups[start : start + at_once]
@@ -316,10 +317,9 @@ def _on_lattices(
     yield from total
 
 
-def together(laser_m: NDArray[np.float64], groups: Sequence[PlanarGroup]) -> bool:
+def together(groups: Sequence[PlanarGroup]) -> bool:
     """Return whether all groups have the same positions in the same order, so that one lattice is theirs."""
-    first_m = laser_m[groups[0].records]
-    return all(np.array_equal(laser_m[group.records], first_m) for group in groups[1:])
+    return all(np.array_equal(group.laser_m, groups[0].laser_m) for group in groups[1:])
 
 
 def _shared_propagation(
@@ -410,7 +410,7 @@ def check(problem: ImagingProblem) -> None:
         )
     depth_block = next(depth_block for depth_block in problem.depth_blocks if depth_block.reached)
     near = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[depth_block.planes])
-    if not regular(problem.capture, groups) and _too_near(groups[0], depth_block.band, near):
+    if not regular(groups) and _too_near(groups[0], depth_block.band, near):
         raise GeometryError(
             f"device {problem.device}",
             f"a volume from {near.z_m[0]:.3f} m on and positions off an even grid",
