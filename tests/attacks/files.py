@@ -258,6 +258,11 @@ def _read_one(read, good: Path, folder: Path, seed: int) -> str:
     return outcome
 
 
+def _comes(pipe, deadline_s: float, look_s: float = 0.5) -> bool:
+    """Return whether something comes in time; where this process stood still, that counts as one look."""
+    return any(pipe.poll(look_s) for _ in range(int(deadline_s / look_s)))
+
+
 def attack(
     parser: str, number: int, first: int = 0, told: Counter | None = None, deadline_s: float = DEADLINE_S
 ) -> list[Fault]:
@@ -278,7 +283,7 @@ def attack(
         now, outcome = seed, ""
         seed = stop
         try:
-            while ours.poll(deadline_s):
+            while _comes(ours, deadline_s):
                 now, outcome = ours.recv()
                 if outcome == "end":
                     break
