@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_info
 from recon.capture import ArrayHistograms, Capture
 from recon.grid import VoxelGrid
 from recon.sampling import depth_blocks, path_limits_m
-from recon.spectrum import one_thread_each, spectra
+from recon.spectrum import AHEAD, ahead, one_thread_each, spectra
 from recon.wave import VirtualPulse
 from recon.window import Window
 from support.hidden_points import C, histograms, wall
@@ -76,6 +76,22 @@ def test_threads_of_matrix_products_are_given_back_in_any_order():
     assert set(threads()) == {1}
     one_thread_each.__exit__()
     assert threads() == before
+
+
+@pytest.mark.parametrize(("size", "many"), [(10, 4), (45, 1), (1000, 1), (1, AHEAD), (0, AHEAD)])
+def test_no_more_is_made_ahead_than_has_room(size, many):
+    made = []
+
+    def items():
+        for number in range(40):
+            made.append(number)
+            yield number
+
+    taken = []
+    for item in ahead(items(), lambda _: size, 45):
+        taken.append(item)
+        assert len(made) <= len(taken) + many
+    assert taken == made == list(range(40))
 
 
 @pytest.mark.parametrize("confocal", [False, True])
