@@ -38,6 +38,9 @@ PAUSE_S = 0.05
 #: So long a program whose word is overdue is listened to, before its light is put out.
 HEAR_OUT_S = 0.1
 
+#: A program that was suspended (SIGSTOP) for so long has no light, however long its last word was to hold.
+SUSPENDED_S = 0.3
+
 #: So often the program hears, while there is light, that the guard is there.
 PULSE_S = 0.5
 
@@ -50,6 +53,13 @@ TELL_AGAIN_S = 30.0
 
 #: After so long, a guard whose program has ended gives up on a laser that cannot be made dark.
 GIVE_UP_S = 600.0
+
+
+def suspended(process: int) -> bool:
+    """Return whether a process was stopped by a signal, where the system tells (Linux does)."""
+    with suppress(OSError, IndexError), open(f"/proc/{process}/stat", "rb") as stat:
+        return stat.read().rpartition(b")")[2].split()[0] == b"T"  # the name before it may be anything
+    return False
 
 
 class Inbox:
@@ -133,7 +143,8 @@ class GuardProcess:
         self._laser_stack = ExitStack()
         self._guard = Guard(self._open(), self._clock, self._lost, config.known_dark_by)
         self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
-        self._overdue_s = inf
+        self._overdue_s = self._suspended_s = inf
+        self._program = os.getppid()
         self._alone = False
         self._off = False
 
@@ -232,7 +243,18 @@ class GuardProcess:
         self._guard.lose("the light was switched off by rig laser off", trip=False)
         message["reply"]({"dark": self._guard.light is not Light.ALARM})
 
+    def _mind_suspension(self) -> None:
+        """Put out the light of a suspended program: its last word may hold for 15 s, to write a file."""
+        now_s = time.monotonic()
+        if self._guard.light is not Light.LIT or not suspended(self._program):
+            self._suspended_s = inf
+            return
+        self._suspended_s = min(self._suspended_s, now_s)
+        if now_s - self._suspended_s > SUSPENDED_S:
+            self._guard.lose("the program was suspended by a signal (SIGSTOP)", trip=False)
+
     def _watch(self) -> None:
+        self._mind_suspension()
         self._guard.turn()
         now_s = time.monotonic()
         if self._guard.light is Light.LIT and now_s - self._pulsed_s > PULSE_S:

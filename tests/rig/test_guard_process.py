@@ -12,7 +12,8 @@ import pytest
 
 from drivers.errors import DeviceError
 from rig.errors import LightLostError
-from rig.light.process import Inbox
+from rig.light.guard import FILE_LEASE_S
+from rig.light.process import Inbox, suspended
 from rig.light.remote import GuardedElsewhere
 from rig.light.state import folder
 from rig.model.config import load
@@ -141,6 +142,52 @@ def test_a_guard_that_stood_still_hears_what_was_said_before_it_judges(bench, pr
         wait_for(lambda: not emits(bench))  # now that nothing is said
         assert "silent for" in raised_by_beats(laser)
         laser.stop()
+
+
+#: Lights the laser, and grants itself time as for writing a file.
+WRITES = """
+import sys, time
+from pathlib import Path
+from rig.light.guard import FILE_LEASE_S
+from rig.light.remote import GuardedElsewhere
+from rig.model.config import load
+with GuardedElsewhere(load(Path(sys.argv[1]))) as laser:
+    laser.arm()
+    laser.emit()
+    laser.beat(FILE_LEASE_S)
+    print("writing", flush=True)
+    while True:
+        time.sleep(1)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux tells whether a process is suspended")
+def test_a_suspended_program_has_no_light_also_while_it_writes_a_file(bench):
+    command = [sys.executable, "-c", WRITES, bench.config]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as program:
+        try:
+            assert program.stdout.readline() == b"writing\n"
+            assert emits(bench)
+            granted_until_s = time.monotonic() + FILE_LEASE_S
+            program.send_signal(signal.SIGSTOP)
+            wait_for(lambda: not emits(bench))
+            assert time.monotonic() < granted_until_s - 5
+        finally:
+            program.kill()
+
+
+def test_only_a_process_that_was_stopped_by_a_signal_is_suspended():
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as program:
+        try:
+            assert not suspended(program.pid)
+            program.send_signal(signal.SIGSTOP)
+            if sys.platform == "linux":
+                wait_for(lambda: suspended(program.pid))
+            program.send_signal(signal.SIGCONT)
+            wait_for(lambda: not suspended(program.pid))
+        finally:
+            program.kill()
+    assert not suspended(program.pid)  # there is none
 
 
 def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench):

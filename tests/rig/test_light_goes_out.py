@@ -77,14 +77,13 @@ def test_a_program_that_is_asked_to_end_puts_the_light_out_itself(bench, lit, na
     assert bench.values("detector bias")[-1] == "0"
 
 
-def test_a_program_that_hangs_loses_the_light(bench, lit):
+def test_a_program_that_is_suspended_loses_the_light(bench, lit):
     lit.send_signal(signal.SIGSTOP)
     wait_for(lambda: dark(bench))
     lit.send_signal(signal.SIGCONT)
     assert lit.wait(PATIENCE_S) == 4
     said = lit.stderr.read()
-    assert b"did not report in time" in said
-    assert b"did not run at all" in said
+    assert b"suspended by a signal" in said or b"did not run at all" in said  # as Linux alone can tell
     assert b"rig resume" in said
     assert bench.values("detector bias")[-1] == "0"
 
