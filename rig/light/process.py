@@ -26,6 +26,7 @@ from rig.devices.wires import detector_by_address, laser_by_address
 from rig.errors import printable
 from rig.light.guard import Guard, Light, Lost
 from rig.light.guarded import in_words
+from rig.light.silence import suspended
 from rig.light.state import remember_trip
 from rig.light.switch import Switch
 from rig.light.words import as_error
@@ -53,13 +54,6 @@ TELL_AGAIN_S = 30.0
 
 #: After so long, a guard whose program has ended gives up on a laser that cannot be made dark.
 GIVE_UP_S = 600.0
-
-
-def suspended(process: int) -> bool:
-    """Return whether a process was stopped by a signal, where the system tells (Linux does)."""
-    with suppress(OSError, IndexError), open(f"/proc/{process}/stat", "rb") as stat:
-        return stat.read().rpartition(b")")[2].split()[0] == b"T"  # the name before it may be anything
-    return False
 
 
 class Inbox:

@@ -19,7 +19,7 @@ from rig.errors import LightLostError
 from rig.light.dark import make_dark
 from rig.light.guard import OVERDUE, Lost
 from rig.light.guarded import FIRST_LEASE_S, in_words, raise_lost
-from rig.light.silence import TURN_S, Silence
+from rig.light.silence import TURN_S, Silence, suspended
 from rig.light.words import from_words
 from rig.model.config import ExternalLaserConfig, RigConfig
 from rig.model.devices import Settings
@@ -36,6 +36,9 @@ HANGS_S = 10.0
 #: A guard that tells nothing for so long while there is light hangs: it looks at the laser's line, which has
 #: time limits, and does nothing else.
 GUARD_HANGS_S = 15.0
+
+#: The same for a guard that somebody has suspended (SIGSTOP), beyond the second in which it need not tell.
+GUARD_SUSPENDED_S = 1.0
 
 
 class GuardedElsewhere:
@@ -247,9 +250,10 @@ class GuardedElsewhere:
             now_s = time.monotonic()
             self._silence.turn()
             program_s = program_s + TURN_S if self._lit and now_s > self._granted_until_s else 0.0
-            silent = self._lit and not self._asking and now_s - self._heard_s > 2 * TURN_S
+            stands = suspended(self._process.pid)
+            silent = self._lit and (stands or not self._asking) and now_s - self._heard_s > 2 * TURN_S
             guard_s = guard_s + TURN_S if silent else 0.0
-            if guard_s >= GUARD_HANGS_S:
+            if guard_s >= (GUARD_SUSPENDED_S if stands else GUARD_HANGS_S):
                 self._process.kill()  # its end is heard, and the light put out
             if program_s >= HANGS_S:
                 self._end_the_program()

@@ -2,12 +2,20 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 #: How often a thread of its own looks at program and guard.
 TURN_S = 0.5
 
 #: Standing still for less is not told.
 WORTH_TELLING_S = 0.05
+
+
+def suspended(process: int) -> bool:
+    """Return whether a process was stopped by a signal, where the system tells (Linux does)."""
+    with suppress(OSError, IndexError), open(f"/proc/{process}/stat", "rb") as stat:
+        return stat.read().rpartition(b")")[2].split()[0] == b"T"  # the name before it may be anything
+    return False
 
 
 class Silence:

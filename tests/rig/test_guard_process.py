@@ -12,9 +12,11 @@ import pytest
 
 from drivers.errors import DeviceError
 from rig.errors import LightLostError
+from rig.light import remote
 from rig.light.guard import FILE_LEASE_S
-from rig.light.process import Inbox, suspended
+from rig.light.process import Inbox
 from rig.light.remote import GuardedElsewhere
+from rig.light.silence import suspended
 from rig.light.state import folder
 from rig.model.config import load
 from support.served_bench import rig_command, served
@@ -190,13 +192,19 @@ def test_only_a_process_that_was_stopped_by_a_signal_is_suspended():
     assert not suspended(program.pid)  # there is none
 
 
-def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench):
+@pytest.mark.parametrize("system_tells", [True, False])
+def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench, monkeypatch, system_tells):
+    if not system_tells:  # as systems other than Linux, or of a guard that hangs without being suspended
+        monkeypatch.setattr(remote, "suspended", lambda _: False)
     with GuardedElsewhere(load(bench.config)) as laser:
         laser.arm()
         laser.emit()
         (guard,) = guards_of(os.getpid())
+        stopped_s = time.monotonic()
         os.kill(guard, signal.SIGSTOP)
         assert "guard of the laser has ended" in raised_by_beats(laser, 60.0)
+        took_s = time.monotonic() - stopped_s
+        assert took_s > 15 if not system_tells else took_s < 10 or sys.platform != "linux"
         assert not emits(bench)
         laser.stop()  # which is so already
     assert not guards_of(os.getpid())
