@@ -12,7 +12,7 @@ import sys
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -98,6 +98,19 @@ def full_disks(step: int, folder: Path) -> Row:
     return row
 
 
+def fill(hog: Path, free: int) -> None:
+    """Take all of a disk but so many bytes, while somebody else writes to it."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline_s:
+        hog.unlink(missing_ok=True)
+        left = shutil.disk_usage(hog.parent).free
+        with hog.open("wb") as file, suppress(OSError):  # there was more room when it was asked for
+            if left > free:
+                os.posix_fallocate(file.fileno(), 0, left - free)
+            return
+    raise TimeoutError(f"{hog.parent} cannot be filled")
+
+
 def full_disk(row: Row, disk: Path, free: int, right: np.ndarray) -> None:
     """Leave so many bytes on the disk when the first exposure begins."""
     path, hog = disk / "a.h5", disk / "hog"
@@ -111,10 +124,7 @@ def full_disk(row: Row, disk: Path, free: int, right: np.ndarray) -> None:
             if log.exists() and "exposing" in log.read_text():
                 break
             time.sleep(0.002)
-        left = shutil.disk_usage(disk).free
-        with hog.open("wb") as file:
-            if left > free:
-                os.posix_fallocate(file.fileno(), 0, left - free)
+        fill(hog, free)
         _, said = program.communicate(timeout=PATIENCE_S)
     ended_well = program.returncode == 0
     row.told += "Traceback" in said or not (ended_well or "rig resume" in said)
