@@ -12,6 +12,7 @@ a thread's plane (lattice)          about 15 bytes a point of the padded lattice
 the wall's spectra (lattice)        8 bytes a point and frequency that are taken at once, and 16 a point while
                                     one is made; 8 more a point of the lattice that scattered positions are
                                     spread over
+groups of records (RSD)             72 bytes a position
 tables (other geometry)             16 bytes a node of the positions that are taken at once
 a video's front view                4 bytes a voxel of a plane and frame
 a video's planes in work            8 bytes a voxel of a plane, frame and frequency; 5 planes for each thread

@@ -48,34 +48,60 @@ def read(dataset: h5py.Dataset, *parts: slice) -> NDArray:
     return values
 
 
-def stored_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> tuple[int, bytes] | None:
-    """Return the chunk that begins at a place as it is stored, and the mask of the filters that it left out.
+class StoredChunks:
+    """The chunks of a dataset as they are stored.
 
-    None where it was never written.
+    Parameters
+    ----------
+    dataset
+        A dataset in chunks.
 
-    Raises
-    ------
-    DataFileError
-        If it is not packed and has not the size of a chunk: the library makes room for a chunk, and reads as
-        many bytes as the file says.
-    OSError, RuntimeError, ValueError
-        Of the library, as for any damaged file.
+    Attributes
+    ----------
+    filters
+        By HDF5's number, in the order in which they were applied.
+    nbytes
+        Size of a chunk when it is not packed.
     """
-    return _stored(dataset, offset, _filters(dataset))
 
+    def __init__(self, dataset: h5py.Dataset) -> None:
+        self._dataset = dataset
+        self.filters = _filters(dataset)
+        self.nbytes = prod(dataset.chunks) * dataset.dtype.itemsize
 
-def packed_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
-    """Return the chunk that begins at a place as it is stored.
+    def get(self, offset: tuple[int, ...]) -> tuple[int, bytes] | None:
+        """Return the chunk that begins at a place, and before it the mask of the filters that it left out.
 
-    Raises
-    ------
-    DataFileError
-        As `stored_chunk`, or if it was never written.
-    """
-    stored = stored_chunk(dataset, offset)
-    if stored is None:
-        raise _damaged(dataset, "a chunk is missing")
-    return stored[1]
+        None where it was never written.
+
+        Raises
+        ------
+        DataFileError
+            If it is not packed and has not the size of a chunk: the library makes room for a chunk, and reads
+            as many bytes as the file says.
+        OSError, RuntimeError, ValueError
+            Of the library, as for any damaged file.
+        """
+        info = self._dataset.id.get_chunk_info_by_coord(offset)
+        if info.byte_offset is None:
+            return None
+        if not self.filters and info.size != self.nbytes:
+            raise _damaged(self._dataset, f"a chunk has {info.size} bytes of {self.nbytes}")
+        left_out, packed = self._dataset.id.read_direct_chunk(offset)
+        return left_out, packed
+
+    def packed(self, offset: tuple[int, ...]) -> bytes:
+        """Return the chunk that begins at a place.
+
+        Raises
+        ------
+        DataFileError
+            As `get`, or if it was never written.
+        """
+        stored = self.get(offset)
+        if stored is None:
+            raise _damaged(self._dataset, "a chunk is missing")
+        return stored[1]
 
 
 def spans(dataset: h5py.Dataset, axis: int, most_bytes: int) -> Iterator[slice]:
@@ -119,43 +145,34 @@ def _ours(dataset: h5py.Dataset) -> bool:
 
 def _fill(values: NDArray, dataset: h5py.Dataset, taken: list[tuple[int, int]]) -> None:
     """Put the chunks that overlap with a part of a dataset into that part's values."""
-    chunks, filters = dataset.chunks, _filters(dataset)
+    chunks = StoredChunks(dataset)
     ranges = [
-        range(start // size * size, stop, size) for (start, stop), size in zip(taken, chunks, strict=True)
+        range(start // size * size, stop, size)
+        for (start, stop), size in zip(taken, dataset.chunks, strict=True)
     ]
     for offset in product(*ranges):
         within, into = [], []
-        for (start, stop), first, size in zip(taken, offset, chunks, strict=True):
+        for (start, stop), first, size in zip(taken, offset, dataset.chunks, strict=True):
             low, high = max(start, first), min(stop, first + size)
             within.append(slice(low - first, high - first))
             into.append(slice(low - start, high - start))
-        target, stored = values[tuple(into)], _stored(dataset, offset, filters)
+        target, stored = values[tuple(into)], chunks.get(offset)
         if stored is None:
             target[...] = dataset.fillvalue
         else:
-            _unpack(target, dataset, stored, filters, tuple(within))
-
-
-def _stored(dataset: h5py.Dataset, offset: tuple[int, ...], filters: list[int]) -> tuple[int, bytes] | None:
-    info = dataset.id.get_chunk_info_by_coord(offset)
-    if info.byte_offset is None:
-        return None
-    if not filters and info.size != _chunk_bytes(dataset):
-        raise _damaged(dataset, f"a chunk has {info.size} bytes of {_chunk_bytes(dataset)}")
-    filter_mask, packed = dataset.id.read_direct_chunk(offset)
-    return filter_mask, packed
+            _unpack(target, dataset, chunks, stored, tuple(within))
 
 
 def _unpack(
     target: NDArray,
     dataset: h5py.Dataset,
+    chunks: StoredChunks,
     stored: tuple[int, bytes],
-    filters: list[int],
     within: tuple[slice, ...],
 ) -> None:
     """Put a part of a chunk as it is stored where it belongs."""
-    (left_out, packed), whole, shuffled = stored, _chunk_bytes(dataset), False
-    for number, name in reversed(list(enumerate(filters))):
+    (left_out, packed), whole, shuffled = stored, chunks.nbytes, False
+    for number, name in reversed(list(enumerate(chunks.filters))):
         if left_out & (1 << number):
             continue
         if name == _DEFLATE:
@@ -169,10 +186,6 @@ def _unpack(
         return
     chunk = np.frombuffer(packed, dataset.dtype).reshape(dataset.chunks)[within]
     target[...] = chunk.view(np.uint8) != 0 if dataset.dtype.kind == "b" else chunk  # of a bool any byte
-
-
-def _chunk_bytes(dataset: h5py.Dataset) -> int:
-    return prod(dataset.chunks) * dataset.dtype.itemsize
 
 
 def _inflated(dataset: h5py.Dataset, packed: bytes, whole: int) -> bytes:

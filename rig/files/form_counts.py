@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
-from rig.files.blocks import packed_chunk, read, stored_chunk
+from rig.files.blocks import StoredChunks, read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.journal import Chunk
@@ -99,9 +99,10 @@ class CountForm(Form):
     def chunks(file: h5py.File, measured: int) -> Iterator[Chunk]:
         """Yield the first steps of a scan file as they are stored."""
         counts = file["transients/counts"]
+        chunks = StoredChunks(counts)
         live_time_s = read(file["transients/live_time_s"], slice(measured))
         for first in range(0, measured, counts.chunks[0]):
-            pieces = [packed_chunk(counts, (first, *place)) for place in _places(counts)]
+            pieces = [chunks.packed((first, *place)) for place in _places(counts)]
             yield Chunk(first, live_time_s[first : first + counts.chunks[0]], _joined(pieces))
 
     @staticmethod
@@ -126,10 +127,11 @@ class CountForm(Form):
         """Return (S,) which steps are marked as measured though their chunk is not what was written."""
         counts, done = file["transients/counts"], read(file["transients/done"]).astype(bool)
         size, wrong, places = counts.chunks[0], np.zeros(len(done), bool), _places(counts)
+        chunks = StoredChunks(counts)
         for number, expected in enumerate(np.reshape(sums, (-1, len(places))).tolist()):
             steps = slice(number * size, (number + 1) * size)
             if done[steps].any() and expected != [
-                stored_crc(counts, (number * size, *place)) for place in places
+                stored_crc(chunks, (number * size, *place)) for place in places
             ]:
                 wrong[steps] = done[steps]
         return wrong
@@ -201,11 +203,10 @@ class CountForm(Form):
 
     def take_up(self, measured: int) -> int:
         """Read back the first steps of a file."""
+        chunks = StoredChunks(self._counts)
         for number in range(-(-measured // self._size)):
             for index, place in enumerate(self._places):
-                self.sums[number, index] = zlib.crc32(
-                    packed_chunk(self._counts, (number * self._size, *place))
-                )
+                self.sums[number, index] = zlib.crc32(chunks.packed((number * self._size, *place)))
         for first in range(0, measured, self._size):
             rows = slice(first, min(first + self._size, measured))
             self.at.counts[: rows.stop - first] = read(self._counts, rows)
@@ -231,10 +232,10 @@ def shuffled(values: NDArray) -> memoryview:
     return np.ascontiguousarray(values.view(np.uint8).reshape(-1, values.itemsize).T).data
 
 
-def stored_crc(dataset: h5py.Dataset, place: tuple[int, ...]) -> int | None:
+def stored_crc(chunks: StoredChunks, place: tuple[int, ...]) -> int | None:
     """Return the CRC-32 of a chunk as it is stored, None if it cannot be read."""
     try:
-        stored = stored_chunk(dataset, place)
+        stored = chunks.get(place)
     except (DataFileError, OSError, RuntimeError, ValueError, KeyError):
         return None
     return None if stored is None else zlib.crc32(stored[1])

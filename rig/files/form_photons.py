@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.blocks import packed_chunk, read
+from rig.files.blocks import StoredChunks, read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.form_counts import shuffled, stored_crc
@@ -139,11 +139,12 @@ class PhotonForm(Form):
             right[step] = _step_sum(offset, step, channels) == sums.steps[step]
         begin, end = offset[:-1:channels][right], offset[channels::channels][right]
         photons = transients["photons"]
+        stored = StoredChunks(photons)
         size = photons.chunks[0]
         chunks = -(-len(photons) // size)
         wrong = np.ones(chunks + 1, bool)  # and what lies beyond the last chunk
         for number, expected in enumerate(sums.chunks[:chunks].tolist()):
-            wrong[number] = stored_crc(photons, (number * size,)) != expected
+            wrong[number] = stored_crc(stored, (number * size,)) != expected
         # how many wrong chunks lie before each: equal at a step's first and last photon, none is in it
         before = np.concatenate([[0], np.cumsum(wrong)])
         low, high = np.clip([begin // size, -(-end // size)], 0, chunks + 1)
@@ -323,9 +324,9 @@ class PhotonForm(Form):
         for step in range(measured):
             self.sums.steps[step] = _step_sum(self._offset, step, self._channels)
         end = self._end(measured)
-        chunks = np.zeros(-(-end // self._size), np.uint32)
+        stored, chunks = StoredChunks(self._photons), np.zeros(-(-end // self._size), np.uint32)
         for number in range(len(chunks)):
-            chunks[number] = zlib.crc32(packed_chunk(self._photons, (number * self._size,)))
+            chunks[number] = zlib.crc32(stored.packed((number * self._size,)))
         self.sums = self.sums._replace(chunks=chunks)
         self.at = Gathered(end, self.at.bins)
         self.at, within = self.before(measured)

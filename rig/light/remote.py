@@ -48,6 +48,8 @@ class GuardedElsewhere:
     ----------
     config
         The rig; its laser is opened by the guard.
+    is_suspended
+        Returns whether a process is suspended by a signal, where the system tells.
 
     Attributes
     ----------
@@ -56,8 +58,8 @@ class GuardedElsewhere:
         of its own; the program is ended then.
     """
 
-    def __init__(self, config: RigConfig) -> None:
-        self._config = config
+    def __init__(self, config: RigConfig, is_suspended: Callable[[int], bool] = suspended) -> None:
+        self._config, self._is_suspended = config, is_suspended
         self._identity = ""
         self._numbers = 0
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
@@ -250,7 +252,7 @@ class GuardedElsewhere:
             now_s = time.monotonic()
             self._silence.turn()
             program_s = program_s + TURN_S if self._lit and now_s > self._granted_until_s else 0.0
-            stands = suspended(self._process.pid)
+            stands = self._is_suspended(self._process.pid)
             silent = self._lit and (stands or not self._asking) and now_s - self._heard_s > 2 * TURN_S
             guard_s = guard_s + TURN_S if silent else 0.0
             if guard_s >= (GUARD_SUSPENDED_S if stands else GUARD_HANGS_S):

@@ -193,10 +193,10 @@ def test_only_a_process_that_was_stopped_by_a_signal_is_suspended():
 
 
 @pytest.mark.parametrize("system_tells", [True, False])
-def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench, monkeypatch, system_tells):
-    if not system_tells:  # as systems other than Linux, or of a guard that hangs without being suspended
-        monkeypatch.setattr(remote, "suspended", lambda _: False)
-    with GuardedElsewhere(load(bench.config)) as laser:
+def test_a_guard_that_hangs_is_ended_and_the_light_with_it(bench, system_tells):
+    # otherwise as systems other than Linux, or of a guard that hangs without being suspended
+    is_suspended = suspended if system_tells else lambda _: False
+    with GuardedElsewhere(load(bench.config), is_suspended) as laser:
         laser.arm()
         laser.emit()
         (guard,) = guards_of(os.getpid())

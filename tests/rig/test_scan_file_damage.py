@@ -17,7 +17,7 @@ import pytest
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
-from rig.files.blocks import packed_chunk, read
+from rig.files.blocks import StoredChunks, read
 from rig.files.form_counts import stored_crc
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
@@ -203,10 +203,10 @@ def test_a_chunk_that_claims_to_be_longer_than_a_chunk_is_refused(tmp_path):
         ScanFile(path)
     with h5py.File(path) as file:
         checksum = file["transients/checksum"]
-        for reader in (read, lambda dataset: packed_chunk(dataset, (0,))):
+        for reader in (read, lambda dataset: StoredChunks(dataset).packed((0,))):
             with pytest.raises(DataFileError, match=f"{claimed} bytes of"):
                 reader(checksum)
-        assert stored_crc(checksum, (0,)) is None
+        assert stored_crc(StoredChunks(checksum), (0,)) is None
 
 
 def test_it_is_found_also_where_the_index_of_chunks_leads_nowhere(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 
 from rig.acquire.log import log_of
 from rig.files import ScanFile
+from rig.light.guard import OVERDUE
 from rig.live.watching import Watching
 from rig.live.web.address import address
 from support import browser
@@ -20,6 +21,8 @@ pytestmark = pytest.mark.skipif(browser.FOUND is None, reason=browser.MISSING)
 #: Four minutes, of which the test waits for a few positions: it is to be stopped, also by a slow browser.
 SCAN = ("--grid", "16x12", "--spacing", "10cm", "--exposure", "1.2s")
 REAL_TIME = "[simulation]\nreal_time = true\n"
+#: A scan in real time ends where a busy computer stands still for a second; then another is looked at.
+TRIES = 3
 NASTY = "<img src=x onerror=alert(1)>"
 
 
@@ -52,19 +55,45 @@ def require_usable(page):
 
 
 def waits_for(page, element, words):
+    becomes_true(
+        page,
+        "([id, words]) => document.getElementById(id).checkVisibility() && "
+        "document.getElementById(id).textContent.includes(words)",
+        [element, words],
+        f"{words!r} is not in #{element}",
+    )
+
+
+def becomes_true(page, script, about, otherwise):
     try:
-        page.wait_for_function(
-            "([id, words]) => document.getElementById(id).checkVisibility() && "
-            "document.getElementById(id).textContent.includes(words)",
-            arg=[element, words],
-            polling=100,  # a browser without a window may draw no frames, with which it would look else
-        )
+        # a browser without a window may draw no frames, with which it would look else
+        page.wait_for_function(script, arg=about, polling=100)
     except playwright.TimeoutError:
-        pytest.fail(f"{words!r} is not in #{element} of the page, which says: {page.inner_text('body')}")
+        pytest.fail(f"{otherwise} of the page, which says: {page.inner_text('body')}")
 
 
+@pytest.mark.timeout(900)
 def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tmp_path, opened):
-    path, rig = tmp_path / "a.h5", tmp_path / "rig.toml"
+    for number in range(TRIES):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        try:
+            is_seen_and_stopped(folder, opened)
+        except (AssertionError, pytest.fail.Exception):
+            if not stood_still(folder):
+                raise
+        else:
+            return
+    pytest.fail(f"in {TRIES} tries the computer stood still for longer than a guard allows")
+
+
+def stood_still(folder):
+    """Return whether the computer ran nothing for a moment, so that the scan's guard put out the light."""
+    return OVERDUE in log_of(folder / "a.h5").read_text()
+
+
+def is_seen_and_stopped(folder, opened):
+    path, rig = folder / "a.h5", folder / "rig.toml"
     rig.write_text(REAL_TIME)
     command = [sys.executable, "-m", "rig", "scan", "--config", str(rig), *SCAN, "--web", "--sample", NASTY]
     with scanning([*command, "--out", str(path)]) as scan:
@@ -72,7 +101,8 @@ def test_a_scan_is_seen_by_many_stopped_from_the_page_and_watched_in_its_file(tm
         page = opened(url)
         waits_for(page, "light-words", "LASER ON since")
         waits_for(page, "phase", "exposing")
-        page.wait_for_function("() => parseInt(document.getElementById('bar').ariaValueNow) > 0", polling=100)
+        grown = "(id) => parseInt(document.getElementById(id).ariaValueNow) > 0"
+        becomes_true(page, grown, "bar", "no position is in #bar")
         with ThreadPoolExecutor(10) as viewers:
             states = list(viewers.map(lambda _: urllib.request.urlopen(f"{url}state").read(), range(10)))
         assert all(b"LASER ON" in state for state in states)

@@ -52,6 +52,8 @@ LOOKUP_NS = 4.5
 GROUPS = 64
 #: Time of the sum term by term for each voxel, record and frequency.
 TERM_NS = 1.0
+#: Memory of a record in its group: its spot (twice: once to be recognised again), number, column and row.
+GROUP_BYTES = 72
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +109,12 @@ def focus_block(problem: ImagingProblem, emitted: NDArray[np.complex64]) -> Iter
 
 def needs(problem: ImagingProblem, part: DepthBlock) -> Need:
     """Return the memory that a depth block takes, by the way that `focus_block` goes."""
+    need = _needs(problem, part)
+    return replace(need, fixed=need.fixed + GROUP_BYTES * problem.capture.positions)
+
+
+def _needs(problem: ImagingProblem, part: DepthBlock) -> Need:
+    """Return the same without the groups."""
     capture, many = problem.capture, len(part.band)
     groups = planar_groups(capture)
     planes = VoxelGrid(problem.grid.x_m, problem.grid.y_m, problem.grid.z_m[part.planes])
