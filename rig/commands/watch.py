@@ -44,15 +44,16 @@ def watch(
     assert address is not None
     with Watching(scan, address, lambda trouble: console.warn(f"rig watch: {trouble}")) as watching:
         end_in_order(watching.stop)
+        url = watching.address.url
         if as_json:
-            console.print_json({"file": str(scan), "page": address.url})
+            console.print_json({"file": str(scan), "page": url})
         else:
-            print(address.url)
+            print(url)
         sys.stdout.flush()
         console.say("Watching; press Ctrl-C to end.")
         if open_:
             import webbrowser
 
-            if not webbrowser.open(address.url):
+            if not webbrowser.open(url):
                 console.warn("no browser could be opened: open the address in a browser")
         watching.wait()

@@ -287,7 +287,7 @@ class LiveFeed:
                 elif word == "fact":
                     self._facts.append(rest)
                 elif word == "serving" and self._page is not None:
-                    self._inform(f"Live page: {self._page.address.url}")
+                    self._inform(f"Live page: {self._page.address.at(int(rest)).url}")
                 elif word == "stop" and self._page is not None:
                     self._page.stop(f"stopped by a viewer of the page in a browser, at {rest}")
         if not self._pictured.is_set():

@@ -1,10 +1,10 @@
 """The process that shows a scan which is under way: ``python -m rig.live.process``, in a session of its own.
 
 It reads messages from its standard input (`rig.live.messages`), and says on its standard output, a line
-each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, ``serving``
-when its page can be seen, ``stop WHO`` when somebody asks there for the end of the scan, and ``pictured``
-when the last picture is there. Three threads share its work: one reads messages; one keeps the state, and
-makes images between two messages; one draws. A fourth serves the page, where one is wanted.
+each, ``trouble WHY`` where something does not go well, ``fact WORDS`` for what is worth telling, ``serving
+PORT`` when its page can be seen, ``stop WHO`` when somebody asks there for the end of the scan, and
+``pictured`` when the last picture is there. Three threads share its work: one reads messages; one keeps the
+state, and makes images between two messages; one draws. A fourth serves the page, where one is wanted.
 """
 
 import os

@@ -62,9 +62,14 @@ class Watching:
     scan
         The scan file.
     address
-        Where the page is served.
+        Where the page is to be served.
     tell
         Called with what did not go well, a sentence each.
+
+    Attributes
+    ----------
+    address
+        Where it is served.
 
     Raises
     ------
@@ -76,7 +81,7 @@ class Watching:
 
     def __init__(self, scan: Path, address: Address, tell: Callable[[str], None]) -> None:
         lower_priority()  # the scan may run on the same computer
-        self._scan, self._address = scan, address
+        self._scan = scan
         self._tell, self._over = tell, threading.Event()
         self._run = _Run(scan, address, self._hear)
         try:
@@ -86,6 +91,7 @@ class Watching:
                 f"no page can be served at {address.host}:{address.port} ({error.strerror}); give another "
                 "port, --web HOST:PORT"
             ) from None
+        self.address = self._serving.address
         self._following = threading.Thread(target=self._follow, daemon=True)
 
     def __enter__(self) -> Self:
@@ -121,7 +127,7 @@ class Watching:
         while not self._over.wait(LOOK_S):
             if resumption.begun:
                 with suppress(RigError, OSError):  # it has only just begun to write
-                    return _Run(self._scan, self._address, self._hear)
+                    return _Run(self._scan, self.address, self._hear)
         return None
 
     def _hear(self, line: str) -> None:

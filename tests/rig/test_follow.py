@@ -139,7 +139,7 @@ def test_what_is_no_scan_with_a_plan_is_refused(tmp_path):
 def test_a_scan_that_is_resumed_while_it_is_watched_is_followed(tmp_path, monkeypatch, killed):
     for module in (follow, watching):
         monkeypatch.setattr(module, "LOOK_S", 0.02)
-    counts, path, troubles, where = histograms(CHANNELS), tmp_path / "a.h5", [], address("127.0.0.1")
+    counts, path, troubles = histograms(CHANNELS), tmp_path / "a.h5", []
     writer = ScanWriter.create(path, description(False))
     for step in range(20):
         writer.append(counts[step], 0.01)
@@ -152,14 +152,14 @@ def test_a_scan_that_is_resumed_while_it_is_watched_is_followed(tmp_path, monkey
     def shows(words):
         deadline_s = time.monotonic() + 60
         while time.monotonic() < deadline_s:
-            with urllib.request.urlopen(f"{where.url}state") as answer:
+            with urllib.request.urlopen(f"{seen.address.url}state") as answer:
                 state = json.load(answer)
             end = state["end"] or {"words": "runs"}
             if words == (end["words"].partition(" positions")[0], state["progress"]["words"]):
                 return True
         return False
 
-    with Watching(path, where, troubles.append) as seen:
+    with Watching(path, address("127.0.0.1"), troubles.append) as seen:
         assert shows(("Interrupted after 20", "20 of 40 positions (50%)"))
         with ScanWriter.resume(path) as resumed:
             for step in range(20, 30):

@@ -145,9 +145,8 @@ def stop_from_the_keyboard(page):
 def watch(path, opened):
     """The same page on a phone, of the file alone; and when its server is gone."""
     before, troubles = path.read_bytes(), []
-    where = address("127.0.0.1")
-    with Watching(path, where, troubles.append) as watching:
-        page = opened(where.url, 360, 740)
+    with Watching(path, address("127.0.0.1"), troubles.append) as watching:
+        page = opened(watching.address.url, 360, 740)
         waits_for(page, "end-words", "Interrupted after")
         waits_for(page, "front-title", "Last image")
         assert "log" in page.inner_text("#light-from")

@@ -38,10 +38,10 @@ class Scan:
 def served(request):
     """A server with or without token; its scan, and a function that asks it."""
     scan, token = Scan(), getattr(request, "param", "")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    where = Address("127.0.0.1", port, token)
-    server = Server(Site(where, scan.state, scan.stop), where)
+    where = Address("127.0.0.1", 0, token)
+    listening = where.listening()
+    port = listening.getsockname()[1]
+    server = Server(Site(where.at(port), scan.state, scan.stop), listening)
 
     def ask(path, method="GET", **headers):
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
@@ -169,6 +169,16 @@ def test_where_others_reach_the_page_it_needs_a_token():
     assert others.token in others.url
     assert socket.gethostname() in others.url
     assert address(f"0.0.0.0:{port}").token != others.token
+
+
+def test_a_port_that_was_not_asked_for_may_be_taken_before_the_page_is_served():
+    assert not address("127.0.0.1").asked
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with Address("127.0.0.1", port, asked=False).listening() as listening:
+            assert listening.getsockname()[1] != port
+        with pytest.raises(OSError, match="in use"):
+            Address("127.0.0.1", port).listening()
 
 
 @pytest.mark.parametrize("given", ["here", "host.invalid:8642", ":0", "1.2.3.4:99999", "http://x:1"])

@@ -3,13 +3,13 @@
 import re
 import secrets
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 from rig.errors import UsageError
 from rig.install import install_extra
 
-#: The port that is taken where none is given, and it is free.
+#: The port that is taken where none is given; another where that is taken.
 PORT = 8642
 #: Names of this computer that no other computer can reach.
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -29,11 +29,14 @@ class Address:
         The name or number of a network interface of this computer, and the port.
     token
         What somebody has to know to see the page; empty where only this computer reaches it.
+    asked
+        Whether this port was asked for; otherwise any will do where it is taken.
     """
 
     host: str
     port: int
     token: str = ""
+    asked: bool = True
 
     @property
     def family(self) -> socket.AddressFamily:
@@ -58,13 +61,22 @@ class Address:
         Raises
         ------
         OSError
-            If the port is taken, or no interface of this computer has this name.
+            If the port was asked for and is taken, or no interface of this computer has this name.
         """
-        return socket.create_server((self.host, self.port), family=self.family)
+        try:
+            return socket.create_server((self.host, self.port), family=self.family)
+        except OSError:
+            if self.asked:
+                raise
+            return socket.create_server((self.host, 0), family=self.family)
+
+    def at(self, port: int) -> "Address":
+        """Return the same at a port."""
+        return replace(self, port=port, asked=True)
 
 
 def address(given: str) -> Address:
-    """Return where a page will be served; a port that is not given may be any that is free.
+    """Return where a page will be served; where no port is given, the socket that listens has it.
 
     Parameters
     ----------
@@ -83,26 +95,15 @@ def address(given: str) -> Address:
         raise UsageError(f"--web {given}: this is not an address; write HOST:PORT, e.g. --web 0.0.0.0:{PORT}")
     host = parts["host"].strip("[]") or HERE
     token = "" if host in LOOPBACK else secrets.token_urlsafe(_TOKEN_BYTES)
+    found = Address(host, PORT if port is None else port, token, asked=port is not None)
     try:
-        return Address(host, _free_port(host) if port is None else _listening_port(host, port), token)
+        found.listening().close()
     except OSError as error:
         raise UsageError(
             f"--web {given}: no page can be served there ({error.strerror or error}); give another port, or "
             "the name of an interface of this computer"
         ) from None
-
-
-def _free_port(host: str) -> int:
-    try:
-        return _listening_port(host, PORT)
-    except OSError:
-        return _listening_port(host, 0)
-
-
-def _listening_port(host: str, port: int) -> int:
-    """Return the port that a socket had which listened there for a moment."""
-    with Address(host, port).listening() as tried:
-        return int(tried.getsockname()[1])
+    return found
 
 
 def require_installed() -> None:

@@ -10,6 +10,7 @@ import gzip
 import hashlib
 import json
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -209,18 +210,12 @@ class Server:
     ----------
     site
         What is served.
-    address
-        Where.
-
-    Raises
-    ------
-    OSError
-        If nothing can be served there.
+    listening
+        The socket where.
     """
 
-    def __init__(self, site: Site, address: Address) -> None:
-        self._site = site
-        self._socket = address.listening()
+    def __init__(self, site: Site, listening: socket.socket) -> None:
+        self._site, self._socket = site, listening
         self._uvicorn = uvicorn.Server(
             uvicorn.Config(
                 site.app,

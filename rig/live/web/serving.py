@@ -20,7 +20,12 @@ class Serving:
     begun
         What was known before.
     address
-        Where the page is served.
+        Where the page is to be served.
+
+    Attributes
+    ----------
+    address
+        Where it is served.
 
     Raises
     ------
@@ -31,7 +36,9 @@ class Serving:
     def __init__(self, known: Known, begun: Begun, address: Address) -> None:
         self.show(known, begun)
         self._stop_asked_s: float | None = None
-        self._server = Server(Site(address, self._now, None if begun.reads else self._stop), address)
+        listening = address.listening()
+        self.address = address.at(listening.getsockname()[1])
+        self._server = Server(Site(self.address, self._now, None if begun.reads else self._stop), listening)
 
     def show(self, known: Known, begun: Begun) -> None:
         """Show this from now on."""
@@ -62,7 +69,7 @@ def serving(known: Known, begun: Begun) -> Serving | None:
         return None
     try:
         served = Serving(known, begun, begun.web)
-        say("serving")
+        say(f"serving {served.address.port}")
         return served
     except OSError as error:
         say(f"trouble no page can be served at {begun.web.host}:{begun.web.port} ({error.strerror})")
