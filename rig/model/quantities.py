@@ -22,21 +22,29 @@ KINDS = {
     "power": ("W", "0.8W"),
     "memory": ("byte", "2GB"),
 }
-_MICRO = dict.fromkeys(("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}"), 1e-6)
-_SMALL = {"p": 1e-12, "n": 1e-9, **_MICRO, "m": 1e-3, "": 1.0}
-_LARGE = {"k": 1e3, "M": 1e6, "G": 1e9}
+#: By power of ten, as they are written.
+_PREFIXES = {-12: "p", -9: "n", -6: "\N{MICRO SIGN}", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_SCALES = {
+    **{prefix: float(f"1e{power}") for power, prefix in _PREFIXES.items()},
+    **dict.fromkeys(("u", "\N{GREEK SMALL LETTER MU}"), 1e-6),
+}
+
+
+def _scaled(unit: str, least: float, most: float) -> dict[str, float]:
+    return {f"{prefix}{unit}": scale for prefix, scale in _SCALES.items() if least <= scale <= most}
+
+
 #: Units that are read at once, in the kind's SI unit. All others are read by the library of units, which
 #: takes half a second to get ready: longer than most verbs.
 USUAL = {
-    "time": {**{f"{prefix}s": scale for prefix, scale in _SMALL.items()}, "min": 60.0, "h": 3600.0},
-    "length": {"km": 1e3, "cm": 1e-2, **{f"{prefix}m": scale for prefix, scale in _SMALL.items()}},
-    "frequency": {"Hz": 1.0, **{f"{prefix}Hz": scale for prefix, scale in _LARGE.items()}},
+    "time": {**_scaled("s", 1e-12, 1.0), "min": 60.0, "h": 3600.0},
+    "length": {**_scaled("m", 1e-12, 1e3), "cm": 1e-2},
+    "frequency": _scaled("Hz", 1.0, 1e9),
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": pi / 180},
-    "voltage": {"kV": 1e3, **{f"{prefix}V": scale for prefix, scale in _SMALL.items()}},
-    "power": {"kW": 1e3, **{f"{prefix}W": scale for prefix, scale in _SMALL.items()}},
-    "memory": {"B": 1.0, **{f"{prefix}B": scale for prefix, scale in _LARGE.items()}},
+    "voltage": _scaled("V", 1e-12, 1e3),
+    "power": _scaled("W", 1e-12, 1e3),
+    "memory": _scaled("B", 1.0, 1e9),
 }
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _UNIT = re.compile(r"[A-Za-zµμ]+")
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
