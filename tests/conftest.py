@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 
 import hypothesis
@@ -59,8 +60,8 @@ def rig(capsys, monkeypatch, tmp_path):
     return run
 
 
-#: The process that compiles, in the session.
-COMPILING = pytest.StashKey[subprocess.Popen]()
+#: The process that compiles, in the session, and where it does.
+COMPILING = pytest.StashKey[tuple[subprocess.Popen, tempfile.TemporaryDirectory]]()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -69,15 +70,18 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     if getattr(options, "tx", None) and not options.collectonly:  # in the process that has workers
         command = [sys.executable, "-m", "support.compiled"]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-        nowhere = subprocess.DEVNULL
-        session.stash[COMPILING] = subprocess.Popen(command, env=environment, stdout=nowhere, stderr=nowhere)
+        nowhere, folder = subprocess.DEVNULL, tempfile.TemporaryDirectory()
+        process = subprocess.Popen(command, cwd=folder.name, env=environment, stdout=nowhere, stderr=nowhere)
+        session.stash[COMPILING] = process, folder
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """End what compiles, if it is not over."""
-    if process := session.stash.get(COMPILING, None):
+    if compiling := session.stash.get(COMPILING, None):
+        process, folder = compiling
         process.kill()
         process.wait()
+        folder.cleanup()
 
 
 #: Files that take a minute or more begin first, so that at the end no worker is left with one of them alone.
