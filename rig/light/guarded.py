@@ -8,6 +8,9 @@ from rig.model.devices import Clock, Laser, Settings
 class GuardedHere:
     """A laser with its guard beside it; the guard looks whenever the program says that all is well.
 
+    It hears that before it judges: where the program is silent, as on a computer that stands still, the guard
+    stands still, too.
+
     Parameters
     ----------
     laser
@@ -60,8 +63,8 @@ class GuardedHere:
         LightLostError
             If the light is lost.
         """
-        self._guard.turn()
         self._guard.hold(self._clock.now_s() + lease_s)
+        self._guard.turn()
         raise_lost(self._lost)
 
 

@@ -3,7 +3,9 @@
 import pytest
 
 from drivers.errors import LinkError, RefusedError
+from rig.errors import LightLostError
 from rig.light.guard import LONGEST_LEASE_S, LOOK_S, Guard, Light
+from rig.light.guarded import GuardedHere
 from rig.light.words import as_error, from_words
 
 
@@ -218,3 +220,17 @@ def test_failures_survive_the_way_between_processes():
     assert again.__notes__ == ["and another thing"]
     assert type(from_words({**as_error(problem), "kind": "DeviceError"})).__name__ == "DeviceError"
     assert type(from_words({**as_error(problem), "kind": "TYPE_CHECKING"})).__name__ == "DeviceError"
+
+
+def test_a_guard_in_the_same_process_stands_still_with_it_and_judges_the_laser_alone():
+    laser, clock = ScriptedLaser(), HandClock()
+    guarded = GuardedHere(laser, clock)
+    guarded.arm()
+    guarded.emit()
+    clock.sleep(60.0)
+    guarded.beat(0.5)
+    assert laser.lit
+    laser.lit = False  # the interlock opened
+    clock.sleep(60.0)
+    with pytest.raises(LightLostError, match="went dark without a command"):
+        guarded.beat(0.5)
