@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import traceback
+from errno import EDQUOT, EFBIG, EIO, ENOSPC, EROFS
 from types import FrameType
 
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
@@ -158,7 +159,9 @@ def exit_code(error: Exception) -> int | None:
 
 def _is_of_a_file(error: Exception) -> bool:
     """Return whether the system refused a file: a full disk, a name too long, a permission."""
-    return isinstance(error, OSError) and error.errno is not None and error.filename is not None
+    if not isinstance(error, OSError) or error.errno is None:
+        return False
+    return error.filename is not None or error.errno in (ENOSPC, EDQUOT, EFBIG, EROFS, EIO)
 
 
 def told(error: BaseException, hint: str = "") -> str:
@@ -169,6 +172,7 @@ def told(error: BaseException, hint: str = "") -> str:
 
 def _in_words(error: BaseException) -> str:
     from rig.commands import usage
+    from rig.errors import reason
 
     if isinstance(error, Exception) and usage.is_of_usage(error):
         return usage.in_words(error)
@@ -176,6 +180,8 @@ def _in_words(error: BaseException) -> str:
         return "a question was not answered, so rig stops here; --yes answers the questions that allow it"
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
+    if isinstance(error, OSError) and error.filename is None:
+        return f"a file cannot be written or read: {reason(error)}; check free space, quota and the disk"
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}; choose another file, or correct what the system reports"
     return str(error)

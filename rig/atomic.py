@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from glob import escape
 from pathlib import Path
 
-from rig.errors import UsageError
+from rig.errors import DataFileError, UsageError, reason
 
 
 @contextmanager
@@ -26,6 +26,17 @@ def appearing(path: Path) -> Iterator[Path]:
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def refusals_told(path: Path, what: str = "") -> Iterator[None]:
+    """Turn what the system refuses while a file is written into a `DataFileError` that names it."""
+    try:
+        yield
+    except OSError as error:
+        raise DataFileError(
+            f"cannot write {what}{path}: {reason(error)}; check free space and permissions"
+        ) from error
 
 
 def remove_unfinished(path: Path) -> None:

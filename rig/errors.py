@@ -15,6 +15,7 @@ Each message names the thing, what was asked, what came back and what to do abou
 """
 
 import os
+import re
 import shlex
 import stat
 import subprocess
@@ -100,8 +101,14 @@ def refuse_folder(path: Path, asked: str = "") -> None:
 
 
 def reason(problem: Exception) -> str:
-    """Return why the system refused a file, in its words, without the name of the file."""
-    return (isinstance(problem, OSError) and problem.strerror) or str(problem)
+    """Return why the system refused a file, in its words, without the name of the file.
+
+    HDF5 wraps them in its own.
+    """
+    if told := re.search(r"errno = (\d+)", str(problem)):
+        return os.strerror(int(told[1]))
+    said = (isinstance(problem, OSError) and problem.strerror) or str(problem)
+    return said.splitlines()[0] if said else type(problem).__name__
 
 
 def in_shell(*words: object) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.atomic import appearing
 from rig.bench.simulated import renderer, true_geometry
 from rig.errors import UsageError, command_line
 from rig.files.description import ScanDescription
@@ -88,7 +87,7 @@ def render(
         dtype="<f4",
     )
     photons = 0.0
-    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
+    with ScanWriter.whole(target, description) as writer:
         for block in _blocks(plan, config, axis):
             for row in block:
                 writer.append(row)
@@ -142,7 +141,7 @@ def render_each_with_each(
     )
     counted_m2 = _counted_m2(config, config.scan.exposure_s, pixel_m)
     photons = 0.0
-    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
+    with ScanWriter.whole(target, description) as writer:
         scene = EachWithEach(renderer(config), pixel_m)
 
         def rendered(laser: int) -> NDArray[np.float64]:

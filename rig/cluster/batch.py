@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from recon.errors import ReconError
-from rig.atomic import remove_unfinished
+from rig.atomic import refusals_told, remove_unfinished
 from rig.cluster.jobs import Job
 from rig.cluster.tasks import fingerprint
-from rig.errors import DataFileError, RefusedError, RigError, UsageError
+from rig.errors import DataFileError, RefusedError, RigError, UsageError, no_file, reason
 from rig.files.inspection import inspect, inspected_elsewhere
 
 if TYPE_CHECKING:
@@ -61,7 +61,10 @@ class Record:
     def __init__(self, folder: Path) -> None:
         self._folder, self._path = folder, folder / RECORD
         self._last: dict[str, dict[str, Any]] = {}
-        text = self._path.read_bytes() if self._path.exists() else b""
+        try:
+            text = self._path.read_bytes() if self._path.exists() else b""
+        except OSError as error:
+            raise DataFileError(f"{no_file(self._path)}, or choose another --out") from error
         for line in text.split(b"\n"):
             try:
                 entry = json.loads(line)
@@ -106,7 +109,7 @@ class Record:
         self._last[job.name] = entry
         line = ("\n" if self._broken else "") + json.dumps(entry, default=str) + "\n"
         self._broken = False
-        with open(self._path, "ab") as file:
+        with refusals_told(self._path), open(self._path, "ab") as file:
             file.write(line.encode())
             file.flush()
             os.fsync(file.fileno())
@@ -132,13 +135,17 @@ def run(
     ------
     UsageError
         If the folder cannot be made, or holds files of these names that no batch made.
+    DataFileError
+        If the record cannot be read or written.
     RefusedError
         If the workers do not see the files.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"cannot create the folder {folder}: {error}; give another with --out") from error
+        raise UsageError(
+            f"cannot create the folder {folder} ({reason(error)}); give another --out"
+        ) from error
     record = Record(folder)
     outcomes = {job.name: record.kept(job) for job in jobs}
     yield from (one for one in outcomes.values() if one)

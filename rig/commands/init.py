@@ -155,14 +155,14 @@ def _line(words: str) -> str:
 
 def _write(rig: "RigConfig", out: Path) -> None:
     from rig.atomic import appearing
-    from rig.errors import UsageError
+    from rig.errors import UsageError, reason
     from rig.setup.commented import commented
 
     try:
         with appearing(out) as partial:
             partial.write_text(commented(rig, _HEAD), encoding="utf-8")
     except OSError as problem:
-        raise UsageError(f"{out} cannot be written ({problem.strerror}); give another --out") from None
+        raise UsageError(f"{out} cannot be written ({reason(problem)}); give another --out") from None
 
 
 def _next(rig: "RigConfig", out: Path) -> dict[str, str]:

@@ -110,11 +110,11 @@ def _refuse_foreign(target: Path) -> None:
 
 def _write(config: "RigConfig", target: Path) -> None:
     from rig.atomic import appearing
-    from rig.errors import UsageError
+    from rig.errors import UsageError, reason
     from rig.model.written import as_toml
 
     try:
         with appearing(target) as partial:
             partial.write_text(f"{HEAD}\n\n{as_toml(config)}", encoding="utf-8")
     except OSError as problem:
-        raise UsageError(f"{target} cannot be written ({problem.strerror}); give another name") from None
+        raise UsageError(f"{target} cannot be written ({reason(problem)}); give another name") from None

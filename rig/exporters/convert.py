@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
-from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.atomic import appearing, refusals_told
+from rig.errors import UsageError
 from rig.exporters import glb, mat, npz, page, ply, ptu, tal, tiff, transients_mat, vti
 from rig.files import ScanFile, Volume, read_volume
 from rig.files.volume import is_volume
@@ -91,8 +91,5 @@ def _by_ending(target: Path, layouts: tuple[ModuleType, ...], what: str) -> Modu
 
 
 def _write(target: Path, write: Callable[[Path], None]) -> None:
-    try:
-        with appearing(target) as partial:
-            write(partial)
-    except OSError as error:
-        raise DataFileError(f"cannot write {target}: {error}; check free space and permissions") from error
+    with refusals_told(target), appearing(target) as partial:
+        write(partial)

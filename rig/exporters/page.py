@@ -21,8 +21,8 @@ from PIL import Image
 
 from recon.depth import compensate_falloff
 from recon.result import Image as Reconstruction
-from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.atomic import appearing, refusals_told
+from rig.errors import UsageError
 from rig.exporters.arrays import pitches_m
 from rig.files import Volume
 from rig.files.words import caption, parameters_line
@@ -43,13 +43,8 @@ _WEB = files("rig.exporters") / "web"
 
 def save(volume: Volume, path: Path) -> None:
     """Write the page, whole or not at all; raises as `write`, and DataFileError if the disk refuses."""
-    try:
-        with appearing(path) as partial:
-            write(partial, volume)
-    except OSError as error:
-        raise DataFileError(
-            f"cannot write the page {path}: {error}; check free space and permissions"
-        ) from error
+    with refusals_told(path, "the page "), appearing(path) as partial:
+        write(partial, volume)
 
 
 def write(path: Path, volume: Volume) -> None:

@@ -51,7 +51,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False) -> None:
         masks = _masks(laser_m)
         for batch in _batches(histograms, len(inputs), pulses, masks, np.array(inputs, np.int8)):
             encoded = encoder.encode(batch)
-            encoded.astype("<u4", copy=False).tofile(file)
+            file.write(encoded.astype("<u4", copy=False).data)
             records += len(encoded)
         put_count(file, head, records)
 

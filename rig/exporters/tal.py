@@ -19,6 +19,7 @@ from recon.errors import GeometryError
 from rig.errors import UsageError
 from rig.exporters.rectified import rectified
 from rig.files import ScanFile
+from rig.files.fresh import FreshFile
 from rig.files.taken import MADE_OF_A_SCAN
 
 NAME = "TAL"
@@ -60,7 +61,7 @@ def write(path: Path, scan: ScanFile, rectify: bool = False, part_bytes: int = P
     scanned_m = ordered_m.reshape(*shape, 3)
     still_m = scanned_m if capture.confocal else capture.detector_m.reshape(*[1] * len(shape), 3)
     on_grid = len(shape) == 2
-    with h5py.File(path, "x") as file:
+    with FreshFile(path) as file:
         _enum(file, "H_format", _H_FORMAT, "T_Sx_Sy" if on_grid else "T_Si")
         for side, spots_m in (("sensor", scanned_m), ("laser", still_m)):
             file[f"{side}_grid_xyz"] = spots_m.astype("<f8")

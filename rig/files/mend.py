@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, RefusedError, in_shell
+from rig.errors import DataFileError, RefusedError, in_shell, reason
 from rig.files import content, forms
 from rig.files.content import Note
 from rig.files.journal import Chunk, Journal, Kind, Record, journal_of, sync_folder
@@ -212,7 +212,10 @@ def keep_as_it_is(path: Path, target: Path) -> bool:
     try:
         rebuild(journal, target)
     except (OSError, RuntimeError) as error:
-        raise DataFileError(f"cannot keep the content of {path} holds now as {target}: {error}") from error
+        raise DataFileError(
+            f"cannot keep what {path} holds now as {target}: {reason(error)}; "
+            "check free space and permissions"
+        ) from error
     finally:
         journal.close()
     return True
@@ -234,6 +237,7 @@ def for_reading(journal: Journal, path: Path) -> h5py.File:
             return h5py.File(mended, "r")
     except (OSError, RuntimeError) as error:
         raise DataFileError(
-            f"cannot repair {path} from its journal in {tempfile.gettempdir()}: {error}. Free some space "
-            f"there, or set TMPDIR to another folder, or continue with {in_shell('rig', 'resume', path)}"
+            f"cannot repair {path} from its journal in {tempfile.gettempdir()}: {reason(error)}. "
+            "Free some space there, or set TMPDIR to another folder, "
+            f"or continue with {in_shell('rig', 'resume', path)}"
         ) from error

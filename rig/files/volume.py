@@ -1,7 +1,7 @@
 """Volume files: the reconstructed image, and how it was made."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,10 +11,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.atomic import appearing
+from rig.atomic import appearing, refusals_told
 from rig.errors import DataFileError, RigError, UsageError
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
+from rig.files.fresh import FreshFile
 from rig.files.layout import VOLUME, VOLUME_VERSION
 from rig.files.start import describe, storable, write_root
 
@@ -156,7 +157,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
 
 
 @contextmanager
-def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]:
+def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[Callable[[Any, NDArray], None]]:
     """Write a video of all voxels plane by plane; it need never be in memory as a whole.
 
     Parameters
@@ -168,8 +169,8 @@ def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]
 
     Yields
     ------
-    h5py.Dataset
-        (nt, nz, ny, nx) float32, to be filled.
+    callable
+        Takes a place in (nt, nz, ny, nx) and the values there.
 
     Raises
     ------
@@ -183,19 +184,22 @@ def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[h5py.Dataset]
         _write(file, volume)
         del file["volume/intensity"]
         shape = (len(volume.t_s), len(volume.z_m), len(volume.y_m), len(volume.x_m))
-        yield file["volume"].create_dataset("intensity", shape, "<f4")
+        intensity = file["volume"].create_dataset("intensity", shape, "<f4")
+
+        def put(place: Any, values: NDArray) -> None:
+            intensity[place] = values
+            file.require_taken()
+
+        yield put
         describe(file, VOLUME)
 
 
 @contextmanager
-def _creating(path: Path) -> Iterator[h5py.File]:
+def _creating(path: Path) -> Iterator[FreshFile]:
     if path.exists() and not is_volume(path):
         raise UsageError(f"{path} exists and is not a volume file; it is not overwritten. Give another name")
-    try:
-        with appearing(path) as partial, h5py.File(partial, "x") as file:
-            yield file
-    except OSError as error:
-        raise DataFileError(f"cannot write {path}: {error}; check free space and permissions") from error
+    with refusals_told(path), appearing(path) as partial, FreshFile(partial) as file:
+        yield file
 
 
 def read_volume(path: str | Path) -> Volume:

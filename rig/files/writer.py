@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -16,8 +15,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError, in_shell
+from rig.atomic import appearing, refusals_told
+from rig.errors import DataFileError, UsageError, in_shell, reason
 from rig.files import content, forms, mend
 from rig.files.blocks import read
 from rig.files.content import Note, let_go
@@ -75,7 +74,8 @@ class ScanWriter:
         path, description
             Where, and all that is known before the first photon.
         journaled
-            Whether a journal keeps what was measured; not needed for a file that can be made again.
+            Whether a journal keeps what was measured; not needed for a file that can be made again (`whole`),
+            whose failures are OSErrors.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class ScanWriter:
         except OSError as error:
             with suppress(OSError):
                 path.unlink()
-            raise UsageError(f"cannot create {path}: {_reason(error)}") from None
+            raise _not_created(path, error, journaled=journaled) from None
         journal = None
         try:
             if journaled:
@@ -111,8 +111,27 @@ class ScanWriter:
                 journal.remove()
             path.unlink()
             if isinstance(error, OSError | RuntimeError):
-                raise UsageError(f"cannot create {path}: {_reason(error)}") from None
+                raise _not_created(path, error, journaled=journaled) from None
             raise
+
+    @classmethod
+    @contextmanager
+    def whole(cls, target: Path, description: ScanDescription) -> Iterator[Self]:
+        """Write a file that can be made again: it has no journal, and appears whole or not at all.
+
+        Raises
+        ------
+        UsageError
+            If its folder does not exist.
+        DataFileError
+            If it cannot be written.
+        """
+        with (
+            refusals_told(target),
+            appearing(target) as partial,
+            cls.create(partial, description, journaled=False) as writer,
+        ):
+            yield writer
 
     @classmethod
     def resume(cls, path: str | Path) -> Self:
@@ -519,8 +538,10 @@ class ScanWriter:
             yield
         except (OSError, RuntimeError) as error:
             self._broken = True
+            if self._journal is None:
+                raise OSError(reason(error)) from error
             raise DataFileError(
-                f"cannot write {self.path}: {_reason(error)}. Writing has stopped; its first "
+                f"cannot write {self.path}: {reason(error)}. Writing has stopped; its first "
                 f"{self.safe} of {self.steps} positions are safe. Check free space, "
                 f"quota and permissions, and continue with {in_shell('rig', 'resume', self.path)}"
             ) from error
@@ -565,6 +586,11 @@ def finish(path: Path) -> None:
             journal.remove()
     finally:
         journal.close()
+
+
+def _not_created(path: Path, error: OSError | RuntimeError, *, journaled: bool) -> Exception:
+    why = reason(error)
+    return UsageError(f"cannot create {path}: {why}") if journaled else OSError(why)
 
 
 def _begin(journal: Journal, head: bytes, chunks: Iterable[Chunk] = (), notes: Sequence[Note] = ()) -> None:
@@ -630,17 +656,9 @@ def _named(path: Path, what: str) -> Iterator[None]:
         yield
     except (OSError, RuntimeError) as error:
         raise DataFileError(
-            f"cannot {what} {path}: {_reason(error)}; check free space and permissions. "
+            f"cannot {what} {path}: {reason(error)}; check free space and permissions. "
             "What was saved before is still in the file"
         ) from error
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.errno:
-        return os.strerror(error.errno)
-    if told := re.search(r"errno = (\d+)", str(error)):  # HDF5 wraps the system's reason in its own words
-        return os.strerror(int(told[1]))
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _fresh_name(path: Path, what: str) -> Path:

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recon.camera import TransientCamera
 from recon.filming import Sink, video
@@ -69,9 +68,5 @@ def _sink(path: Path | None, volume: Volume) -> Iterator[Sink | None]:
     if path is None:
         yield None
         return
-    with volume_by_planes(path, volume) as dataset:
-
-        def write(plane: int, frames: NDArray[np.float32]) -> None:
-            dataset[:, plane] = frames
-
-        yield write
+    with volume_by_planes(path, volume) as put:
+        yield lambda plane, frames: put(np.s_[:, plane], frames)

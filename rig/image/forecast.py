@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -253,21 +254,18 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
 @cache
 def this_speed() -> Speed:
     """Return this computer's speed: as it was measured, or measured now and kept."""
-    from rig.light.state import folder
-
-    path = folder() / "speed.json"
     machine = {"host": platform.node(), "cores": os.cpu_count(), "version": rig.__version__}
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
+    with suppress(OSError, ValueError, KeyError, TypeError):  # nothing hangs on what was there
+        stored = json.loads(_speed_file().read_text(encoding="utf-8"))
         if stored["machine"] == machine:
             return Speed(**stored["speed"])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass  # measured now: nothing hangs on what was there
     found = speed()
-    _keep(path, {"machine": machine, "speed": asdict(found)})
+    with suppress(OSError), appearing(_speed_file()) as partial:  # kept if the disk allows it
+        partial.write_text(json.dumps({"machine": machine, "speed": asdict(found)}), encoding="utf-8")
     return found
 
 
-def _keep(path: Path, document: dict[str, Any]) -> None:
-    with appearing(path) as partial:
-        partial.write_text(json.dumps(document), encoding="utf-8")
+def _speed_file() -> Path:
+    from rig.light.state import folder
+
+    return folder() / "speed.json"

@@ -84,10 +84,10 @@ def _film_frames(
         Called with the fraction that is done.
     """
     fronts = np.empty_like(begun.intensity)
-    with volume_by_planes(path, begun) as dataset:
+    with volume_by_planes(path, begun) as put:
         for number, frame in enumerate(frames):
             found = imager.image(frame)
-            dataset[number] = found.intensity
+            put(number, found.intensity)
             lifted = compensate_falloff(found.intensity, begun.z_m, found.falloff_power)
             fronts[number] = front_view(lifted)
             progress((number + 1) / len(frames))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
 from rig.bench.simulated import hidden_scene, mesh_is_as_it_was, mesh_triangles_m, scene_depth
-from rig.errors import DataFileError, UsageError, no_file
+from rig.errors import DataFileError, UsageError, no_file, reason
 from rig.files import ScanFile, read_volume
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
@@ -95,7 +95,7 @@ def _from_npz(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
     try:
         arrays = read_npz(path)
     except (OSError, ValueError) as error:
-        raise DataFileError(f"{path} cannot be read: {error}") from error
+        raise DataFileError(f"{path} cannot be read: {reason(error)}") from error
     _needed(path, arrays, "x_m", "y_m")
     if "depth_m" in arrays:
         depth_m = arrays["depth_m"]

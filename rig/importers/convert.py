@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recon.estimate import Estimate
-from rig.atomic import appearing
 from rig.errors import DataFileError, UsageError, in_shell, printable
 from rig.files import ScanDescription, ScanWriter
 from rig.importers import (
@@ -163,7 +162,7 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
         dtype=content.dtype,
         imported=imported,
     )
-    with appearing(target) as partial, ScanWriter.create(partial, description, journaled=False) as writer:
+    with ScanWriter.whole(target, description) as writer:
         for row in _rows(source, content):
             writer.append(row)
         writer.close("complete", f"imported from {printable(source.name)}")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import rig
-from rig.atomic import appearing
+from rig.atomic import appearing, refusals_told
 from rig.errors import DataFileError, in_shell
 from rig.files.check import reading
 from rig.files.scan import ScanFile
@@ -73,11 +73,8 @@ def save_report(path: Path, scan: ScanFile, image: Imaged | None = None) -> list
         doubts = [*scan.doubts, *_of_another(scan, found)]
         parts = [*_head(scan, doubts), *_image(path, image, found), *_measured(scan), *_settings(scan)]
         text = page(f"{scan.path.name}: report", [*parts, *_again(scan, found)])
-    try:
-        with appearing(path) as partial:
-            partial.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DataFileError(f"cannot write {path}: {error}; check free space and permissions") from error
+    with refusals_told(path), appearing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
     return doubts
 
 

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import GifImagePlugin, Image
 
-from rig.atomic import appearing
-from rig.errors import DataFileError
+from rig.atomic import appearing, refusals_told
 from rig.files.volume import Volume
 from rig.files.words import parameters_line
 from rig.show.endings import check_video
@@ -45,14 +44,11 @@ def save_video(volume: Volume, path: Path, compensation: str = "") -> None:
     """
     check_video(path)
     frames = _frames(volume, compensation)
-    try:
-        with appearing(path) as partial:
-            if path.suffix.lower() == ".gif":
-                _write_gif(partial, frames, _per_s(volume), film_colours(volume))
-            else:
-                _write_mp4(partial, frames, _per_s(volume))
-    except OSError as error:
-        raise DataFileError(f"cannot write the video {path}: {error}") from error
+    with refusals_told(path, "the video "), appearing(path) as partial:
+        if path.suffix.lower() == ".gif":
+            _write_gif(partial, frames, _per_s(volume), film_colours(volume))
+        else:
+            _write_mp4(partial, frames, _per_s(volume))
 
 
 def _per_s(volume: Volume) -> int:

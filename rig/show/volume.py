@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from rig.atomic import appearing
+from rig.atomic import appearing, refusals_told
 from rig.errors import DataFileError
 from rig.files.volume import Volume
 from rig.files.words import caption, parameters_line
@@ -187,9 +187,9 @@ def save(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     try:
-        with appearing(path) as partial:
+        with refusals_told(path, "the picture "), appearing(path) as partial:
             figure.savefig(partial, dpi=DPI)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise DataFileError(f"cannot write the picture {path}: {error}") from error
 
 

@@ -243,9 +243,9 @@ def test_sheets_show_planes_and_lit_frames():
 
 
 def fill(path, video, planes):
-    with volume_by_planes(path, video) as dataset:
+    with volume_by_planes(path, video) as put:
         for plane in planes:
-            dataset[:, plane] = plane + video.intensity
+            put(np.s_[:, plane], plane + video.intensity)
 
 
 def test_a_video_by_planes_appears_whole_or_not_at_all(tmp_path):

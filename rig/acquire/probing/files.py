@@ -12,7 +12,7 @@ from rig.acquire.probing.private import Placeholders
 from rig.acquire.probing.run import Settled
 from rig.acquire.probing.transcript import DeviceTranscript, json_lines, text_lines
 from rig.atomic import appearing
-from rig.errors import UsageError
+from rig.errors import UsageError, reason
 
 TEXT, LINES = "transcript.txt", "transcript.jsonl"
 
@@ -83,7 +83,7 @@ def write(
         _write(folder / TEXT, text)
         _write(folder / LINES, lines)
     except OSError as problem:
-        raise UsageError(f"{folder} cannot be written ({problem.strerror}); give another --out") from None
+        raise UsageError(f"{folder} cannot be written ({reason(problem)}); give another --out") from None
 
 
 def as_dict(one: Settled) -> dict[str, str]:

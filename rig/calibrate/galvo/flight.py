@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from recon.capture import C_M_PER_S
 from rig.acquire.acquisition import Watch
 from rig.acquire.connect import Station
-from rig.atomic import appearing
+from rig.atomic import appearing, refusals_told
 from rig.calibrate import figures
 from rig.calibrate.galvo.mirror import AIMED_TO_M, fit_flight, galvo_model
 from rig.calibrate.geometry_fit import Arrivals, Spots
@@ -67,7 +67,7 @@ class FlightRoutine(FirstBounceRoutine[GalvoModel]):
                 mirror_rad = station.operator.aim_at(galvo, mark_m, goes_on)
                 marks.append(Mark(mark_m=mark_m, mirror_rad=mirror_rad))
         marks_path = folder / "galvo-marks.json"
-        with appearing(marks_path) as partial:
+        with refusals_told(marks_path), appearing(marks_path) as partial:
             content = WallMarks(galvo=galvo.identity, marks=marks)
             partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
         # as configured, not as calibrated before: what is measured must not depend on it

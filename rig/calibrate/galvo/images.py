@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.atomic import appearing
+from rig.atomic import appearing, refusals_told
 from rig.calibrate import Floats, require
 from rig.errors import DataFileError, in_shell
 from rig.files.blocks import read
 from rig.files.check import check_format, plain, reading
+from rig.files.fresh import FreshFile
 from rig.files.recorded import RecordedFile
 from rig.files.start import write_origin, write_root
 from rig.model.config import RigConfig
@@ -69,7 +70,7 @@ def writing(
     path: Path, config: RigConfig, devices: Mapping[str, Settings], cameras: Sequence[WallCamera]
 ) -> Iterator[ImagesWriter]:
     """Open a new file of pictures; it appears when the block ends well."""
-    with appearing(path) as partial, h5py.File(partial, "w") as file:
+    with refusals_told(path), appearing(path) as partial, FreshFile(partial) as file:
         write_root(file, FORMAT, VERSION)
         write_origin(file, config, devices, config.rehearsed, in_shell("rig", *sys.argv[1:]))
         used = config.cameras

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from rig.atomic import appearing
-from rig.errors import DataFileError, UsageError
+from rig.errors import DataFileError, UsageError, reason
 from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
 from rig.model.npz import read_npz
@@ -57,7 +57,7 @@ class CalibrationStore:
                 temporary.write_text(calibration.document() + "\n", encoding="utf-8")
         except OSError as error:
             raise UsageError(
-                f"{self.folder}: the calibration cannot be stored ({error.strerror}). Free space there, or "
+                f"{self.folder}: the calibration cannot be stored ({reason(error)}). Free space there, or "
                 "name another folder as calibration.folder"
             ) from None
         return path
