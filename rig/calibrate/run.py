@@ -31,6 +31,11 @@ def measured(
     """Measure the raw data of a calibration into ``folder``, and return its files.
 
     The rig is left prepared as for a scan.
+
+    Raises
+    ------
+    UsageError, RefusedError
+        If the configuration does not allow it, or its result could not be stored; nothing was started.
     """
     if len(config.channels) > 1:
         raise UsageError(
@@ -39,6 +44,7 @@ def measured(
         )
     if reason := routine.impossible(config):
         raise RefusedError(reason)
+    CalibrationStore(config.calibration.folder).require_room()
     setup = routine.setup(config)
     with open_station(setup, operator, tagged=routine.tagged) as station:
         state = RigState(setup).of_devices(station.devices.identities())

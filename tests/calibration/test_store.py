@@ -200,3 +200,12 @@ def test_a_calibration_dated_in_the_future_is_not_the_newest_for_ever(tmp_path):
 def test_a_calibration_cannot_be_good_for_longer_than_a_century(days):
     with pytest.raises(ValueError, match="valid_days"):
         time_zero(valid_days=days)
+
+
+def test_nothing_is_measured_that_could_not_be_stored(rig, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "rig.toml").write_text('[simulation]\n[calibration]\nfolder = "file/calibrations"\n')
+    done = rig("calibrate", "dark", "--config", "rig.toml", "--yes")
+    assert done.code == 2
+    assert "file/calibrations: the calibration cannot be stored (Not a directory)" in done.err
+    assert "laser" not in done.err

@@ -2,10 +2,12 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,9 @@ from rig.errors import DataFileError, UsageError, reason
 from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
 from rig.model.npz import read_npz
+
+#: Room for a calibration with its arrays and its picture.
+ROOM_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -47,20 +52,36 @@ class CalibrationStore:
         UsageError
             If the folder cannot be written.
         """
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+        with self._storing():
             path = self.path_for(calibration, ".json")
             if calibration.bulky:
                 with appearing(path.with_suffix(".npz")) as temporary:
                     np.savez_compressed(temporary, **calibration.arrays())  # type: ignore[arg-type]
             with appearing(path) as temporary:
                 temporary.write_text(calibration.document() + "\n", encoding="utf-8")
+        return path
+
+    def require_room(self) -> None:
+        """Refuse before it is measured what could not be stored.
+
+        Raises
+        ------
+        UsageError
+            If the folder cannot be written, or there is no room.
+        """
+        with self._storing(), TemporaryFile(dir=self.folder) as tried:
+            tried.write(bytes(ROOM_BYTES))
+
+    @contextmanager
+    def _storing(self) -> Iterator[None]:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            yield
         except OSError as error:
             raise UsageError(
                 f"{self.folder}: the calibration cannot be stored ({reason(error)}). Free space there, or "
                 "name another folder as calibration.folder"
             ) from None
-        return path
 
     def path_for(self, calibration: Calibration, ending: str) -> Path:
         """Return where something that belongs to a calibration is kept."""
