@@ -25,10 +25,15 @@ def main() -> None:
     """Run the command line and exit.
 
     Exit codes: 0 done, 1 a defect in rig, 2 usage or configuration, 3 device, 4 refused by a limit or for
-    safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C.
+    safety, 5 invalid data file, 6 stopped but what was measured is safe, 130 stopped by Ctrl-C; 129 and 143
+    by a closed terminal and by SIGTERM.
     """
     interrupts = Interrupts()
     signal.signal(signal.SIGINT, interrupts)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, signal.SIGTERM)  # Windows has no closed terminal
+        if signal.getsignal(number) is signal.SIG_DFL:  # with nohup it is ignored
+            signal.signal(number, _end)
     sys.unraisablehook = interrupts.lost
     try:
         code = _to_the_end()
@@ -39,6 +44,12 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it would spoil the interpreter's own end
     gc.freeze()  # at its end it would look for garbage among a million objects, three times
     sys.exit(code)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """End in order: no half file is left."""
+    signal.signal(number, signal.SIG_IGN)
+    raise SystemExit(128 + number)
 
 
 class Interrupts:

@@ -4,11 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import h5py
+import numpy as np
 import pytest
 
 from rig.acquire.interrupt import StopRequest
+from rig.files import ScanDescription, ScanWriter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 
@@ -95,3 +98,30 @@ def test_a_scan_ends_in_order_when_its_terminal_is_closed_or_ctrl_z_is_pressed(t
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["stop"].attrs["status"] == "interrupted"
         assert 0 < file["transients/done"][()].sum() < len(file["transients/done"])
+
+
+@pytest.fixture(scope="module")
+def long_to_export(tmp_path_factory):
+    """A scan whose export takes seconds."""
+    path = tmp_path_factory.mktemp("long") / "a.h5"
+    described = ScanDescription(np.zeros((3000, 3)), np.zeros((1, 3)), 12_000, 16e-12, 0.0)
+    with ScanWriter.create(path, described, journaled=False) as writer:
+        for _ in range(3000):
+            writer.append(np.zeros(12_000, "u4"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
+)
+def test_a_verb_that_is_asked_to_end_leaves_no_half_file(tmp_path, long_to_export, number, code):
+    command = [sys.executable, "-m", "rig", "export", str(long_to_export), str(tmp_path / "e.mat")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as export:
+        while not os.listdir(tmp_path):
+            assert export.poll() is None, export.stderr.read()
+            time.sleep(0.005)
+        export.send_signal(number)
+        said = export.stderr.read()
+    assert export.returncode == code
+    assert "Traceback" not in said
+    assert os.listdir(tmp_path) == []
