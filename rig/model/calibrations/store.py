@@ -53,6 +53,7 @@ class CalibrationStore:
             If the folder cannot be written.
         """
         with self._storing():
+            self.folder.mkdir(parents=True, exist_ok=True)
             path = self.path_for(calibration, ".json")
             if calibration.bulky:
                 with appearing(path.with_suffix(".npz")) as temporary:
@@ -69,13 +70,14 @@ class CalibrationStore:
         UsageError
             If the folder cannot be written, or there is no room.
         """
-        with self._storing(), TemporaryFile(dir=self.folder) as tried:
-            tried.write(bytes(ROOM_BYTES))
+        with self._storing():
+            there = next(one for one in (self.folder, *self.folder.absolute().parents) if one.exists())
+            with TemporaryFile(dir=there) as tried:
+                tried.write(bytes(ROOM_BYTES))
 
     @contextmanager
     def _storing(self) -> Iterator[None]:
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
             yield
         except OSError as error:
             raise UsageError(
