@@ -23,10 +23,15 @@ K = TypeVar("K")
 
 def folder() -> Path:
     """Return the folder, made if it is missing; nobody else may read it."""
-    usual = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "nlos-rig"
-    found = Path(os.environ.get("RIG_STATE") or usual)
+    found = _place()
     found.mkdir(parents=True, exist_ok=True, mode=0o700)
     return found
+
+
+def _place() -> Path:
+    """Return where the folder is, or would be: what reads it needs no disk that can be written."""
+    usual = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "nlos-rig"
+    return Path(os.environ.get("RIG_STATE") or usual)
 
 
 def key(config: RigConfig) -> str:
@@ -58,13 +63,14 @@ class Trip:
 def remember_trip(config: RigConfig, reason: str) -> None:
     """Keep a trip until a person acknowledges it."""
     trip = Trip(now(), config.name, reason)
+    folder()
     _write(_trip_file(config), asdict(trip))
 
 
 def trip_of(config: RigConfig) -> Trip | None:
     """Return the trip of this rig that nobody has acknowledged, if there is one."""
     path = _trip_file(config)
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
     return next(_read([path], Trip), Trip("at an unknown time", config.name, f"{path} cannot be read"))
 
@@ -87,7 +93,7 @@ def require_no_trip(config: RigConfig) -> None:
 
 def trips() -> list[Trip]:
     """Return all trips of this user's rigs that nobody has acknowledged."""
-    return list(_read(sorted(folder().glob("trip-*.json")), Trip))
+    return list(_read(sorted(_place().glob("trip-*.json")), Trip))
 
 
 def forget_trip(config: RigConfig) -> None:
@@ -125,7 +131,7 @@ def announce(watchman: Watchman) -> Path:
 
 def watchmen() -> list[Watchman]:
     """Return the guards that were made known; one that was killed may be among them."""
-    return list(_read(sorted(folder().glob("guard-*.json")), Watchman))
+    return list(_read(sorted(_place().glob("guard-*.json")), Watchman))
 
 
 def now() -> str:
@@ -134,7 +140,7 @@ def now() -> str:
 
 
 def _trip_file(config: RigConfig) -> Path:
-    return folder() / f"trip-{key(config)}.json"
+    return _place() / f"trip-{key(config)}.json"
 
 
 def _write(path: Path, content: dict[str, object]) -> None:

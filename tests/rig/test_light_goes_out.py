@@ -96,6 +96,16 @@ def test_a_guard_that_is_killed_takes_the_light_with_it(rig, bench, lit):
     assert b"guard of the laser has ended" in lit.stderr.read()
 
 
+def test_a_laser_is_put_out_also_where_nothing_can_be_remembered(bench, rig, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("RIG_STATE", str(tmp_path / "file" / "state"))
+    assert "No program on this computer" in rig("laser", "status").err
+    assert "--config FILE" in rig("laser", "off").err
+    put_out = rig("laser", "off", "--config", bench.config)
+    assert put_out.code == 0
+    assert "is dark" in put_out.err + put_out.out
+
+
 def test_anybody_can_put_the_light_out_while_a_scan_runs(rig, bench, lit):
     told = rig("laser", "status")
     assert "is guarded by process" in told.err
