@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import traceback
-from errno import EDQUOT, EFBIG, EIO, ENOSPC, EROFS
+from errno import EDQUOT, EFBIG, EIO, ENOENT, ENOSPC, EROFS
 from types import FrameType
 
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
@@ -172,7 +172,8 @@ def _is_of_a_file(error: Exception) -> bool:
     """Return whether the system refused a file: a full disk, a name too long, a permission."""
     if not isinstance(error, OSError) or error.errno is None:
         return False
-    return error.filename is not None or error.errno in (ENOSPC, EDQUOT, EFBIG, EROFS, EIO)
+    # without a name: what is written to an open file, and a working folder that is gone
+    return error.filename is not None or error.errno in (ENOSPC, EDQUOT, EFBIG, EROFS, EIO, ENOENT)
 
 
 def told(error: BaseException, hint: str = "") -> str:
@@ -192,7 +193,10 @@ def _in_words(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
     if isinstance(error, OSError) and error.filename is None:
-        return f"a file cannot be written or read: {reason(error)}; check free space, quota and the disk"
+        return (
+            f"a file cannot be written, or a folder is gone: {reason(error)}; "
+            "check free space, quota, and the folder where you are"
+        )
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}; choose another file, or correct what the system reports"
     return str(error)

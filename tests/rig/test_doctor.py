@@ -15,7 +15,7 @@ from rig.model.calibrations.kinds import DarkRates
 from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig, built_in_with
 from rig.model.written import as_toml
-from rig.setup.doctor import calibrations, devices, disk, extras, permissions, terminal
+from rig.setup.doctor import calibrations, devices, disk, examination, extras, permissions, terminal
 from simulators.bench import Bench
 from simulators.wire.spad import SpadInstrument
 from simulators.wire.usb import UsbBackend
@@ -204,3 +204,15 @@ def test_a_terminal_without_all_signs_is_named(monkeypatch):
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding="latin-1"))
     (finding,) = terminal.check()
     assert (finding.verdict, finding.remedy) == ("warning", "export PYTHONUTF8=1 LANG=C.UTF-8")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps a folder where somebody is")
+def test_a_working_folder_that_is_gone_is_a_finding(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    found = examination.examine(built_in_with({}), Path("."))
+    (disk_found,) = found.findings["disk"]
+    assert disk_found.verdict == "missing"
+    assert disk_found.found == "cannot be looked at: No such file or directory"
+    assert found.findings["software"]

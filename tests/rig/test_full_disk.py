@@ -42,4 +42,5 @@ def test_a_full_disk_is_no_defect_wherever_it_is_met():
     full = OSError(28, "No space left on device")
     assert exit_code(full) == 2
     assert "No space left on device; check free space" in told(full)
+    assert "folder is gone" in told(FileNotFoundError(2, "No such file or directory"))
     assert exit_code(OSError(9, "Bad file descriptor")) is None

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from rig.errors import reason
 from rig.model.config import RigConfig
 from rig.setup.doctor import (
     calibrations,
@@ -80,7 +81,15 @@ def examine(config: RigConfig, folder: Path) -> Examination:
         "clock": clock.check,
         "terminal": terminal.check,
     }
-    return Examination(_named(config), {name: list(check()) for name, check in checks.items()})
+    return Examination(_named(config), {name: _found(name, check) for name, check in checks.items()})
+
+
+def _found(name: str, check: Callable[[], Iterable[Finding]]) -> list[Finding]:
+    """Return what a check finds; what the system refuses to show is found, too."""
+    try:
+        return list(check())
+    except OSError as problem:
+        return [Finding(name, "missing", f"cannot be looked at: {reason(problem)}", "Work in another folder")]
 
 
 def _named(config: RigConfig) -> str:
