@@ -18,7 +18,7 @@ from recon.errors import ReconError
 from rig.atomic import refusals_told, remove_unfinished
 from rig.cluster.jobs import Job
 from rig.cluster.tasks import fingerprint
-from rig.errors import DataFileError, RefusedError, RigError, UsageError, no_file, reason
+from rig.errors import DataFileError, RefusedError, RigError, UsageError, reason
 from rig.files.inspection import inspect, inspected_elsewhere
 
 if TYPE_CHECKING:
@@ -64,7 +64,9 @@ class Record:
         try:
             text = self._path.read_bytes() if self._path.exists() else b""
         except OSError as error:
-            raise DataFileError(f"{no_file(self._path)}, or choose another --out") from error
+            raise DataFileError(
+                f"{self._path} cannot be read ({reason(error)}); choose another --out"
+            ) from error
         for line in text.split(b"\n"):
             try:
                 entry = json.loads(line)
