@@ -89,8 +89,7 @@ def render(
     photons = 0.0
     with ScanWriter.whole(target, description) as writer:
         for block in _blocks(plan, config, axis):
-            for row in block:
-                writer.append(row)
+            writer.extend(block)
             photons += float(block.sum())
             progress(writer.appended / len(plan))
         writer.close("complete", "all positions rendered")

@@ -26,7 +26,7 @@ from recon.solvers.problem import ImagingProblem, Solver, ignore
 from rig.cluster.stacked import Layer, Task, result, stacked
 from rig.cluster.tasks import Stored, Worker, add, fingerprint, focus, introduce, take
 from rig.errors import RefusedError
-from rig.files.form_counts import CHUNK_HISTOGRAMS
+from rig.files.form_counts import chunk_histograms
 from rig.files.scan import ScanFile
 from rig.image.forecast import Workers
 
@@ -197,7 +197,7 @@ class Shared:
         """Divide positions among readers: whole chunks of the file, and no more than their memory holds."""
         positions = problem.capture.positions
         size = sum(_spectra_bytes(problem, one) for one in wanted)
-        chunk = CHUNK_HISTOGRAMS * stored.channels
+        chunk = chunk_histograms(problem.capture.bins) * stored.channels
         many = max(self.workers.number, ceil(size / (self.workers.memory_bytes / 2)))
         edges = np.linspace(0, ceil(positions / chunk), min(many, ceil(positions / chunk)) + 1)
         cuts = np.minimum(edges.round().astype(int) * chunk, positions).tolist()

@@ -68,6 +68,7 @@ class StoredChunks:
         self._dataset = dataset
         self.filters = _filters(dataset)
         self.nbytes = prod(dataset.chunks) * dataset.dtype.itemsize
+        self._asks = not self.filters
 
     def get(self, offset: tuple[int, ...]) -> tuple[int, bytes] | None:
         """Return the chunk that begins at a place, and before it the mask of the filters that it left out.
@@ -82,11 +83,19 @@ class StoredChunks:
         OSError, RuntimeError, ValueError
             Of the library, as for any damaged file.
         """
+        if not self._asks:  # to ask for a chunk walks through the whole index: 1 ms where there are 50,000
+            try:
+                return self._read(offset)
+            except (OSError, RuntimeError):  # it was never written, or is damaged: others may be so, too
+                self._asks = True
         info = self._dataset.id.get_chunk_info_by_coord(offset)
         if info.byte_offset is None:
             return None
         if not self.filters and info.size != self.nbytes:
             raise _damaged(self._dataset, f"a chunk has {info.size} bytes of {self.nbytes}")
+        return self._read(offset)
+
+    def _read(self, offset: tuple[int, ...]) -> tuple[int, bytes]:
         left_out, packed = self._dataset.id.read_direct_chunk(offset)
         return left_out, packed
 

@@ -21,8 +21,9 @@ from rig.files.form import Form, create_marks
 from rig.files.journal import Chunk
 from rig.model.photons import photons_in
 
-#: Histograms in one chunk of the file: 1 MB of 15,000 bins.
-CHUNK_HISTOGRAMS = 16
+#: Histograms in one chunk of the file: 1 MB of 15,000 bins. Of few bins it has more, up to so many bytes:
+#: each chunk costs a tenth of a millisecond to write.
+_CHUNK_HISTOGRAMS, _FULL_BYTES = 16, 2**13
 #: A step of more bytes is stored in several chunks, of so many channels and bins at the most: 1 MB.
 STEP_BYTES, BAND = 2**22, (1024, 256)
 #: zlib's quickest level. Measured on sparse counts: level 4 takes nearly twice as long.
@@ -143,9 +144,23 @@ class CountForm(Form):
 
     def put(self, step: int, counts: NDArray) -> None:
         """Gather a step."""
+        self.put_several(step, self.fitting(counts)[None])
+
+    def put_several(self, step: int, counts: NDArray) -> int:
+        """Gather steps that were counted, as many as the chunk takes; return how many.
+
+        Parameters
+        ----------
+        step
+            The first of them.
+        counts
+            (steps, channels, bins) photons.
+        """
         row = step - self.at.first
-        np.copyto(self.at.counts[row], self.fitting(counts))
-        self._photons[step] = _sums(self.at.counts[row : row + 1])[0]
+        taken = self.at.counts[row : row + len(counts)]
+        np.copyto(taken, counts[: len(taken)])
+        self._photons[step : step + len(taken)] = _sums(taken)
+        return len(taken)
 
     def full(self, appended: int) -> bool:
         """Return whether the chunk has all its steps."""
@@ -241,10 +256,15 @@ def stored_crc(chunks: StoredChunks, place: tuple[int, ...]) -> int | None:
     return None if stored is None else zlib.crc32(stored[1])
 
 
+def chunk_histograms(bins: int, itemsize: int = 4) -> int:
+    """Return how many histograms a chunk of new counts holds, unless one step has more."""
+    return max(_CHUNK_HISTOGRAMS, _FULL_BYTES // (bins * itemsize))
+
+
 def chunk_shape(steps: int, channels: int, bins: int, itemsize: int) -> tuple[int, int, int]:
     """Return the shape of a chunk of new counts."""
     if channels * bins * itemsize <= STEP_BYTES or channels == 1:
-        return min(max(CHUNK_HISTOGRAMS // channels, 1), steps), channels, bins
+        return min(max(chunk_histograms(bins, itemsize) // channels, 1), steps), channels, bins
     return 1, min(channels, BAND[0]), min(bins, BAND[1])
 
 

@@ -11,7 +11,7 @@ from recon.capture import BLOCK_BYTES, Histograms
 from rig.errors import DataFileError
 from rig.files.blocks import read, spans
 from rig.files.check import reading
-from rig.files.form_counts import CHUNK_HISTOGRAMS
+from rig.files.form_counts import chunk_histograms
 
 
 class DenseHistograms:
@@ -180,8 +180,8 @@ class TaggedHistograms:
     def blocks(self, bins: slice = slice(None)) -> Iterator[tuple[slice, NDArray]]:
         """Yield (positions, counts) in order; the positions count those that are wanted."""
         # whole chunks, as of stored histograms: what is made of the blocks is then the same to the last bit
-        rows = _rows_of_a_block(self._bins * 4)
-        rows = max(rows // CHUNK_HISTOGRAMS * CHUNK_HISTOGRAMS, min(rows, CHUNK_HISTOGRAMS))
+        rows, chunk = _rows_of_a_block(self._bins * 4), chunk_histograms(self._bins)
+        rows = max(rows // chunk * chunk, min(rows, chunk))
         for start in range(0, len(self._pairs), rows):
             some = slice(start, min(start + rows, len(self._pairs)))
             yield some, self._histograms(some)[:, bins]

@@ -21,6 +21,7 @@ from rig.files import content, forms, mend
 from rig.files.blocks import read
 from rig.files.content import Note, let_go
 from rig.files.description import ScanDescription, Settings
+from rig.files.form_counts import CountForm
 from rig.files.form_photons import PhotonForm
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
@@ -230,6 +231,29 @@ class ScanWriter:
         self._form.put_photons(self.appended, photon_bins, of_channel)
         self._live[self.appended] = live_time_s
         self.appended += 1
+
+    def extend(self, counts: NDArray) -> None:
+        """Add further steps, counted, at once; how long they were measured is not known.
+
+        Parameters
+        ----------
+        counts
+            (steps, channels, bins) photons; copied.
+
+        Raises
+        ------
+        ValueError
+            If the shape or type does not fit, there are too many, or the file holds the bin of each photon.
+        DataFileError
+            If the file cannot be written; nothing more will be written then.
+        """
+        if not isinstance(self._form, CountForm) or counts.shape[1:] != self._form.shape:
+            raise ValueError(f"{self.path} does not accept counts of shape {counts.shape}")
+        while len(counts):
+            self._make_room()
+            taken = self._form.put_several(self.appended, counts)
+            self.appended += taken
+            counts = counts[taken:]
 
     def _make_room(self) -> None:
         """Write what is gathered if it is enough, so that a further step can come."""

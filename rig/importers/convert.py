@@ -45,6 +45,9 @@ from rig.importers.plausible import plausible
 from rig.importers.recognise import recognise
 from rig.importers.source import open_source
 
+#: Values that are turned into the file's type at once.
+_PIECE_VALUES = 2**20
+
 #: The known layouts: modules with NAME, SIGN (what they hold, in words), PARTS (the names that
 #: tell them), recognise(source) and read(source, options).
 LAYOUTS: tuple[ModuleType, ...] = (
@@ -163,18 +166,21 @@ def _write(source: Path, target: Path, name: str, content: Content, estimates: t
         imported=imported,
     )
     with ScanWriter.whole(target, description) as writer:
-        for row in _rows(source, content):
-            writer.append(row)
+        for steps in _steps(source, content):
+            writer.extend(steps)
         writer.close("complete", f"imported from {printable(source.name)}")
 
 
-def _rows(source: Path, content: Content) -> Iterator[NDArray]:
+def _steps(source: Path, content: Content) -> Iterator[NDArray]:
+    """Yield (steps, channels, bins) counts in the type of the scan file, a few megabytes at once."""
     for block in content.blocks:
-        for row in block.reshape(-1, content.pixels, content.bins) if content.pixels else block:
+        steps = block.reshape(-1, content.pixels or 1, content.bins)
+        some = max(1, _PIECE_VALUES // max(1, steps[:1].size))
+        for first in range(0, len(steps), some):
             with np.errstate(over="ignore"):
-                row = row.astype(content.dtype, copy=False)
-            if row.dtype.kind == "f" and not np.isfinite(row).all():
+                piece = steps[first : first + some].astype(content.dtype, copy=False)
+            if piece.dtype.kind == "f" and not np.isfinite(piece).all():
                 raise DataFileError(
                     f"{source} holds a value that is not a finite number; it cannot be imaged"
                 )
-            yield row
+            yield piece

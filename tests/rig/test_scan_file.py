@@ -18,7 +18,7 @@ from support.scan_files import C_M_PER_S, dense
 PLAN = ScanPlan.grid(built_in(), columns=37, rows=1, skip_m=0.0)
 
 
-def describe(positions=37, bins=50, **changes):
+def describe(positions=37, bins=130, **changes):
     rng = np.random.default_rng(1)
     laser_m = np.column_stack([rng.uniform(-1, 1, (positions, 2)), np.zeros(positions)])
     given = {
@@ -36,7 +36,7 @@ def describe(positions=37, bins=50, **changes):
     return ScanDescription(**(given | changes))
 
 
-def draw(positions=37, bins=50, seed=2):
+def draw(positions=37, bins=130, seed=2):
     return np.random.default_rng(seed).poisson(0.4, (positions, bins)).astype("u4")
 
 
@@ -221,14 +221,44 @@ def test_a_failed_creation_leaves_no_file(tmp_path):
 
 def test_only_what_fits_is_appended(tmp_path):
     with ScanWriter.create(tmp_path / "a.h5", describe()) as writer:
-        with pytest.raises(ValueError, match=r"\(1, 50\)"):
-            writer.append(np.zeros(51, "u4"))
+        with pytest.raises(ValueError, match=r"\(1, 130\)"):
+            writer.append(np.zeros(131, "u4"))
         with pytest.raises(TypeError):
-            writer.append(np.full(50, 0.5))
+            writer.append(np.full(130, 0.5))
         for row in draw():
             writer.append(row)
         with pytest.raises(ValueError, match="all its 37"):
             writer.append(draw()[0])
+
+
+@pytest.mark.parametrize("blocks", [[37], [1, 16, 15, 5], [20, 0, 17]])
+def test_steps_added_at_once_are_those_added_one_by_one(tmp_path, blocks):
+    description, counts = describe(), draw()
+    write(tmp_path / "one.h5", description, counts)
+    with ScanWriter.create(tmp_path / "many.h5", description) as writer:
+        for block in np.split(counts[:, None], np.cumsum(blocks)[:-1]):
+            writer.extend(block)
+        with pytest.raises(ValueError, match="already has all its 37 steps"):
+            writer.extend(counts[:1, None])
+        with pytest.raises(ValueError, match="does not accept"):
+            writer.extend(counts[:1, None, 1:])
+    with h5py.File(tmp_path / "one.h5") as one, h5py.File(tmp_path / "many.h5") as many:
+        for name in ("counts", "done", "checksum"):
+            np.testing.assert_array_equal(one["transients"][name], many["transients"][name])
+    with ScanFile(tmp_path / "many.h5") as scan:
+        assert scan.status == "complete"
+        assert not scan.doubts
+
+
+def test_steps_of_few_bins_do_not_make_many_chunks(tmp_path):
+    """Each chunk costs the time of a hundred such steps."""
+    steps, bins = 5000, 20
+    counts = draw(steps, bins)[:, None]
+    with ScanWriter.create(tmp_path / "a.h5", describe(steps, bins, plan=None)) as writer:
+        writer.extend(counts)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["transients/counts"].id.get_num_chunks() <= 50
+        np.testing.assert_array_equal(file["transients/counts"], counts)
 
 
 def test_digest_follows_the_content(tmp_path):

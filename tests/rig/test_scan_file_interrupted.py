@@ -24,7 +24,7 @@ from rig.files import writer as writer_module
 from rig.files.journal import journal_of
 from support.thorough import THOROUGH
 
-POSITIONS, BINS, LINE = 40, 60, 7
+POSITIONS, BINS, LINE = 40, 130, 7
 CHUNK_PHOTONS = 1024
 #: What a disk writes at once or not at all.
 PAGE = 4096
@@ -44,7 +44,7 @@ def _written_within_lines(monkeypatch):
 
 
 def row(position):
-    return np.random.default_rng([3, position]).poisson(2.0, BINS).astype("u4")
+    return np.random.default_rng([3, position]).poisson(120 / BINS, BINS).astype("u4")
 
 
 def photons(position):
