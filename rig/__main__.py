@@ -172,8 +172,18 @@ def _is_of_a_file(error: Exception) -> bool:
     """Return whether the system refused a file: a full disk, a name too long, a permission."""
     if not isinstance(error, OSError) or error.errno is None:
         return False
-    # without a name: what is written to an open file, and a working folder that is gone
-    return error.filename is not None or error.errno in (ENOSPC, EDQUOT, EFBIG, EROFS, EIO, ENOENT)
+    if error.filename is not None or error.errno in (ENOSPC, EDQUOT, EFBIG, EROFS, EIO):
+        return True  # without a name: what is written to an open file
+    return error.errno == ENOENT and _nowhere()
+
+
+def _nowhere() -> bool:
+    """Return whether the working folder is gone."""
+    try:
+        os.getcwd()
+    except OSError:
+        return True
+    return False
 
 
 def told(error: BaseException, hint: str = "") -> str:

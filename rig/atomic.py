@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatchcase
 from glob import escape
 from pathlib import Path
 
@@ -30,19 +31,37 @@ def appearing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def refusals_told(path: Path, what: str = "") -> Iterator[None]:
-    """Turn what the system refuses while a file is written into a `DataFileError` that names it."""
+    """Turn what the system refuses while a file is written into a `DataFileError` that names it.
+
+    What it refuses of a file with another name, as of one that is read meanwhile, is left as it is.
+    """
     try:
         yield
     except OSError as error:
+        if not _is_of(path, error):
+            raise
         raise DataFileError(
             f"cannot write {what}{path}: {reason(error)}; check free space and permissions"
         ) from error
 
 
+def _is_of(path: Path, error: OSError) -> bool:
+    """Return whether a refusal is of this file, or of what becomes it; without a name: of an open file."""
+    if not isinstance(error.filename, str | bytes | os.PathLike):
+        return True
+    name = Path(os.fsdecode(error.filename)).name
+    return name == path.name or fnmatchcase(name, _pattern(path))
+
+
 def remove_unfinished(path: Path) -> None:
     """Remove what programs that were killed began to write for this name; none may write it now."""
-    for left in path.parent.glob(_partial(escape(path.stem), "*", escape(path.suffix))):
+    for left in path.parent.glob(_pattern(path)):
         left.unlink(missing_ok=True)
+
+
+def _pattern(path: Path) -> str:
+    """Return what matches the names of files that are to become this one."""
+    return _partial(escape(path.stem), "*", escape(path.suffix))
 
 
 def _partial(stem: str, process: str, suffix: str) -> str:

@@ -47,7 +47,8 @@ class FreshFile(h5py.File):
             super().__exit__(kind, error, trace)
         finally:
             self._disk.close()
-        self.require_taken()
+        if kind is None or issubclass(kind, Exception):  # Ctrl-C is not turned into another end
+            self.require_taken()
 
 
 class _TakesAll(io.FileIO):

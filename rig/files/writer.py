@@ -485,7 +485,7 @@ class ScanWriter:
         journal, self._journal = self._journal, None
         try:
             if file is not None:
-                self._close_file(file)
+                self._close_file(file, journaled=journal is not None)
             if journal is not None and whole:
                 if self._saved_as is None:
                     self._read_back()
@@ -497,12 +497,15 @@ class ScanWriter:
             if journal is not None:
                 journal.close()
 
-    def _close_file(self, file: h5py.File) -> None:
+    def _close_file(self, file: h5py.File, *, journaled: bool) -> None:
         if self._broken:
             let_go(file)
-            return
-        with _named(self.path, "close"):
-            file.close()
+        elif journaled:
+            with _named(self.path, "close"):
+                file.close()
+        else:
+            with self._writing():
+                file.close()
 
     def _read_back(self) -> None:
         """Make the closed file permanent, and raise DataFileError unless it holds what was measured."""

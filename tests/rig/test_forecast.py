@@ -116,3 +116,11 @@ def test_the_speed_is_measured_once_and_kept(tmp_path, monkeypatch):
     forecast.this_speed()
     assert set(json.loads((tmp_path / "speed.json").read_text())) == {"machine", "speed"}
     forecast.this_speed.cache_clear()
+
+
+def test_the_speed_is_measured_where_it_cannot_be_kept(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("RIG_STATE", str(tmp_path / "file" / "state"))
+    forecast.this_speed.cache_clear()
+    assert forecast.this_speed().waves > 0
+    forecast.this_speed.cache_clear()

@@ -15,6 +15,7 @@ import numpy as np
 
 from attacks.files import scan_file, volume_file
 from rig.atomic import appearing, refusals_told
+from rig.calibrate.galvo.flight import Mark, WallMarks
 from rig.cluster.batch import Outcome, Record
 from rig.errors import RigError
 from rig.exporters import export
@@ -89,6 +90,7 @@ def main(folder: Path) -> None:
         "grown.h5": grown,
         "imported.h5": lambda path: import_scan(tal, path),
         "batch.jsonl": recorded,
+        "galvo-marks.json": WallMarks(marks=[Mark(mark_m=(0.1, 0.2), mirror_rad=(0.3, 0.4))] * 200).write,
         **{f"scan.{ending}": lambda path: export(scan, path) for ending in ("hdf5", "mat", "ptu")},
         **{f"volume.{ending}": lambda path: export(stored, path) for ending in ("npz", "vti", "html")},
     }

@@ -51,6 +51,17 @@ class WallMarks(BaseModel):
     galvo: str | None = None
     marks: list[Mark]
 
+    def write(self, path: Path) -> None:
+        """Write the file.
+
+        Raises
+        ------
+        DataFileError
+            If the disk refuses it; then none is left.
+        """
+        with refusals_told(path), appearing(path) as partial:
+            partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
 
 @dataclass(frozen=True)
 class FlightRoutine(FirstBounceRoutine[GalvoModel]):
@@ -67,9 +78,7 @@ class FlightRoutine(FirstBounceRoutine[GalvoModel]):
                 mirror_rad = station.operator.aim_at(galvo, mark_m, goes_on)
                 marks.append(Mark(mark_m=mark_m, mirror_rad=mirror_rad))
         marks_path = folder / "galvo-marks.json"
-        with refusals_told(marks_path), appearing(marks_path) as partial:
-            content = WallMarks(galvo=galvo.identity, marks=marks)
-            partial.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        WallMarks(galvo=galvo.identity, marks=marks).write(marks_path)
         # as configured, not as calibrated before: what is measured must not depend on it
         return [*super().measure(station, state.nominal, folder, watch), marks_path]
 
