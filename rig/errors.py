@@ -81,6 +81,11 @@ def printable(text: str) -> str:
     return "".join(one if one == "\n" or one.isprintable() else _escaped(one) for one in text)
 
 
+def in_a_line(text: str) -> str:
+    """Return text as `printable`, with line ends as escapes, too: a name out of a file stays in its line."""
+    return printable(text).replace("\n", "\\n")
+
+
 def no_file(path: Path, remedy: str = "check the name") -> str:
     """Return what there is in place of a file that is to be read, and what to do."""
     try:

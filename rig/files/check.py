@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError, no_file
+from rig.errors import DataFileError, in_a_line, no_file
 from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
 
@@ -79,7 +79,7 @@ def check_format(path: Path, file: h5py.File, name: str, versions: tuple[int, ..
             what, remedy = _OWN[found]
             raise DataFileError(f"{path} is {what}, but {_OWN[name][0]} is needed; {remedy}")
         what = f"its format attribute is {found!r}" if found is not None else "it has no format attribute"
-        held = ", ".join(sorted(file)) or "nothing"
+        held = ", ".join(map(in_a_line, sorted(file))) or "nothing"
         raise DataFileError(
             f"{path} is not a {name} file: {what}, and it holds {held}. "
             "Transients in other layouts are read with 'rig import'"

@@ -13,7 +13,7 @@ from typing import Any
 
 import h5py
 
-from rig.errors import DataFileError
+from rig.errors import DataFileError, in_a_line
 from rig.files.trial import tried
 
 #: Objects of a file, attributes of an object, groups in groups, axes of an array. A scan has about 50 objects
@@ -122,7 +122,7 @@ def _groups(path: str, file: h5py.File) -> Iterator[tuple[str, h5py.Group, int]]
         prefix, group, depth = waiting.pop()
         yield prefix or "/", group, depth
         for name in _names(path, prefix, group):
-            place = f"{prefix}/{name.decode('utf-8', 'replace')}"
+            place = f"{prefix}/{in_a_line(name.decode('utf-8', 'replace'))}"
             address = _address(path, place, group, name)
             if address is None or address in seen:
                 continue
@@ -187,11 +187,12 @@ def _attributes(path: str, place: str, owner: Any) -> None:
     for attribute in opened:
         with suppress(*_UNREADABLE):
             name = attribute.name.decode("utf-8", "replace")
+            shown = f"{place}@{in_a_line(name)}"
             if attribute.get_storage_size() > TEXT_BYTES:
-                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+                raise _refused(path, shown, f"has more than {TEXT_BYTES} bytes")
             value = owner.attrs[name]
             if isinstance(value, str | bytes) and len(value) > TEXT_BYTES:
-                raise _refused(path, f"{place}@{name}", f"has more than {TEXT_BYTES} bytes")
+                raise _refused(path, shown, f"has more than {TEXT_BYTES} bytes")
 
 
 def _dataset(path: str, place: str, dataset: h5py.h5d.DatasetID) -> None:

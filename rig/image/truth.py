@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recon.measures import sampled_depth, surface_of_mesh, surface_of_voxels
 from rig.bench.simulated import hidden_scene, mesh_is_as_it_was, mesh_triangles_m, scene_depth
-from rig.errors import DataFileError, UsageError, no_file, reason
+from rig.errors import DataFileError, UsageError, in_a_line, no_file, reason
 from rig.files import ScanFile, read_volume
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
@@ -143,8 +143,9 @@ def _of_scan(path: Path, x_m: NDArray, y_m: NDArray) -> NDArray[np.float64]:
 def _needed(path: Path, arrays: dict[str, NDArray], *names: str) -> None:
     missing = [name for name in names if name not in arrays]
     if missing:
+        held = ", ".join(map(in_a_line, arrays)) or "nothing"
         raise DataFileError(
-            f"{path} lacks {', '.join(missing)}; it holds {', '.join(arrays) or 'nothing'}. A truth has "
+            f"{path} lacks {', '.join(missing)}; it holds {held}. A truth has "
             "depth_m (y, x), or occupied (z, y, x) and z_m, with x_m and y_m"
         )
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError, no_file
+from rig.errors import DataFileError, in_a_line, no_file
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.older import is_older, read_older_head
@@ -249,7 +249,7 @@ class Source:
         """Return what it holds, in words: as many names, and how many more there are."""
         parts = [name if shape is None else f"{name} {shape}" for name, shape in sorted(self.shapes.items())]
         more = f" and {len(parts) - named} more" if len(parts) > named else ""
-        return (", ".join(parts[:named]) or "nothing") + more
+        return (", ".join(map(in_a_line, parts[:named])) or "nothing") + more
 
 
 def _check_written(path: Path, dataset: h5py.Dataset) -> None:

@@ -315,3 +315,13 @@ def test_the_digest_is_that_of_the_source(tmp_path):
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.NAME)
 def test_the_page_tells_of_each_layout(layout):
     assert f"| {layout.NAME} | {layout.SIGN} |" in PAGE
+
+
+@pytest.mark.parametrize("read", [ScanFile, lambda path: import_scan(path, path.with_suffix(".scan"))])
+def test_a_name_out_of_a_file_cannot_begin_a_line_of_a_message(tmp_path, read):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["so far\nrig: all is well\r"] = [1.0]
+    with pytest.raises(DataFileError, match=r"so far\\nrig: all is well\\r") as refusal:
+        read(path)
+    assert "\nrig:" not in str(refusal.value)
