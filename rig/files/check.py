@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.errors import DataFileError, in_a_line, no_file
+from rig.errors import DataFileError, in_a_line, no_file, reason
 from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
 
@@ -58,6 +58,8 @@ def open_hdf5(path: Path) -> h5py.File:
             raise DataFileError(
                 f"{path} is truncated: its end is missing, so its content is not reliable; copy it again"
             ) from None
+        if error.errno is not None:  # the system's word, as of a permission
+            raise DataFileError(f"{path} cannot be read ({reason(error)}); check its permissions") from None
         what = "is not an HDF5 file, or its header is damaged" if os.path.getsize(path) else "is empty"
         raise DataFileError(f"{path} {what}; copy it again, or give a file of this program") from None
 

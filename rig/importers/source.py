@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import DataFileError, in_a_line, no_file
+from rig.errors import DataFileError, in_a_line, no_file, reason
 from rig.files.blocks import read
 from rig.files.check import open_hdf5, plain, reading
 from rig.files.older import is_older, read_older_head
@@ -282,8 +282,11 @@ def open_source(path: Path) -> Iterator[Source]:
     """
     if not path.is_file():
         raise DataFileError(no_file(path))
-    with path.open("rb") as file:
-        head = file.read(128)
+    try:
+        with path.open("rb") as file:
+            head = file.read(128)
+    except OSError as error:
+        raise DataFileError(f"{path} cannot be read ({reason(error)}); check its permissions") from None
     if head.startswith(b"MATLAB 5.0"):
         with open_variables(path) as variables:
             yield Source(path, variables.shapes, variables=variables)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import h5py
@@ -325,3 +326,15 @@ def test_a_name_out_of_a_file_cannot_begin_a_line_of_a_message(tmp_path, read):
     with pytest.raises(DataFileError, match=r"so far\\nrig: all is well\\r") as refusal:
         read(path)
     assert "\nrig:" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("read", [ScanFile, lambda path: import_scan(path, path.with_suffix(".scan"))])
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, read):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["H"] = [1.0]
+    path.chmod(0)
+    if os.access(path, os.R_OK):
+        pytest.skip("whoever runs this may read everything")
+    with pytest.raises(DataFileError, match=r"a\.h5 cannot be read \(Permission denied\)"):
+        read(path)
