@@ -117,8 +117,14 @@ def reason(problem: Exception) -> str:
 
 
 def in_shell(*words: object) -> str:
-    """Return a command as it is typed: words with blanks or signs of the shell are quoted."""
-    texts = [str(word) for word in words]
+    """Return a command as it is typed: words with blanks or signs of the shell are quoted.
+
+    A path that begins with a dash is written so that it is not taken for an option.
+    """
+    texts = [
+        os.path.join(os.curdir, word) if isinstance(word, Path) and str(word).startswith("-") else str(word)
+        for word in words
+    ]
     return subprocess.list2cmdline(texts) if os.name == "nt" else shlex.join(texts)
 
 

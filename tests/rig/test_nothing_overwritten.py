@@ -180,6 +180,7 @@ def test_hints_can_be_pasted_into_a_shell(rig, tmp_path):
     with ScanFile(folder / "o ut.h5") as found:
         assert shlex.split(found.command)[-1] == "my dir/o ut.h5"
     assert in_shell("rig", "recon", "plain.h5") == "rig recon plain.h5"
+    assert in_shell("rig", "recon", Path("-a.h5"), "-q") == f"rig recon {os.path.join('.', '-a.h5')} -q"
 
 
 def test_the_summary_of_a_resumed_scan_is_of_the_whole(rig):
