@@ -258,7 +258,7 @@ def stored_crc(chunks: StoredChunks, place: tuple[int, ...]) -> int | None:
 
 def chunk_histograms(bins: int, itemsize: int = 4) -> int:
     """Return how many histograms a chunk of new counts holds, unless one step has more."""
-    return max(_CHUNK_HISTOGRAMS, _FULL_BYTES // (bins * itemsize))
+    return max(_CHUNK_HISTOGRAMS, _FULL_BYTES // max(1, bins * itemsize))
 
 
 def chunk_shape(steps: int, channels: int, bins: int, itemsize: int) -> tuple[int, int, int]:
