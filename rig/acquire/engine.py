@@ -32,7 +32,7 @@ from rig.acquire.events import (
 )
 from rig.acquire.vigil import READ_BACK_S, Vigil
 from rig.errors import DoubtError, RefusedError
-from rig.files.scan import MOST_PAIRS
+from rig.files.description import MOST_PAIRS
 from rig.light.guard import ASKING_LEASE_S, FILE_LEASE_S, LIBRARY_LEASE_S
 from rig.model.devices import (
     Clock,

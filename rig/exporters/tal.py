@@ -20,12 +20,15 @@ from rig.errors import UsageError
 from rig.exporters.rectified import rectified
 from rig.files import ScanFile
 from rig.files.fresh import FreshFile
+from rig.files.inspection import CHUNK_BYTES
 from rig.files.taken import MADE_OF_A_SCAN
 
 NAME = "TAL"
 ENDINGS = (".hdf5",)
 _H_FORMAT = {"T_Sx_Sy": 1, "T_Lx_Ly_Sx_Sy": 2, "T_Si": 3, "T_Li_Si": 4}
 _GRID_FORMAT = {"N_3": 1, "X_Y_3": 2}
+#: Bins in a chunk of H; fewer where there are so many positions that the chunk could not be read again.
+CHUNK_BINS = 16
 #: Bytes of H in memory at once. The scan file keeps positions together and TAL bins, so each such part is a
 #: pass over the scan.
 PART_BYTES = 2**29
@@ -103,6 +106,11 @@ def _enum(file: h5py.File, name: str, codes: dict[str, int], value: str) -> None
     dataset[0] = codes[value]
 
 
+def bins_of_a_chunk(positions: int, part: int) -> int:
+    """Return how many bins of all positions a chunk has, where ``part`` bins are written at once."""
+    return max(1, min(part, CHUNK_BINS, CHUNK_BYTES // (4 * positions)))
+
+
 def _write_signal(
     file: h5py.File, capture: Capture, place: NDArray[np.intp], shape: tuple[int, ...], part: int
 ) -> None:
@@ -111,7 +119,7 @@ def _write_signal(
         "H",
         (capture.bins, *shape),
         "<f4",
-        chunks=(min(part, 16), *shape),
+        chunks=(bins_of_a_chunk(capture.positions, part), *shape),
         compression="gzip",
         compression_opts=1,
         shuffle=True,

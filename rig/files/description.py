@@ -2,14 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from rig.errors import UsageError
 from rig.model.delays import PathDelays
 from rig.model.plan import ScanPlan
 from rig.model.state import Channel, RigState
+
+#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
+#: their places alone take 0.5 GB.
+MOST_BINS, MOST_PAIRS = 2**20, 2**23
+#: Of histograms no places are kept: 64 x 64 lasers by 64 x 64 pixels.
+MOST_COUNTED = 2**24
 
 #: A device's settings, as read back from it.
 Settings = Mapping[str, str | int | float | bool]
@@ -112,6 +120,16 @@ class ScanDescription:
         """Number of channels C."""
         return 1 if self.detector_m.ndim == 2 else self.detector_m.shape[1]
 
+    def require_readable(self, path: Path) -> None:
+        """Refuse a file at ``path`` that would be larger than any that is read: UsageError."""
+        pairs, most = self.steps * self.channel_count, most_pairs(tagged=self.tagged)
+        if self.bins > MOST_BINS or pairs > most:
+            raise UsageError(
+                f"cannot write {path}: it would hold {pairs} pairs of step and channel with {self.bins} bins "
+                f"each, but at most {most} and {MOST_BINS} are read; take fewer positions, fewer or wider "
+                "bins, or several files"
+            )
+
     @property
     def time_origin(self) -> str:
         """``wall`` or ``laser``."""
@@ -125,6 +143,11 @@ class ScanDescription:
             return None
         detector_m = self.detector_m.reshape(-1, self.channel_count, 3)
         return rectified_by_s(self.delays, self.channels, self.laser_m, detector_m)
+
+
+def most_pairs(*, tagged: bool) -> int:
+    """Return how many pairs of step and channel a file may have."""
+    return MOST_PAIRS if tagged else MOST_COUNTED
 
 
 def rectified_by_s(

@@ -18,6 +18,7 @@ from rig.errors import DataFileError
 from rig.files.blocks import StoredChunks, read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
+from rig.files.inspection import CHUNK_BYTES
 from rig.files.journal import Chunk
 from rig.model.photons import photons_in
 
@@ -264,7 +265,8 @@ def chunk_histograms(bins: int, itemsize: int = 4) -> int:
 def chunk_shape(steps: int, channels: int, bins: int, itemsize: int) -> tuple[int, int, int]:
     """Return the shape of a chunk of new counts."""
     if channels * bins * itemsize <= STEP_BYTES or channels == 1:
-        return min(max(chunk_histograms(bins, itemsize) // channels, 1), steps), channels, bins
+        some = min(chunk_histograms(bins, itemsize) // channels, CHUNK_BYTES // (channels * bins * itemsize))
+        return min(max(some, 1), steps), channels, bins
     return 1, min(channels, BAND[0]), min(bins, BAND[1])
 
 

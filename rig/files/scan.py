@@ -16,7 +16,7 @@ from rig.errors import DataFileError, in_shell
 from rig.files import forms, mend
 from rig.files.blocks import read, spans
 from rig.files.check import plain, reading
-from rig.files.description import Settings, rectified_by_s
+from rig.files.description import MOST_BINS, Settings, most_pairs, rectified_by_s
 from rig.files.histograms import DenseHistograms, LaserHistograms, RepeatedHistograms, TaggedHistograms
 from rig.files.journal import Journal, journal_of
 from rig.files.outline import ScanOutline, why_mended
@@ -28,11 +28,6 @@ from rig.model.state import Channel
 
 #: Photons read at once when all are looked through.
 PHOTONS_AT_ONCE = 2**22
-#: The longest histogram: 16 times that of a timing instrument of this field. And so many histograms that
-#: their places alone take 0.5 GB.
-MOST_BINS, MOST_PAIRS = 2**20, 2**23
-#: Of histograms no places are kept: 64 x 64 lasers by 64 x 64 pixels.
-MOST_COUNTED = 2**24
 #: The writer packs bins without a photon 228:1, deflate's quickest level at its best. Counts of more bytes
 #: than these that are packed far more would cost minutes and hold nothing.
 UNPACKED_BYTES, MOST_PACKED = 2**28, 512
@@ -240,11 +235,11 @@ class ScanFile(ScanOutline):
         if self.bins < 1:
             raise DataFileError(f"{self.path} has {self.bins} bins; at least one is needed")
         pairs = self.steps * self.detector_m.shape[1]
-        most_pairs = MOST_COUNTED if dense else MOST_PAIRS
-        if self.bins > MOST_BINS or pairs > most_pairs:
+        most = most_pairs(tagged=not dense)
+        if self.bins > MOST_BINS or pairs > most:
             raise DataFileError(
                 f"{self.path} claims {pairs} pairs of step and channel with {self.bins} bins each; at most "
-                f"{most_pairs} and {MOST_BINS} are read: divide the scan"
+                f"{most} and {MOST_BINS} are read: divide the scan"
             )
 
     def _check_stored(self, values: h5py.Dataset, measured: int) -> None:

@@ -9,11 +9,14 @@ import h5py
 import numpy as np
 
 import rig
+from rig.errors import UsageError
 from rig.files import forms
 from rig.files.content import create_events
 from rig.files.description import ScanDescription, Settings
+from rig.files.inspection import TEXT_BYTES
 from rig.files.layout import SCAN, SCAN_VERSION, Layout
 from rig.model.config import RigConfig
+from rig.model.plan import ScanPlan
 
 
 def utc_now() -> str:
@@ -38,7 +41,7 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
         file, state.config if state else None, description.devices, description.simulated, description.command
     )
     if description.plan is not None:
-        file["start"].attrs["plan"] = description.plan.model_dump_json()
+        file["start"].attrs["plan"] = _readable(description.plan)
     if state is not None:
         file["start"].attrs["doubts"] = json.dumps(state.doubts)
     if description.imported:
@@ -81,6 +84,23 @@ def _write_start(file: h5py.File, description: ScanDescription) -> None:
     forms.asked(description).create(transients, description)
     create_events(file)
     describe(file, SCAN)
+
+
+def _readable(plan: ScanPlan) -> str:
+    """Return a plan as text.
+
+    Raises
+    ------
+    UsageError
+        If it is longer than any that is read.
+    """
+    text = plan.model_dump_json()
+    if len(text) > TEXT_BYTES:
+        raise UsageError(
+            f"the plan lists {len(plan)} positions in {len(text) / 1e6:.0f} MB of text, but at most "
+            f"{TEXT_BYTES / 1e6:.0f} MB are read; divide it, or give a grid"
+        )
+    return text
 
 
 def _write_channels(file: h5py.File, description: ScanDescription) -> None:

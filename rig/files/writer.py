@@ -81,9 +81,11 @@ class ScanWriter:
         Raises
         ------
         UsageError
-            If the file or its journal exists, or cannot be created where it was asked for.
+            If the file or its journal exists, or cannot be created where it was asked for, or if it would be
+            larger than any that is read.
         """
         path = Path(path)
+        description.require_readable(path)
         if os.path.exists(journal_of(path)):  # which says no, too, of a name that is too long
             raise UsageError(
                 f"{journal_of(path)} exists: it holds the measured data of a scan file of this name. "
@@ -123,10 +125,11 @@ class ScanWriter:
         Raises
         ------
         UsageError
-            If its folder does not exist.
+            If its folder does not exist, or it would be larger than any file that is read.
         DataFileError
             If it cannot be written.
         """
+        description.require_readable(target)
         with (
             refusals_told(target),
             appearing(target) as partial,

@@ -10,6 +10,8 @@ import scipy.io
 from rig.errors import UsageError
 from rig.exporters import export, tal
 from rig.files import ScanDescription, ScanFile, ScanWriter, Volume, write_volume
+from rig.files.description import MOST_COUNTED
+from rig.files.inspection import CHUNK_BYTES
 from rig.importers import import_scan
 from rig.model.delays import PathDelays
 from support.imaged_points import brightest, point_signal
@@ -160,6 +162,13 @@ def test_tal_in_parts_is_tal_in_one(tmp_path):
     with h5py.File(tmp_path / "one.hdf5") as one, h5py.File(tmp_path / "parts.hdf5") as parts:
         np.testing.assert_array_equal(one["H"][()], parts["H"][()])
         assert one["H"][()].sum() == counts.sum()
+
+
+def test_tal_of_any_number_of_positions_has_chunks_that_are_read():
+    for positions in (1, 23_400, 2**20, 2**20 + 1, MOST_COUNTED):
+        assert 4 * positions * tal.bins_of_a_chunk(positions, part=16) <= CHUNK_BYTES
+    assert tal.bins_of_a_chunk(2**20, part=16) == 16
+    assert tal.bins_of_a_chunk(2**20, part=3) == 3
 
 
 def test_pairs_have_no_tal_form_but_go_to_matlab(tmp_path):

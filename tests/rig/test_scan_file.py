@@ -8,10 +8,10 @@ import pytest
 
 from recon.capture import BLOCK_BYTES
 from rig.errors import UsageError
-from rig.files import ScanDescription, ScanFile, ScanWriter
+from rig.files import ScanDescription, ScanFile, ScanWriter, start
 from rig.model.config import built_in
 from rig.model.delays import PathDelays
-from rig.model.plan import ScanPlan
+from rig.model.plan import Pass, ScanPlan, Spots
 from rig.model.state import RigState
 from support.scan_files import C_M_PER_S, dense
 
@@ -248,6 +248,44 @@ def test_steps_added_at_once_are_those_added_one_by_one(tmp_path, blocks):
     with ScanFile(tmp_path / "many.h5") as scan:
         assert scan.status == "complete"
         assert not scan.doubts
+
+
+@pytest.mark.parametrize(("bins", "dtype"), [(2**20, "u4"), (2**20, "u8"), (2**19 + 1, "f8")])
+def test_the_longest_histograms_that_are_read_can_be_written(tmp_path, bins, dtype):
+    """A chunk of sixteen of them would be larger than the chunks that are read."""
+    counts = np.ones((17, 1, bins), dtype)
+    with ScanWriter.create(tmp_path / "a.h5", describe(17, bins, plan=None, dtype=dtype)) as writer:
+        writer.extend(counts)
+    with ScanFile(tmp_path / "a.h5") as scan:
+        assert scan.photons == counts.size
+
+
+@pytest.mark.parametrize(
+    ("steps", "channels", "bins", "tagged"),
+    [(2, 1, 2**20 + 1, False), (2**12 + 1, 2**12, 1, False), (2**12 + 1, 2**11, 1, True)],
+    ids=["bins", "histograms", "photons"],
+)
+def test_what_would_be_too_large_to_be_read_is_not_written(tmp_path, steps, channels, bins, tagged):
+    description = ScanDescription(
+        np.zeros((steps, 3)), np.zeros((1, channels, 3)), bins, 4e-12, 0.0, tagged=tagged
+    )
+    with pytest.raises(UsageError, match=r"cannot write .*a\.h5: it would hold"):
+        ScanWriter.create(tmp_path / "a.h5", description)
+    with (
+        pytest.raises(UsageError, match=r"cannot write .*a\.h5: it"),
+        ScanWriter.whole(tmp_path / "a.h5", description),
+    ):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_plan_that_is_too_long_to_be_read_is_not_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(start, "TEXT_BYTES", 300)
+    spots = Spots(spots=tuple((0.01 * number, 0.0, 0.0) for number in range(37)))
+    plan = ScanPlan(passes=(Pass(positions=spots, exposure_s=0.01),))
+    with pytest.raises(UsageError, match="the plan lists 37 positions in"):
+        ScanWriter.create(tmp_path / "a.h5", describe(plan=plan))
+    assert not list(tmp_path.iterdir())
 
 
 def test_steps_of_few_bins_do_not_make_many_chunks(tmp_path):
