@@ -5,28 +5,56 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from glob import escape
+from itertools import count
 from pathlib import Path
 
 from rig.errors import DataFileError, UsageError, reason
 
 
 @contextmanager
-def appearing(path: Path) -> Iterator[Path]:
+def appearing(path: Path, *, replaces: bool = True) -> Iterator[Path]:
     """Give a name beside ``path`` to write to; it becomes ``path`` if the block ends well, and goes if not.
+
+    Parameters
+    ----------
+    path
+        The name.
+    replaces
+        Whether it replaces what has this name then. If not, it is given another name.
 
     Raises
     ------
     UsageError
-        If the folder does not exist.
+        If the folder does not exist; or, when all is written, if it was given another name.
     """
     if not path.parent.is_dir():
         raise UsageError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     partial = path.with_name(_partial(path.stem, str(os.getpid()), path.suffix))
     try:
         yield partial
-        os.replace(partial, path)
+        if replaces:
+            os.replace(partial, path)
+        else:
+            _name(partial, path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _name(partial: Path, path: Path) -> None:
+    """Name a file, without replacing another that has this name."""
+    for number in count(1):
+        name = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+        try:
+            os.link(partial, name)
+        except FileExistsError:
+            continue
+        except OSError:  # as on a file system that has no links
+            if os.path.lexists(name):
+                continue
+            os.replace(partial, name)
+        break
+    if name != path:
+        raise UsageError(f"another program has made {path}, which is not overwritten: this result is {name}")
 
 
 @contextmanager

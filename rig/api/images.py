@@ -153,7 +153,7 @@ class Image:
         if ending in _OWN:
             write_volume(target, self.volume)
         elif any(ending in layout.ENDINGS for layout in VOLUME_LAYOUTS):
-            write_volume_as(self.volume, target)
+            write_volume_as(self.volume, target, replaces=replace)
         else:
             check_picture(target)
             save(self.plot(), target)

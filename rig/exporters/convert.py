@@ -57,27 +57,30 @@ def export(
     if is_volume(source):
         if rectify:
             raise UsageError(f"{source} is a volume; --rectified is for scans. Leave it out")
-        return write_volume_as(read_volume(source), target)
+        return write_volume_as(read_volume(source), target, replaces=replace)
     with ScanFile(source) as scan:
         layout = _by_ending(target, SCAN_LAYOUTS, "a scan")
         for sentence in scan.doubts:
             tell(sentence)
-        _write(target, lambda partial: layout.write(partial, scan, rectify))
+        _write(target, lambda partial: layout.write(partial, scan, rectify), replaces=replace)
     return str(layout.NAME)
 
 
-def write_volume_as(volume: Volume, target: Path) -> str:
+def write_volume_as(volume: Volume, target: Path, *, replaces: bool) -> str:
     """Write a volume in the layout that the ending names, whole or not at all; return the layout's name.
+
+    ``replaces`` says whether a file that has this name is replaced; if not, it is written beside it.
 
     Raises
     ------
     UsageError
-        If the ending is not known for volumes, or the layout cannot hold what the volume holds.
+        If the ending is not known for volumes, the layout cannot hold what the volume holds, or it was
+        written beside another file.
     DataFileError
         If ``target`` cannot be written.
     """
     layout = _by_ending(target, VOLUME_LAYOUTS, "a volume")
-    _write(target, lambda partial: layout.write(partial, volume))
+    _write(target, lambda partial: layout.write(partial, volume), replaces=replaces)
     return str(layout.NAME)
 
 
@@ -90,6 +93,6 @@ def _by_ending(target: Path, layouts: tuple[ModuleType, ...], what: str) -> Modu
     raise UsageError(f"{target}: {what} cannot be written as '{ending}'; its endings are {known}")
 
 
-def _write(target: Path, write: Callable[[Path], None]) -> None:
-    with refusals_told(target), appearing(target) as partial:
+def _write(target: Path, write: Callable[[Path], None], *, replaces: bool) -> None:
+    with refusals_told(target), appearing(target, replaces=replaces) as partial:
         write(partial)

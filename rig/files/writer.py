@@ -132,7 +132,7 @@ class ScanWriter:
         description.require_readable(target)
         with (
             refusals_told(target),
-            appearing(target) as partial,
+            appearing(target, replaces=False) as partial,
             cls.create(partial, description, journaled=False) as writer,
         ):
             yield writer
