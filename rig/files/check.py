@@ -13,6 +13,7 @@ import numpy as np
 from rig.errors import DataFileError, in_a_line, no_file, reason
 from rig.files.inspection import inspect
 from rig.files.layout import TYPES, Entry, Layout
+from rig.files.opened import hdf5_file
 
 #: What files of this program are called, and what to do with one where another kind is wanted.
 _OWN = {
@@ -46,7 +47,7 @@ def open_hdf5(path: Path) -> h5py.File:
         raise DataFileError(no_file(path))
     inspect(path)
     try:
-        return h5py.File(path, "r")
+        return hdf5_file(path, "r")
     except BlockingIOError:
         raise DataFileError(f"{path} is being written by another program; wait until it has ended") from None
     except OSError as error:

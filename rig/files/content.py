@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.files.description import Settings
 from rig.files.layout import SCAN
+from rig.files.opened import hdf5_file
 from rig.model.plan import MAX_STEPS
 
 #: A row of the table of events.
@@ -181,7 +182,7 @@ def written(path: Path) -> Iterator[h5py.File]:
     OSError, RuntimeError
         If it cannot be written.
     """
-    file = h5py.File(path, "r+")
+    file = hdf5_file(path, "r+")
     try:
         held = datasets(file)
         yield file

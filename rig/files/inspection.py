@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 
 from rig.errors import DataFileError, in_a_line
+from rig.files.opened import hdf5_file
 from rig.files.trial import tried
 
 #: Objects of a file, attributes of an object, groups in groups, axes of an array. A scan has about 50 objects
@@ -97,7 +98,7 @@ def problems(*paths: str) -> list[str]:
 def problem(path: str) -> None:
     """Raise DataFileError for what is wrong with a file; one that cannot be opened is left to the caller."""
     try:
-        file = h5py.File(path, "r")
+        file = hdf5_file(path, "r")
     except OSError:
         return
     try:

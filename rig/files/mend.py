@@ -14,6 +14,7 @@ from rig.errors import DataFileError, RefusedError, in_shell, reason
 from rig.files import content, forms
 from rig.files.content import Note
 from rig.files.journal import Chunk, Journal, Kind, Record, journal_of, sync_folder
+from rig.files.opened import hdf5_file
 
 #: What is left free on the disk, so that a file can always be closed in order.
 RESERVE_BYTES = 16 * 2**20
@@ -234,7 +235,7 @@ def for_reading(journal: Journal, path: Path) -> h5py.File:
             mended = Path(folder) / path.name
             rebuild(journal, mended)
             # the open file outlives its name, where the system allows that
-            return h5py.File(mended, "r")
+            return hdf5_file(mended, "r")
     except (OSError, RuntimeError) as error:
         raise DataFileError(
             f"cannot repair {path} from its journal in {tempfile.gettempdir()}: {reason(error)}. "

@@ -25,6 +25,7 @@ from rig.files.form_counts import CountForm
 from rig.files.form_photons import PhotonForm
 from rig.files.journal import Chunk, Journal, Kind, journal_of, present_name, sync_folder
 from rig.files.mend import RESERVE_BYTES
+from rig.files.opened import hdf5_file
 from rig.files.start import start_of, utc_now
 from rig.model.plan import ScanPlan
 
@@ -108,7 +109,7 @@ class ScanWriter:
             if journaled:
                 journal = Journal(journal_of(path), new=True)
                 _begin(journal, head)
-            return cls(path, h5py.File(path, "r+"), journal)
+            return cls(path, hdf5_file(path, "r+"), journal)
         except BaseException as error:
             if journal is not None:
                 journal.remove()
@@ -158,7 +159,7 @@ class ScanWriter:
                 journal.sync()
                 mend.replace(journal, path)
             with _named(path, "open"):
-                file = h5py.File(path, "r+")
+                file = hdf5_file(path, "r+")
             with _named(path, "read"):
                 writer = cls(path, file, journal)
                 writer._take_up()
@@ -514,7 +515,7 @@ class ScanWriter:
         """Make the closed file permanent, and raise DataFileError unless it holds what was measured."""
         with _named(self.path, "write"), self.path.open("rb+") as closed:
             os.fsync(closed.fileno())
-        with _named(self.path, "read back"), h5py.File(self.path, "r") as file:
+        with _named(self.path, "read back"), hdf5_file(self.path, "r") as file:
             marked = file["transients/done"][()]
             right = marked[: self.appended].all() and not marked[self.appended :].any()
             if not right or self._form.altered(file, self._form.sums).any():
@@ -655,7 +656,7 @@ def _journal_of(path: Path) -> Journal:
         measured = scan.steps if scan.done.all() else int(scan.done.argmin())
         beyond = scan.done[measured:].any()
         warnings = scan.warnings
-    with _named(path, "read"), h5py.File(path, "r") as file:
+    with _named(path, "read"), hdf5_file(path, "r") as file:
         if not forms.written_here(file):
             raise DataFileError(f"{path} cannot be resumed: it was not written by a scan of this program")
         notes = content.read_events(file)

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from rig.errors import RefusedError, command_line
+from rig.errors import RefusedError, command_line, reason
 from rig.light.state import folder, key, now
 from rig.model.config import RigConfig
 
@@ -23,11 +23,18 @@ def locked(config: RigConfig) -> Iterator[None]:
     Raises
     ------
     RefusedError
-        If another program uses it, which is named.
+        If another program uses it, which is named; or where nothing can be locked.
     """
     path = folder() / f"rig-{key(config)}.lock"
     with path.open("ab+", buffering=0) as file:
-        if not _lock(file):
+        try:
+            free = _lock(file)
+        except OSError as error:
+            raise RefusedError(
+                f"cannot have {config.name} alone: {path} cannot be locked ({reason(error)}). Set RIG_STATE "
+                "to a folder on a disk of this computer, the same for all who use the rig"
+            ) from None
+        if not free:
             holder = _holder(path)
             raise RefusedError(
                 f"{config.name} is in use by {holder}. Wait until it has ended, or stop it; "
@@ -63,7 +70,7 @@ if sys.platform == "win32":
         file.seek(_BEYOND)
         try:
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        except OSError:
+        except PermissionError:
             return False
         return True
 
@@ -73,6 +80,6 @@ else:
     def _lock(file: IO[bytes]) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except BlockingIOError:
             return False
         return True

@@ -6,12 +6,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from rig.errors import ConfigError, DataFileError
 from rig.files.check import plain, reading
 from rig.files.inspection import inspect_all
 from rig.files.journal import journal_of
+from rig.files.opened import hdf5_file
 from rig.files.outline import ScanOutline
 from rig.model.quantities import show
 from rig.show.about import scan_document
@@ -107,7 +106,7 @@ def _is_scan(path: Path) -> bool:
     if not path.is_file():
         return False
     try:
-        with h5py.File(path, "r") as file:
+        with hdf5_file(path, "r") as file:
             return bool(plain(file.attrs.get("format")) == "rig-scan")
     except (OSError, RuntimeError, ValueError, KeyError, TypeError):
         return True
