@@ -1,14 +1,12 @@
 """The voxels that are imaged."""
 
-import os
-import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, floor, inf, isfinite, log10
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recon.computer import memory_bytes
 from recon.errors import MemoryBoundError, ParameterError
 
 #: What imaging holds for each voxel: field and lateness, intensity and its noise, and what a picture needs.
@@ -180,11 +178,3 @@ def _rounded_up(length_m: float) -> str:
         return "another size"
     digit_m = 10.0 ** (floor(log10(length_m)) - 1)
     return f"{ceil(length_m / digit_m * (1 - 1e-9)) * digit_m * 1e3:.3g}mm"
-
-
-def memory_bytes() -> float:
-    """Return the memory of this computer."""
-    if sys.platform != "win32":
-        with suppress(OSError, ValueError):  # not every system says
-            return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    return 16e9

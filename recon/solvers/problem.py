@@ -7,13 +7,14 @@ It asks the camera for light, reading times and aperture weights, and never what
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import pi
-from os import cpu_count, environ
+from os import environ
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
+from recon.computer import cores
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock, path_limits_m, plane_times_s
 from recon.spectrum import Spectra, spectra
@@ -28,7 +29,7 @@ def ignore(fraction: float) -> None:
 def usual_threads() -> int:
     """Return how many threads compute: ``OMP_NUM_THREADS``, as other libraries take it, else all cores."""
     asked = environ.get("OMP_NUM_THREADS", "")
-    return int(asked) if asked.isdigit() and int(asked) > 0 else cpu_count() or 1
+    return int(asked) if asked.isdigit() and int(asked) > 0 else cores()
 
 
 def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:

@@ -1,7 +1,6 @@
 """Joining a cluster: one that runs, or workers of this computer for as long as they are needed."""
 
 import json
-import os
 import re
 import signal
 import sys
@@ -11,6 +10,7 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from recon.computer import cores, memory_bytes
 from rig.errors import RefusedError, UsageError, reason
 from rig.install import install_extra
 
@@ -40,11 +40,10 @@ def local_workers(address: str) -> int | None:
         If it is no address.
     """
     if match := re.fullmatch(r"local(?::(\d+))?", address):
-        number = int(match.group(1) or os.cpu_count() or 1)
-        if not 1 <= number <= 4 * (os.cpu_count() or 1):
+        number, most = int(match.group(1) or cores()), 4 * cores()
+        if not 1 <= number <= most:
             raise UsageError(
-                f"--cluster {address}: this computer has {os.cpu_count()} cores; ask for 1 to "
-                f"{4 * (os.cpu_count() or 1)} workers"
+                f"--cluster {address}: there are {cores()} cores here to be used; ask for 1 to {most} workers"
             )
         return number
     if re.fullmatch(SCHEDULER, address) or address.endswith(".json"):
@@ -116,8 +115,6 @@ def _without_ctrl_c() -> Iterator[None]:
 
 
 def _share_bytes(number: int) -> int:
-    from recon.grid import memory_bytes
-
     return int(memory_bytes() / number)
 
 

@@ -1,7 +1,6 @@
 """What `rig recon` will take, said before it begins; what cannot be, or would take very long, is refused."""
 
 import json
-import os
 import platform
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -12,9 +11,9 @@ from typing import Any
 from pydantic import ConfigDict
 
 import rig
+from recon import computer
 from recon.camera import ConfocalCamera
 from recon.effort import Effort, Speed, effort, speed
-from recon.grid import memory_bytes as computer_bytes
 from recon.imaging import plan
 from recon.parts import Cut, cut
 from recon.solvers.problem import ImagingProblem, Solver
@@ -50,7 +49,7 @@ class Workers:
     @classmethod
     def of_this_computer(cls, number: int, memory_bytes: int | None) -> "Workers":
         """Return workers that have each a share of this computer's memory, unless they are given a bound."""
-        return cls(number, memory_bytes or int(computer_bytes() / number / 2))
+        return cls(number, memory_bytes or int(computer.memory_bytes() / number / 2))
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class Forecast:
             "frequencies": f"{one.frequencies} at most, {one.pairs:,} pairs of plane and frequency",
             "memory": f"{_size(one.memory_bytes)}, or with --memory {_size(one.least_bytes)} at least",
             "time here": f"{show_duration(self.processor_s)} of processor time{more}; about "
-            f"{show_duration(self.clock_s)} by the clock on {self.cores} cores",
+            f"{show_duration(self.clock_s)} by the clock on {self.cores} core{'s' if self.cores > 1 else ''}",
         }
         if workers:
             found["on workers"] = (
@@ -191,7 +190,7 @@ def forecast(
     measured
         Whether the computer's speed is to be known, even if the image is quick at any.
     """
-    cores = os.cpu_count() or 1
+    cores = computer.cores()
     shape = problem.grid.shape[::-1]
     found = effort(problem, solver)
     if found is None:
@@ -234,11 +233,11 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
     counted = found.effort
     if counted is None:
         return
-    room = computer_bytes()
+    room = computer.memory_bytes()
     if found.on_workers is None and not bounded and counted.memory_bytes > room:
         in_turns = f"--memory {0.8 * room / 1e9:.3g}GB computes it in several steps, or "
         raise RefusedError(
-            f"imaging takes {_size(counted.memory_bytes)} of memory, but this computer has {_size(room)}; "
+            f"imaging takes {_size(counted.memory_bytes)} of memory, but {_size(room)} are here to be used; "
             f"{in_turns if counted.least_bytes < 0.8 * room else ''}image fewer voxels: a larger --voxel, or "
             "a larger step of --depth"
         )
@@ -254,7 +253,7 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
 @cache
 def this_speed() -> Speed:
     """Return this computer's speed: as it was measured, or measured now and kept."""
-    machine = {"host": platform.node(), "cores": os.cpu_count(), "version": rig.__version__}
+    machine = {"host": platform.node(), "cores": computer.cores(), "version": rig.__version__}
     with suppress(OSError, ValueError, KeyError, TypeError):  # nothing hangs on what was there
         stored = json.loads(_speed_file().read_text(encoding="utf-8"))
         if stored["machine"] == machine:

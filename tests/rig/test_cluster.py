@@ -178,7 +178,7 @@ def test_ctrl_c_leaves_no_process_and_no_file(scan, folder):
     time.sleep(1.0)
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does: all of them get it
     out, err = running.communicate(timeout=60)
-    assert running.returncode == 130
+    assert running.returncode == 130, err
     assert "Traceback" not in err
     assert "stopped by Ctrl-C" in err
     assert out == ""

@@ -27,7 +27,6 @@ voxels of a plane are read at one moment, as in confocal data, the sum is taken 
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from os import cpu_count
 from threading import Lock, local
 
 import numpy as np
@@ -36,6 +35,7 @@ from numpy.typing import NDArray
 
 from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
+from recon.computer import cores
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
@@ -133,7 +133,7 @@ class LatticePropagator(Propagator):
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
-        with ThreadPoolExecutor(threads or cpu_count() or 1) as pool:
+        with ThreadPoolExecutor(threads or cores()) as pool:
             walls = list(pool.map(self._transform, range(min(kept, len(band)))))
         self._walls: Sequence[NDArray[np.complex64]] | NDArray[np.complex64] = walls
 
@@ -280,7 +280,7 @@ class LatticePropagator(Propagator):
             frequency, group = place
             walls[place] = self._transformed(emitted[group][frequency])
 
-        with ThreadPoolExecutor(cpu_count() or 1) as threads:
+        with ThreadPoolExecutor(cores()) as threads:
             deque(threads.map(fill, places), maxlen=0)
         return walls
 
