@@ -73,7 +73,7 @@ class StoredChunks:
         self._dataset = dataset
         self.filters = _filters(dataset)
         self.nbytes = prod(dataset.chunks) * dataset.dtype.itemsize
-        self._asks = not self.filters
+        self._asks = not self.filters or not _has_chunks(dataset)
         self._asked = 0
         self._index: _Index | None = None
 
@@ -129,6 +129,13 @@ class StoredChunks:
         if stored is None:
             raise _damaged(self._dataset, "a chunk is missing")
         return stored[1]
+
+
+def _has_chunks(dataset: h5py.Dataset) -> bool:
+    """Return whether a chunk was written: where none was, the library takes any number for a chunk's size."""
+    with suppress(OSError, RuntimeError, ValueError):
+        return bool(dataset.id.get_num_chunks())
+    return False
 
 
 class _Index:

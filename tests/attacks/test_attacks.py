@@ -107,9 +107,9 @@ def test_a_command_line_that_was_found_is_refused_in_words(rig, line, said):
 @pytest.mark.skipif(sys.platform != "linux", reason="peaks can be forgotten on Linux alone")
 def test_many_bins_are_rendered_in_little_memory(rig, monkeypatch):
     monkeypatch.setattr(running, "MOST_BYTES", 45 * 10**7)  # all at once, they would take 650 MB
-    line = "sim render point {}.h5 --grid 4x3 --spacing 10cm --bins {}"
+    line = "sim render point {}.h5 --grid 8x6 --spacing 10cm --bins {}"
     assert rig(*line.format("few", 100).split()).code == 0  # all that is needed is loaded
-    words = line.format("a", 2_000_000).split()
+    words = line.format("a", 2**20).split()
     many = wire.Attack("render", lambda _: words, lambda words: rig(*words), ())
     assert attack(many, 1) == []
     assert Path("a.h5").exists()

@@ -176,11 +176,12 @@ def test_an_interrupted_file_of_version_1_is_resumed_as_what_it_is(tmp_path):
     path = write(tmp_path / "new.h5", describe(state, plan), counts)
     older = tmp_path / "old.h5"
     as_version_1(path, older)
-    with h5py.File(older, "r+") as file:
+    with h5py.File(path) as new, h5py.File(older, "r+") as file:
+        rows = new["transients/counts"].chunks[0]
         stored = file["transients/counts"][()]
         del file["transients/counts"], file["stop"]
         file["transients"].create_dataset(
-            "counts", data=stored, chunks=(16, BINS), compression="gzip", compression_opts=1, shuffle=True
+            "counts", data=stored, chunks=(rows, BINS), compression="gzip", compression_opts=1, shuffle=True
         )
         file["transients/done"][7:] = False
     with ScanWriter.resume(older) as writer:
