@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.atomic import appearing, refusals_told
-from rig.errors import DataFileError, RigError
+from rig.errors import DataFileError, RigError, UsageError
 from rig.files.blocks import read
 from rig.files.check import check_format, check_layout, open_hdf5, plain, reading
 from rig.files.fresh import FreshFile
@@ -197,6 +197,8 @@ def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[Callable[[Any
 @contextmanager
 def _creating(path: Path) -> Iterator[FreshFile]:
     """Give a new volume file, to be filled; what is no volume is not replaced by it."""
+    if path.exists() and not path.is_file():
+        raise UsageError(f"{path} exists and is no file; it is not overwritten. Give another name")
     replaces = path.exists() and is_volume(path)
     with refusals_told(path), appearing(path, replaces=replaces) as partial, FreshFile(partial) as file:
         yield file
