@@ -42,6 +42,9 @@ def main() -> None:
         code = 130
         _report(STOPPED, code)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it would spoil the interpreter's own end
+    # a Ctrl-C within a text that was executed (a dataclass is made of one) is taken for one that nobody
+    # heard: Python ends by the signal in place of the code, until another text is evaluated
+    eval("0")
     gc.freeze()  # at its end it would look for garbage among a million objects, three times
     sys.exit(code)
 

@@ -54,7 +54,7 @@ def _name(partial: Path, path: Path) -> None:
             os.replace(partial, name)
         break
     if name != path:
-        raise UsageError(f"another program has made {path}, which is not overwritten: this result is {name}")
+        raise UsageError(f"{path} is there already, and is not overwritten: this result is {name}")
 
 
 @contextmanager

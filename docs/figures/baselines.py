@@ -26,7 +26,8 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.files.scan import ScanFile
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 
 IMAGES = Path(__file__).parents[1] / "images"
 

@@ -19,7 +19,8 @@ from small import shrink
 from recon.depth import compensate_falloff
 from rig.files import Volume, read_volume
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 DEPTHS = "0.5m:2m:1cm"

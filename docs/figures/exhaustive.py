@@ -24,7 +24,7 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.bench.render import even_grid
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import save
+from rig.show.saving import save
 from simulators.scenes import Mesh, Scene
 from simulators.transport.each_with_each import EachWithEach
 from simulators.transport.patches import tessellate

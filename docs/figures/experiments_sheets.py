@@ -18,7 +18,8 @@ from rig.files import Volume, read_volume
 from rig.image.truth import true_depth
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.model.quantities import show_length
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 from simulators.scenes import scene
 from simulators.scenes.mesh import Scene
 

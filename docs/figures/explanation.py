@@ -22,7 +22,8 @@ from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.files import ScanFile
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import X_LABEL, save
+from rig.show.saving import save
+from rig.show.volume import X_LABEL
 
 WAVELENGTH_M = 0.04
 #: Bins are put together for the pictures of the record, so that single photons do not hide its shape.

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from recon.capture import C_M_PER_S
-from rig.show.volume import save
+from rig.show.saving import save
 
 X_P, X_C = np.array([-0.55, 0.0]), np.array([0.1, 0.0])  # x and z in metres
 HIDDEN = np.array([0.95, 1.2])

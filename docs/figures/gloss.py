@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rig.show.volume import save
+from rig.show.saving import save
 from simulators.scenes import scene
 from simulators.transport.reflectance import gloss
 from simulators.transport.renderer import Transport

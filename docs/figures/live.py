@@ -19,7 +19,7 @@ from rig.live.figure import LiveFigure
 from rig.live.follow import described
 from rig.live.process import STEPS_AT_ONCE, Growing, block_of
 from rig.live.state import LiveState, Subject
-from rig.show.volume import save
+from rig.show.saving import save
 
 BEGAN_S = 1_800_000_000.0  # seconds since 1970
 OVERHEAD = 1.3  # time of a step in exposures

@@ -26,7 +26,8 @@ from rig.image.reconstruct import reconstruct
 from rig.image.request import Request
 from rig.importers import import_scan
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 
 PAIRS = 4
 PS, CM = 1e-12, 0.01

@@ -25,7 +25,8 @@ from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from rig.model.state import RigState
 from rig.model.sweep import Trajectories
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 from simulators.motion.mirror import SteeringMirror
 
 CONFIG = """

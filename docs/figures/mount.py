@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from small import shrink
 
 from rig.model.pointing import Pointing
-from rig.show.volume import X_LABEL, save
+from rig.show.saving import save
+from rig.show.volume import X_LABEL
 
 DISTANCE_M = 2.5
 INCIDENCE_DEG, COMMAND_DEG = 22.5, 18.0

@@ -20,8 +20,8 @@ from recon.solvers import fresnel
 from recon.wave import VirtualPulse
 from recon.window import Window
 from rig.files import ScanFile, Volume
+from rig.show.saving import save
 from rig.show.sheet import sheet
-from rig.show.volume import save
 
 WAVELENGTH_M = 0.04
 #: In front of both letters, on the F, between, on the R, and behind both.

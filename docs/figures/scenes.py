@@ -11,7 +11,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
-from rig.show.volume import X_LABEL, save
+from rig.show.saving import save
+from rig.show.volume import X_LABEL
 from simulators.scenes import SCENES, scene
 
 PICTURE = Path(__file__).parents[1] / "images" / "scenes.png"

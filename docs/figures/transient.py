@@ -24,7 +24,8 @@ from recon.filming import video
 from recon.grid import VoxelGrid
 from recon.wave import VirtualPulse
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import X_LABEL, draw_front, save
+from rig.show.saving import save
+from rig.show.volume import X_LABEL, draw_front
 from simulators.scenes.mesh import Scene
 from simulators.scenes.solids import quads_mesh
 from simulators.transport.light_paths import transients

@@ -16,7 +16,8 @@ from small import shrink
 
 from rig.files.volume import read_volume
 from rig.model.colours import AMPLITUDE_COLOURS
-from rig.show.volume import draw_front, save
+from rig.show.saving import save
+from rig.show.volume import draw_front
 
 VOLUMES = {
     "letters-2-volume.h5": "20 cm",

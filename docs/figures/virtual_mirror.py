@@ -27,7 +27,7 @@ from recon.window import Window
 from rig.bench.simulated import true_geometry
 from rig.model.colours import AMPLITUDE_COLOURS
 from rig.model.config import SimulationConfig, built_in
-from rig.show.volume import save
+from rig.show.saving import save
 from simulators.detector import Detector
 from simulators.optics.light import Optics
 from simulators.scenes import Mesh, Scene

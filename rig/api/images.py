@@ -21,7 +21,7 @@ from rig.image.picture import picture
 from rig.image.result import Result
 from rig.image.truth import true_depth
 from rig.show.endings import check_picture
-from rig.show.volume import save
+from rig.show.saving import save
 
 #: Endings of the program's own volume files.
 _OWN = (".h5", ".hdf5")

@@ -13,7 +13,7 @@ from rig.model.calibrations.store import CalibrationStore
 from rig.model.config import RigConfig
 from rig.model.devices import Operator, Preparation
 from rig.model.state import RigState
-from rig.show.volume import save
+from rig.show.saving import save
 
 
 @dataclass(frozen=True)

@@ -203,6 +203,7 @@ def _sights(scans: list[Path], folder: Path) -> list[Any]:
 
 def image(job: Job, folder: Path, command: tuple[str, ...]) -> Outcome:
     """Make one image; what goes wrong with it is its outcome."""
+    from rig.image.drawing import Drawing
     from rig.image.reconstruct import reconstruct
 
     if command:  # in a worker: its own words say nothing
@@ -210,7 +211,8 @@ def image(job: Job, folder: Path, command: tuple[str, ...]) -> Outcome:
         _compute_alone(job)
     began_s = time.monotonic()
     try:
-        result = reconstruct(job.scan, job.request, *job.files(folder))
+        volume, picture = job.files(folder)
+        result = reconstruct(job.scan, job.request, volume, Drawing(picture))
     except Exception as error:
         return _failed(job, error, time.monotonic() - began_s)
     return Outcome(job.name, "done", time.monotonic() - began_s, result.as_dict())

@@ -36,7 +36,7 @@ def plot(
     """
     from rig.commands import console
     from rig.show.endings import check_picture
-    from rig.show.volume import save
+    from rig.show.saving import save
 
     picture = names(files[0], {"picture": "-plot.png"}, {"picture": image}, force=force)["picture"]
     check_picture(picture)

@@ -264,6 +264,7 @@ def recon(
     gc.set_threshold(SELDOM)
     from rig.commands import console
     from rig.image.asked import asked
+    from rig.image.drawing import Drawing
     from rig.image.reconstruct import reconstruct
     from rig.show.endings import check_picture
 
@@ -301,10 +302,11 @@ def recon(
     check_picture(files["picture"])
     with (
         told_if_stopped(files.values()),
+        Drawing(files["picture"]) as drawing,
         _elsewhere(scan, cluster, request) as crew,
         console.Working("imaging") as working,
     ):
-        result = reconstruct(scan, request, files["volume"], files["picture"], working, video, page, crew)
+        result = reconstruct(scan, request, files["volume"], drawing, working, video, page, crew)
     _show(result, files, as_json)
 
 
@@ -318,6 +320,7 @@ def _preview(
 ) -> None:
     from rig.commands import console
     from rig.errors import UsageError
+    from rig.image.drawing import Drawing
     from rig.image.preview import preview
     from rig.show.endings import check_picture
 
@@ -326,8 +329,12 @@ def _preview(
     # the one result that is replaced unasked: its own name says that it is no result
     files = names(scan, {"picture": "-preview.png"}, {"picture": image}, force=force or image is None)
     check_picture(files["picture"])
-    with told_if_stopped(files.values()), console.Working("previewing") as working:
-        result = preview(scan, request, files["picture"], working)
+    with (
+        told_if_stopped(files.values()),
+        Drawing(files["picture"]) as drawing,
+        console.Working("previewing") as working,
+    ):
+        result = preview(scan, request, drawing, working)
     _show(result, files, as_json)
 
 

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import DataFileError
-from rig.files.blocks import StoredChunks, read
+from rig.files.blocks import read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.inspection import CHUNK_BYTES
 from rig.files.journal import Chunk
+from rig.files.stored import StoredChunks
 from rig.model.photons import photons_in
 
 #: Histograms in one chunk of the file: 1 MB of 15,000 bins. Of few bins it has more, up to so many bytes:

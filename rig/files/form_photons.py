@@ -14,11 +14,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.blocks import StoredChunks, read
+from rig.files.blocks import read
 from rig.files.description import ScanDescription
 from rig.files.form import Form, create_marks
 from rig.files.form_counts import shuffled, stored_crc
 from rig.files.journal import Chunk
+from rig.files.stored import StoredChunks
 
 #: Photons in one chunk of the file: 128 kB, a quarter of a second at 265 kHz.
 CHUNK_PHOTONS = 2**16

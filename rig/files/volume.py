@@ -1,6 +1,7 @@
 """Volume files: the reconstructed image, and how it was made."""
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -192,6 +193,18 @@ def volume_by_planes(path: str | Path, volume: Volume) -> Iterator[Callable[[Any
 
         yield put
         describe(file, VOLUME)
+
+
+def require_replaceable(path: Path) -> None:
+    """Refuse, before a volume is computed, the name of what is there and is none.
+
+    Raises
+    ------
+    UsageError
+        If it is so: a volume replaces volumes alone.
+    """
+    if os.path.lexists(path) and not is_volume(path):
+        raise UsageError(f"{path} exists, is no volume, and is not overwritten by one; give another name")
 
 
 @contextmanager

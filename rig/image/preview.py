@@ -23,15 +23,14 @@ from rig.files import kept
 from rig.files.journal import journal_of
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
+from rig.image.drawing import Drawing
 from rig.image.focus import still
 from rig.image.origin import origin
-from rig.image.picture import picture
 from rig.image.recalibrate import Seen, as_recorded
 from rig.image.request import Request
 from rig.image.result import Result
 from rig.image.work import planned, warnings_of
 from rig.model.quantities import show_length
-from rig.show.volume import save
 
 #: Changes with what is kept; copies of other programs are made again.
 FORM = 1
@@ -88,7 +87,7 @@ class Copy:
 def preview(
     scan_path: Path,
     request: Request,
-    picture_path: Path,
+    drawing: Drawing,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
     """Draw a coarse image of a scan; only the picture is written, and replaced if it is there.
@@ -114,7 +113,8 @@ def preview(
     parameters = {**volume.parameters, "preview_cell_m": found.side_m}
     # without the panel of confidence: drawing takes as long as imaging
     volume = dataclasses.replace(volume, parameters=parameters, confidence=None)
-    save(picture(volume), picture_path)
+    drawing.begin(volume)
+    drawing.save(volume)
     warnings = (*facts.doubts, *warnings_of(work))
     return Result(volume, reason, warnings, facts.positions, time.monotonic() - began_s, read_s)
 

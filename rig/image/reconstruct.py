@@ -13,7 +13,8 @@ from recon.camera import PhotoCamera, TransientCamera
 from recon.registry import entry_of
 from rig.errors import UsageError
 from rig.files.scan import ScanFile
-from rig.files.volume import Volume, write_volume
+from rig.files.volume import Volume, require_replaceable, write_volume
+from rig.image.drawing import Drawing
 from rig.image.film import film_of_light
 from rig.image.focus import classic, focused, still
 from rig.image.forecast import Workers, forecast_of, require_possible
@@ -23,7 +24,8 @@ from rig.image.work import Fields, Work, camera_of, chosen, warnings_of
 from rig.show.endings import check_picture
 
 #: What is needed when the field is there, and takes long to import: in the order of its use.
-_AFTERWARDS = ("scipy.ndimage", "scipy.sparse.csgraph", "rig.image.picture")
+_AFTERWARDS = ("scipy.ndimage", "scipy.sparse.csgraph")
+_DRAWS = ("rig.image.picture",)
 
 
 class Elsewhere(Protocol):
@@ -51,7 +53,7 @@ def reconstruct(
     scan_path: Path,
     request: Request,
     volume_path: Path,
-    picture_path: Path,
+    drawing: Drawing,
     progress: Callable[[float], None] | None = None,
     video_path: Path | None = None,
     page_path: Path | None = None,
@@ -64,7 +66,7 @@ def reconstruct(
     Raises
     ------
     rig.errors.UsageError
-        If a video or a page cannot be written as asked.
+        If a video or a page cannot be written as asked, or the volume's name is that of something else.
     rig.errors.DataFileError
         If the scan cannot be read.
     recon.errors.ReconError
@@ -72,33 +74,35 @@ def reconstruct(
     """
     began_s = time.monotonic()
     check(request, video_path)
-    check_picture(picture_path)
+    check_picture(drawing.path)
     check_page(request, page_path)
+    require_replaceable(volume_path)
     with ScanFile(scan_path) as scan:
         work, reason = _possible(scan, request, volume_path, elsewhere)
-        result = _computed(scan, work, reason, volume_path, _ready_soon(progress), began_s)
+        result = _computed(scan, work, reason, volume_path, _ready_soon(progress, drawing), began_s)
+    drawing.begin(result.volume)
     if not (request.each_frame or request.all_depths):  # which were written meanwhile
         write_volume(volume_path, result.volume)
-    from rig.image.picture import picture, save_film
-    from rig.show.volume import save
-
-    save(picture(result.volume), picture_path)
+    drawing.save(result.volume)
     if page_path:
         from rig.exporters import page
 
         page.save(result.volume, page_path)
     if video_path:
+        from rig.image.picture import save_film
+
         save_film(result.volume, request, video_path)
     return dataclasses.replace(result, took_s=time.monotonic() - began_s)
 
 
-def _ready_soon(progress: Callable[[float], None] | None) -> Callable[[float], None]:
+def _ready_soon(progress: Callable[[float], None] | None, drawing: Drawing) -> Callable[[float], None]:
     """Return what tells progress, and imports beside the second half of the work what follows it.
 
     That takes half a second, in which no other Python code runs: compiled loops are not held up by it, the
     reading of the record would be.
     """
-    waiting = [Thread(target=_get_ready)]
+    names = _AFTERWARDS if drawing.beside else _AFTERWARDS + _DRAWS
+    waiting = [Thread(target=_get_ready, args=(names,))]
 
     def told(done: float) -> None:
         if done >= 0.5:
@@ -110,10 +114,10 @@ def _ready_soon(progress: Callable[[float], None] | None) -> Callable[[float], N
     return told
 
 
-def _get_ready() -> None:
-    """Import what finds surfaces, and what draws; what is wrong with it is said where it is needed."""
+def _get_ready(names: tuple[str, ...]) -> None:
+    """Import modules; what is wrong with one is said where it is needed."""
     with suppress(Exception):
-        for name in _AFTERWARDS:
+        for name in names:
             import_module(name)
 
 

@@ -35,9 +35,10 @@ from rig.files.volume import Volume
 from rig.live.messages import Block, Film, say
 from rig.live.state import Subject
 from rig.model.quantities import show_duration
+from rig.show.saving import save
 from rig.show.sheet import COLOURS
 from rig.show.video import save_video
-from rig.show.volume import draw_front, save
+from rig.show.volume import draw_front
 
 #: Frames whose pictures, and whose part of the video, are kept: the newest.
 KEPT = 1000

@@ -18,7 +18,7 @@ from rig.live.figure import DPI, LiveFigure
 from rig.live.lateness import Lateness
 from rig.live.messages import Begun, say
 from rig.live.state import LiveState, Seen
-from rig.show.volume import save
+from rig.show.saving import save
 
 #: The figure is drawn so often at most, and after this many times what drawing it took.
 DRAWN_S, REST = 1.0, 2.0

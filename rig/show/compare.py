@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.model.colours import DEPTH_COLOURS, NO_SURFACE
+from rig.show.saving import DPI
 from rig.show.sheet import COLOURS, side_m
-from rig.show.volume import DPI, WIDTH_PX, depth_range, draw_front
+from rig.show.volume import WIDTH_PX, depth_range, draw_front
 
 #: Methods beside one another.
 MOST = 4

@@ -12,7 +12,7 @@ from html import escape
 from matplotlib.figure import Figure
 
 from rig.errors import printable
-from rig.show.volume import DPI
+from rig.show.saving import DPI
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 _STYLE = """

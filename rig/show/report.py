@@ -20,7 +20,8 @@ from rig.model.written import as_toml
 from rig.show.about import About, about, at, calibration_document, calibration_in_words, with_units
 from rig.show.page import Html, element, facts, join, page, picture, section, table
 from rig.show.raw import scan_figure
-from rig.show.volume import DPI, WIDTH_PX
+from rig.show.saving import DPI
+from rig.show.volume import WIDTH_PX
 from rig.show.wall import counts_of_spots, draw_counts
 
 #: Points of the curve of rates, means over as many steps as it takes.

@@ -15,7 +15,8 @@ from recon.capture import C_M_PER_S
 from rig.files.volume import Volume
 from rig.model.colours import AMPLITUDE_COLOURS, LIGHT_COLOURS
 from rig.model.quantities import show_length
-from rig.show.volume import DPI, WIDTH_PX, draw_front, say_nothing_seen, write_around
+from rig.show.saving import DPI
+from rig.show.volume import WIDTH_PX, draw_front, say_nothing_seen, write_around
 
 #: Pictures in a row, and in a sheet.
 COLUMNS, MOST = 4, 12

@@ -14,8 +14,9 @@ from rig.errors import DataFileError, printable
 from rig.files.scan import ScanFile
 from rig.files.volume import is_volume, outline_volume, read_volume
 from rig.show.catalogue import Entry
+from rig.show.saving import DPI, save
 from rig.show.sheet import COLOURS, video_amplitude
-from rig.show.volume import DPI, WIDTH_PX, draw_front, save, say_across
+from rig.show.volume import WIDTH_PX, draw_front, say_across
 from rig.show.wall import counts_of_spots, draw_counts
 
 #: Scans beside one another; and the newest so many of a folder are drawn.

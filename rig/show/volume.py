@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,14 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from rig.atomic import appearing, refusals_told
-from rig.errors import DataFileError
 from rig.files.volume import Volume
 from rig.files.words import caption, parameters_line
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.layout import WIDTH, Box, arranged
+from rig.show.saving import DPI
 
-DPI = 100
 #: Width of a picture [pixels].
 WIDTH_PX = round(WIDTH * DPI)
 #: Confidence in steps: noise has all values below the first one alike, and would be drawn as a pattern.
@@ -175,22 +172,6 @@ def say_nothing_seen(volume: Volume, panels: Sequence[Axes]) -> None:
     if not volume.parameters.get("signal", True):
         for axes in panels:
             say_across(axes, "no signal above noise")
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as a picture; its format follows the ending. It appears whole or not at all.
-
-    Raises
-    ------
-    DataFileError
-        If the picture cannot be written, or its format is not known.
-    """
-    path = Path(path)
-    try:
-        with refusals_told(path, "the picture "), appearing(path) as partial:
-            figure.savefig(partial, dpi=DPI)
-    except ValueError as error:
-        raise DataFileError(f"cannot write the picture {path}: {error}") from error
 
 
 def say_across(axes: Axes, words: str) -> None:

@@ -36,6 +36,7 @@ def imaged(path: Path, out: Path, workers: int, limit_bytes: int, *, kill: bool 
     from distributed import Client, LocalCluster
 
     from rig.cluster.imaging import Crew
+    from rig.image.drawing import Drawing
     from rig.image.reconstruct import reconstruct
     from rig.image.request import Request
 
@@ -64,7 +65,7 @@ def imaged(path: Path, out: Path, workers: int, limit_bytes: int, *, kill: bool 
             path,
             Request(wavelength_m=WAVELENGTH_M, depth_m=DEPTH_M),
             out,
-            out.with_suffix(".png"),
+            Drawing(out.with_suffix(".png")),
             progress,
             elsewhere=Crew(client),
         )

@@ -30,7 +30,7 @@ def test_what_another_program_made_meanwhile_is_kept(tmp_path):
             partial.write_text("ours")
             path.write_text("theirs")
 
-    with pytest.raises(UsageError, match=r"made .*a\.txt, which.* this result is .*a-3\.txt"):
+    with pytest.raises(UsageError, match=r"a\.txt is there already.* this result is .*a-3\.txt"):
         written()
     assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {
         "a.txt": "theirs",

@@ -19,6 +19,7 @@ from rig.cluster.imaging import Crew
 from rig.cluster.jobs import read_jobs
 from rig.cluster.joined import joined, local_workers
 from rig.errors import UsageError
+from rig.image.drawing import Drawing
 from rig.image.reconstruct import reconstruct
 from rig.image.request import Request
 from support.point_scans import write_point_scan
@@ -41,7 +42,7 @@ def scan(folder):
 @pytest.fixture(scope="module")
 def alone(scan, folder):
     """The volume, as this process makes it."""
-    return reconstruct(scan, REQUEST, folder / "alone.h5", folder / "alone.png").volume
+    return reconstruct(scan, REQUEST, folder / "alone.h5", Drawing(folder / "alone.png")).volume
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,7 @@ def test_same_numbers_as_on_one_machine(client, scan, alone, tmp_path):
     told = []
     crew = Crew(client)
     volume = reconstruct(
-        scan, REQUEST, tmp_path / "v.h5", tmp_path / "v.png", told.append, elsewhere=crew
+        scan, REQUEST, tmp_path / "v.h5", Drawing(tmp_path / "v.png"), told.append, elsewhere=crew
     ).volume
     assert_same(volume, alone)
     with h5py.File(tmp_path / "v.h5") as file:
@@ -87,7 +88,9 @@ def test_a_worker_that_is_killed_changes_nothing(client, scan, alone, tmp_path, 
             os.kill(killed[0], signal.SIGKILL)
 
     crew = Crew(client, files=files)
-    volume = reconstruct(scan, REQUEST, tmp_path / "k.h5", tmp_path / "k.png", kill, elsewhere=crew).volume
+    volume = reconstruct(
+        scan, REQUEST, tmp_path / "k.h5", Drawing(tmp_path / "k.png"), kill, elsewhere=crew
+    ).volume
     assert killed
     assert_same(volume, alone)
     client.wait_for_workers(2)
@@ -111,7 +114,7 @@ def test_every_laser_with_every_pixel_and_a_worker_that_is_killed(client, rig, t
     assert rig("sim", "render", "point", "all.h5", *small).code == 0
     # planes of so many voxels, at so few frequencies, are imaged by FFT; tables are right to 1e-4 only
     request = Request(wavelength_m=0.4, depth_m=(0.8, 1.2, 0.2))
-    here = reconstruct(tmp_path / "all.h5", request, tmp_path / "h.h5", tmp_path / "h.png").volume
+    here = reconstruct(tmp_path / "all.h5", request, tmp_path / "h.h5", Drawing(tmp_path / "h.png")).volume
     killed = []
 
     def kill(fraction):
@@ -120,7 +123,12 @@ def test_every_laser_with_every_pixel_and_a_worker_that_is_killed(client, rig, t
             os.kill(killed[0], signal.SIGKILL)
 
     there = reconstruct(
-        tmp_path / "all.h5", request, tmp_path / "t.h5", tmp_path / "t.png", kill, elsewhere=Crew(client)
+        tmp_path / "all.h5",
+        request,
+        tmp_path / "t.h5",
+        Drawing(tmp_path / "t.png"),
+        kill,
+        elsewhere=Crew(client),
     ).volume
     assert killed
     assert np.abs(there.intensity - here.intensity).max() < ROUNDING * here.intensity.max()
@@ -131,7 +139,7 @@ def test_what_is_stopped_leaves_no_file(client, scan, folder):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        reconstruct(scan, REQUEST, folder / "s.h5", folder / "s.png", stop, elsewhere=Crew(client))
+        reconstruct(scan, REQUEST, folder / "s.h5", Drawing(folder / "s.png"), stop, elsewhere=Crew(client))
     assert not list(folder.glob("*s.*"))
 
 
@@ -139,7 +147,7 @@ def test_workers_of_little_memory_are_refused_before_the_work(client, scan, fold
     from recon.errors import MemoryBoundError
 
     with pytest.raises(MemoryBoundError, match="Give each worker"):
-        reconstruct(scan, REQUEST, folder / "m.h5", folder / "m.png", elsewhere=Crew(client, 10**7))
+        reconstruct(scan, REQUEST, folder / "m.h5", Drawing(folder / "m.png"), elsewhere=Crew(client, 10**7))
 
 
 def test_a_batch_on_workers_and_a_worker_that_is_killed(client, scan, tmp_path):

@@ -7,6 +7,7 @@ from recon.accumulate import likeness
 from recon.depth import front_view
 from rig.acquire.acquisition import acquire
 from rig.files.scan import ScanFile
+from rig.image.drawing import Drawing
 from rig.image.reconstruct import reconstruct
 from rig.image.request import Request
 from rig.model.config import built_in_with
@@ -30,7 +31,7 @@ def seen(folder, motion, galvo=None):
     with ScanFile(path) as scan:
         photons = scan.counts(range(len(plan))).sum(axis=(1, 2), dtype=np.int64)
     request = Request(wavelength_m=0.12, depth_m=(0.8, 1.6, 0.04), voxel_m=0.04)
-    volume = reconstruct(path, request, folder / "volume.h5", folder / "volume.png").volume
+    volume = reconstruct(path, request, folder / "volume.h5", Drawing(folder / "volume.png")).volume
     return photons, front_view(volume.intensity)
 
 

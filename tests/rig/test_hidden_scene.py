@@ -14,7 +14,8 @@ from matplotlib.image import imread
 
 from recon.depth import compensate_falloff
 from rig.files.volume import read_volume
-from rig.show.volume import save, volume_figure
+from rig.show.saving import save
+from rig.show.volume import volume_figure
 from simulators.scenes import scene
 from support.thorough import THOROUGH
 

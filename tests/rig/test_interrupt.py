@@ -125,3 +125,28 @@ def test_a_verb_that_is_asked_to_end_leaves_no_half_file(tmp_path, long_to_expor
     assert export.returncode == code
     assert "Traceback" not in said
     assert os.listdir(tmp_path) == []
+
+
+STOPS_IN_A_TEXT = """
+import sys
+
+class Stop:
+    def find_spec(self, name, *_):
+        if name == "pydantic":
+            exec("raise KeyboardInterrupt")
+
+sys.meta_path.insert(0, Stop())
+"""
+
+
+def test_ctrl_c_within_an_executed_text_has_its_code(tmp_path):
+    """Python ends by the signal where such a text was interrupted, though somebody heard of it."""
+    (tmp_path / "sitecustomize.py").write_text(STOPS_IN_A_TEXT)
+    done = subprocess.run(
+        [sys.executable, "-m", "rig", "list"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (130, "rig: stopped by Ctrl-C\n")

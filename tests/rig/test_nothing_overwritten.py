@@ -103,6 +103,13 @@ def test_force_replaces_results_and_no_scan(rig, scan, tmp_path, scanned):
     write_volume("old.h5", Volume(np.ones((1, 2, 2), "f4"), np.arange(2.0), np.arange(2.0), np.ones(1)))
     assert rig("recon", "a.h5", *COARSE, "--out", "old.h5", "--force").code == 0
     assert read_volume("old.h5").scan == "a.h5"
+    (tmp_path / "notes.h5").write_text("mine")
+    (tmp_path / "link.h5").symlink_to("nowhere")
+    for name in ("notes.h5", "link.h5"):  # before anything is computed
+        done = rig("recon", "a.h5", *COARSE, "--out", name, "--force")
+        assert (done.code, "is no volume" in done.err) == (2, True)
+    assert (tmp_path / "notes.h5").read_text() == "mine"
+    assert not list(tmp_path.glob("*-2*"))
 
 
 @pytest.mark.parametrize(

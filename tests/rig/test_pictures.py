@@ -16,7 +16,8 @@ from rig.files import Volume
 from rig.model.colours import AMPLITUDE_COLOURS, DEPTH_COLOURS, NO_SURFACE
 from rig.show.layout import arranged
 from rig.show.raw import scan_figure
-from rig.show.volume import X_LABEL, save, volume_figure
+from rig.show.saving import save
+from rig.show.volume import X_LABEL, volume_figure
 from rig.show.wall import draw_counts
 
 

@@ -17,8 +17,9 @@ import pytest
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
-from rig.files.blocks import StoredChunks, read
+from rig.files.blocks import read
 from rig.files.form_counts import stored_crc
+from rig.files.stored import StoredChunks
 from rig.model.config import built_in
 from rig.model.plan import ScanPlan
 from support.thorough import THOROUGH

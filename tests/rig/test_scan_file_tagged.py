@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from rig.errors import DataFileError
 from rig.files import ScanDescription, ScanFile, ScanWriter, form_photons
+from rig.image.drawing import Drawing
 from rig.image.reconstruct import reconstruct
 from rig.image.request import Request
 from support.scan_files import dense
@@ -261,7 +262,7 @@ def test_images_of_both_forms_are_the_same(tmp_path, measured):
         write_tagged(one, other, measured)
     images = [
         reconstruct(
-            path, Request(), path.with_suffix(".volume.h5"), path.with_suffix(".png")
+            path, Request(), path.with_suffix(".volume.h5"), Drawing(path.with_suffix(".png"))
         ).volume.intensity
         for path in (one, other)
     ]

@@ -29,7 +29,7 @@ from rig.image.request import Request
 from rig.image.truth import known_truth, true_depth
 from rig.image.work import Work
 from rig.show.compare import Column, comparison_figure
-from rig.show.volume import save
+from rig.show.saving import save
 
 #: The methods that are compared; the first sets the resolution.
 METHODS = ("rsd", *CLASSIC_SOLVERS)
