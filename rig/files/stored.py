@@ -95,7 +95,8 @@ class StoredChunks:
 def _has_chunks(dataset: h5py.Dataset) -> bool:
     """Return whether a chunk was written: where none was, the library takes any number for a chunk's size."""
     with suppress(OSError, RuntimeError, ValueError):
-        return bool(dataset.id.get_num_chunks())
+        first = dataset.id.get_chunk_info_by_coord((0,) * dataset.ndim)  # found without a walk through all
+        return first.byte_offset is not None or bool(dataset.id.get_num_chunks())
     return False
 
 
