@@ -98,15 +98,15 @@ class Drawing:
         ours, theirs = context.Pipe()
         process = context.Process(target=_draw, args=(theirs, ours, self.path.suffix), daemon=True)
         # Ctrl-C is for this process, which ends the other
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of native threads: the copy has none
                 process.start()
+            self._process, self._pipe = process, ours
         finally:
             theirs.close()
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        self._process, self._pipe = process, ours
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def _drawn(self) -> bytes | None:
         """Return the picture, None if the other process has not drawn it."""
