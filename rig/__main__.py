@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import traceback
-from errno import EDQUOT, EFBIG, EIO, ENOENT, ENOSPC, EROFS
+from errno import EAGAIN, EDQUOT, EFBIG, EIO, ENOENT, ENOSPC, EROFS
 from types import FrameType
 
 #: Within so long after Ctrl-C another one means the same: keys are held, and a wrapper sends it again.
@@ -162,13 +162,24 @@ def exit_code(error: Exception) -> int | None:
         return error.exit_code
     if is_of_usage(error):
         return 2
-    if isinstance(error, LimitError | MemoryError) or type(error).__name__ == "Abort":
+    if (
+        isinstance(error, LimitError | MemoryError)
+        or type(error).__name__ == "Abort"
+        or _is_of_threads(error)
+    ):
         return 4
     if isinstance(error, DeviceError):
         return 3
     if isinstance(error, ReconError) or _is_of_a_file(error):
         return 2
     return None
+
+
+def _is_of_threads(error: BaseException) -> bool:
+    """Return whether the system refused a thread, or a process."""
+    if isinstance(error, OSError):
+        return error.errno == EAGAIN and error.filename is None
+    return isinstance(error, RuntimeError) and "can't start new thread" in str(error)
 
 
 def _is_of_a_file(error: Exception) -> bool:
@@ -205,6 +216,11 @@ def _in_words(error: BaseException) -> str:
         return "a question was not answered, so rig stops here; --yes answers the questions that allow it"
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; ask for less: a coarser grid, fewer bins, larger voxels"
+    if _is_of_threads(error):
+        return (
+            "the system lets this program start no more threads or processes: end other programs, or raise "
+            "the limit (ulimit -u, or that of the container)"
+        )
     if isinstance(error, OSError) and error.filename is None:
         return (
             f"a file cannot be written, or a folder is gone: {reason(error)}; "

@@ -127,6 +127,9 @@ def _post(address: str, summary: Mapping[str, Any], longest_s: float) -> str:
             problems.append(type(problem).__name__)
 
     sender = threading.Thread(target=send, daemon=True)
-    sender.start()
+    try:
+        sender.start()
+    except RuntimeError as problem:  # the system has no more threads
+        return str(problem)
     sender.join(longest_s)
     return problems[0] if problems else f"no answer came in {longest_s:g} s"

@@ -5,8 +5,9 @@ a band of bins of many steps, is read without the rest. In the journal they foll
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import product
 from typing import ClassVar, NamedTuple
 
@@ -191,8 +192,7 @@ class CountForm(Form):
         if len(self._places) == 1:
             packed = zlib.compress(shuffled(counts), COMPRESSION)
         else:
-            with ThreadPoolExecutor() as threads:
-                packed = _joined(list(threads.map(piece, self._places)))
+            packed = _joined(_each(piece, self._places))
         return Chunk(first, live_time_s[first:appended], packed)
 
     def write(self, chunk: Chunk, written: int, appended: int, *, last: bool) -> int:
@@ -242,6 +242,13 @@ class CountForm(Form):
     def photons(self, measured: int) -> float:
         """Return the sum of the counts of the first steps."""
         return float(self._photons[:measured].sum())
+
+
+def _each(act: Callable[[tuple[int, ...]], bytes], places: list[tuple[int, ...]]) -> list[bytes]:
+    """Return what comes of each place, by several threads if there can be any."""
+    with suppress(RuntimeError), ThreadPoolExecutor() as threads:
+        return list(threads.map(act, places))
+    return [act(place) for place in places]  # the system has no more threads
 
 
 def shuffled(values: NDArray) -> memoryview:

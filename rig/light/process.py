@@ -9,6 +9,7 @@ light.
 import json
 import os
 import queue
+import select
 import signal
 import sys
 import threading
@@ -148,7 +149,7 @@ class GuardProcess:
             stack.callback(self._leave)
             try:
                 switch = Switch(self._config, self._inbox.put)
-            except OSError as problem:
+            except (OSError, RuntimeError) as problem:
                 self._say({"id": number, "error": as_error(cannot_begin(problem))})
                 return
             stack.callback(switch.close)
@@ -156,8 +157,8 @@ class GuardProcess:
             try:
                 self._converse()
             except Exception as defect:  # whatever is wrong here, it must not leave the light on
-                shout(f"a defect: {defect!r}")
                 self._guard.lose("the guard of the laser has a defect", trip=False)
+                shout(f"a defect: {defect!r}")
             self._try_on()
 
     def _converse(self) -> None:
@@ -341,17 +342,24 @@ def shout(sentence: str) -> None:
             os.write(2, f"\nrig: LASER GUARD: {printable(sentence)}\n".encode(errors="backslashreplace"))
 
     writing = threading.Thread(target=write, daemon=True)
-    writing.start()
+    try:
+        writing.start()
+    except RuntimeError:  # the system has no more threads
+        with suppress(OSError, ValueError):
+            if select.select([], [2], [], 0)[1]:
+                write()
+        return
     writing.join(SHOUT_S)
 
 
-def cannot_begin(problem: OSError) -> DeviceError:
-    """Return in words why a guard could not begin."""
+def cannot_begin(problem: OSError | RuntimeError) -> DeviceError:
+    """Return in words why a guard could not begin: what the system refused, a file or a thread."""
+    told = f"says: {problem.strerror}" if isinstance(problem, OSError) else f"says: {problem}"
     return LinkError(
         "guard of the laser",
         "begin",
-        f"{problem.filename or 'the system'} says: {problem.strerror}",
-        "The laser was not switched on. Free space or memory, and scan again.",
+        f"{getattr(problem, 'filename', None) or 'the system'} {told}",
+        "The laser was not switched on. Free space or memory, or end other programs, and scan again.",
     )
 
 
@@ -395,8 +403,12 @@ def main() -> None:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but replies goes to the program
-    inbox = Inbox(sys.stdin)
-    heed_sigterm(inbox.put)
+    try:
+        inbox = Inbox(sys.stdin)
+        heed_sigterm(inbox.put)
+    except RuntimeError as problem:
+        shout(str(cannot_begin(problem)))
+        return
     first = inbox.get(60.0)
     if not first:
         return

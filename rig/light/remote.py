@@ -71,26 +71,21 @@ class GuardedElsewhere:
         self._alone_lock = threading.Lock()
         self._closed = threading.Event()
         self._silence = Silence()
+        self._hearing: threading.Thread | None = None
         self.when_hanging: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
         try:
             self._process = start_guard()
         except OSError as problem:
-            raise LinkError(
-                "guard of the laser",
-                "start its process",
-                f"the system reports: {problem.strerror}",
-                "The laser was not switched on. End other programs, and scan again.",
-            ) from None
-        self._hearing = threading.Thread(target=self._hear, daemon=True)
-        self._hearing.start()
+            raise _cannot_start("its process", problem.strerror) from None
         try:
+            self._hearing = _begun(self._hear)
             self._identity = str(self._ask("open", config=self._config.model_dump_json()))
+            _begun(self._mind)
         except BaseException:
             self._hang_up()
             raise
-        threading.Thread(target=self._mind, daemon=True).start()
         return self
 
     def __exit__(
@@ -278,7 +273,8 @@ class GuardedElsewhere:
             self._process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(2.0)
-            self._hearing.join(2.0)
+            if self._hearing:
+                self._hearing.join(2.0)
 
 
 def _what_the_guard_did(config: RigConfig) -> str:
@@ -286,6 +282,25 @@ def _what_the_guard_did(config: RigConfig) -> str:
     if isinstance(config.laser, ExternalLaserConfig) and config.shutter is None:
         return "No program can switch this laser off: TREAT IT AS EMITTING, switch it off by hand, now"
     return "The guard has switched the laser off"
+
+
+def _cannot_start(what: str, problem: object) -> LinkError:
+    return LinkError(
+        "guard of the laser",
+        f"start {what}",
+        f"the system reports: {problem}",
+        "The laser was not switched on. End other programs, and scan again.",
+    )
+
+
+def _begun(act: Callable[[], None]) -> threading.Thread:
+    """Do something in a thread."""
+    thread = threading.Thread(target=act, daemon=True)
+    try:
+        thread.start()
+    except RuntimeError as problem:
+        raise _cannot_start("its threads", problem) from None
+    return thread
 
 
 def start_guard() -> "subprocess.Popen[str]":
@@ -309,5 +324,6 @@ def _in_time(act: Callable[[], object], limit_s: float) -> None:
             act()
 
     helper = threading.Thread(target=quietly, daemon=True)
-    helper.start()
-    helper.join(limit_s)
+    with suppress(RuntimeError):  # the system has no more threads
+        helper.start()
+        helper.join(limit_s)

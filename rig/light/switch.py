@@ -54,7 +54,10 @@ class Switch:
         with suppress(OSError):
             while True:
                 caller, _ = self._socket.accept()
-                threading.Thread(target=self._hear, args=(caller,), daemon=True).start()
+                try:
+                    threading.Thread(target=self._hear, args=(caller,), daemon=True).start()
+                except RuntimeError:  # the system has no more threads: callers are heard one by one
+                    self._hear(caller)
 
     def _hear(self, caller: socket.socket) -> None:
         with suppress(OSError), caller:

@@ -208,8 +208,15 @@ class LiveFeed:
             begun = replace(begun, web=self._page.address, then=self._page.then)
         self._outbox.put(begun)
         for what, pipe in ((self._send, self._process.stdin), (self._hear, self._process.stdout)):
-            self._threads.append(threading.Thread(target=what, args=(pipe,), daemon=True))
-            self._threads[-1].start()
+            thread = threading.Thread(target=what, args=(pipe,), daemon=True)
+            try:
+                thread.start()
+            except RuntimeError as error:  # the system has no more threads
+                self._fail(f"it cannot be followed ({error})")
+                self._end(self._process)
+                self._process = None
+                return
+            self._threads.append(thread)
 
     def __call__(self, event: Event) -> None:
         """Take an event."""

@@ -193,7 +193,7 @@ class Bench:
         last = said.decode(errors="replace").strip()[-300:]
         if b"Traceback" in said or run.code == 1:
             run.wrong.append(f"traceback (exit code {run.code}): {last}")
-        elif run.code not in {0, 3, 4, 6, 130} and run.code > 0:
+        elif run.code not in {0, 3, 4, 6, 129, 130, 143} and run.code > 0:  # 128 and more: nothing had begun
             run.wrong.append(f"exit code {run.code}: {last}")
 
     def _judge_file(self, run: Run, path: Path) -> None:
