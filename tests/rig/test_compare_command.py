@@ -25,7 +25,7 @@ from support.thorough import THOROUGH
 
 POINT = np.array([0.06, -0.03, 0.55])
 #: Wavelength and depths of all comparisons here: small, since each method runs in a process of its own.
-ASKED = ("--wavelength", "8cm", "--depth", "0.45m:0.65m:1cm")
+ASKED = ("--wavelength", "8cm", "--depth", "0.49m:0.61m:1cm")
 
 
 def write_point(path, detectors, truth=False):

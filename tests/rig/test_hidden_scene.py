@@ -46,9 +46,9 @@ def rig(*arguments, folder):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The whole wall at 10 ms a position, scanned and imaged as a user would; every other row and column."""
+    """The whole wall at 10 ms a position, scanned and imaged as a user would; every third row and column."""
     folder = tmp_path_factory.mktemp("main-job")
-    grid = () if THOROUGH else ("--grid", "90x65", "--spacing", "2cm")
+    grid = () if THOROUGH else ("--grid", "60x44", "--spacing", "3cm")
     assert rig("scan", "--exposure", "10ms", *grid, "--out", "scan.h5", folder=folder) < SCAN_MEMORY
     rig("recon", "scan.h5", "--image", "picture.png", folder=folder)
     return folder

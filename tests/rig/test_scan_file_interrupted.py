@@ -181,8 +181,8 @@ def test_an_interrupt_at_any_line_of_the_writer_leaves_no_wrong_mark(tmp_path, f
     first = {place: number for number, place in reversed(list(enumerate(places)))}
     last = {place: number for number, place in enumerate(places)}
     some = {(first if place[1] % 2 else last)[place] for place in first}
-    # most lines are passed with both forms: each has a quarter of them, in turn
-    tried = range(len(places)) if THOROUGH else sorted(some)[2 * (form == "photons") :: 4]
+    # most lines are passed with both forms: each has an eighth of them, in turn
+    tried = range(len(places)) if THOROUGH else sorted(some)[4 * (form == "photons") :: 8]
     kept = []
     for number in tried:
         path = tmp_path / f"{number}.h5"
