@@ -20,10 +20,9 @@ _SUPPOSED_BYTES = 16e9
 
 def cores() -> int:
     """Return how many cores this process may use: of the computer, its affinity and its control group."""
-    try:
+    allowed = os.cpu_count() or 1
+    if sys.platform == "linux":
         allowed = len(os.sched_getaffinity(0))
-    except AttributeError:  # macOS and Windows
-        allowed = os.cpu_count() or 1
     return max(1, min(allowed, ceil(min(group_cores(_GROUPS, _MOUNTED), allowed))))
 
 

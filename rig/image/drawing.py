@@ -52,7 +52,7 @@ class Drawing:
 
     def __enter__(self) -> Self:
         # a copy of a process has one thread, and waits for ever for what the others held
-        if sys.platform == "linux" and threading.active_count() == 1 and not current_process().daemon:
+        if threading.active_count() == 1 and not current_process().daemon:
             with suppress(OSError):  # there may be too many processes
                 self._start()
         return self
@@ -94,6 +94,8 @@ class Drawing:
         save(picture(volume), self.path)
 
     def _start(self) -> None:
+        if sys.platform != "linux":  # elsewhere what draws may not work in a copy
+            return
         context = get_context("fork")
         ours, theirs = context.Pipe()
         process = context.Process(target=_draw, args=(theirs, ours, self.path.suffix), daemon=True)

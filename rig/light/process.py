@@ -25,6 +25,7 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError, LinkError, RefusedError
 from rig.devices.wires import detector_by_address, laser_by_address
 from rig.errors import printable
+from rig.light.awake import asleep_s, awake
 from rig.light.guard import Guard, Light, Lost
 from rig.light.guarded import in_words
 from rig.light.silence import suspended
@@ -42,6 +43,9 @@ HEAR_OUT_S = 0.1
 
 #: A program that was suspended (SIGSTOP) for so long has no light, however long its last word was to hold.
 SUSPENDED_S = 0.3
+
+#: Nor has one that was on while the computer slept for longer than two clocks may disagree.
+ASLEEP_S = 1.0
 
 #: So often the program hears, while there is light, that the guard is there.
 PULSE_S = 0.5
@@ -139,13 +143,14 @@ class GuardProcess:
         self._guard = Guard(self._open(), self._clock, self._lost, config.known_dark_by)
         self._told_s = self._reopened_s = self._pulsed_s = time.monotonic()
         self._overdue_s = self._suspended_s = inf
+        self._asleep_s = asleep_s()
         self._program = os.getppid()
         self._alone = False
         self._off = False
 
     def serve(self, number: int) -> None:
         """Answer the question that began all, and then all others, until the end."""
-        with ExitStack() as stack:
+        with awake(), ExitStack() as stack:
             stack.callback(self._leave)
             try:
                 switch = Switch(self._config, self._inbox.put)
@@ -248,7 +253,18 @@ class GuardProcess:
         if now_s - self._suspended_s > SUSPENDED_S:
             self._guard.lose("the program was suspended by a signal (SIGSTOP)", trip=False)
 
+    def _mind_sleep(self) -> None:
+        """Put out a light that was on while the computer slept: nobody has looked at it."""
+        before_s, self._asleep_s = self._asleep_s, asleep_s()
+        slept_s = self._asleep_s - before_s
+        if slept_s > ASLEEP_S and self._guard.light is Light.LIT:
+            self._guard.lose(
+                f"the computer slept for {slept_s:.0f} s, and nobody looked at the light meanwhile",
+                trip=False,
+            )
+
     def _watch(self) -> None:
+        self._mind_sleep()
         self._mind_suspension()
         self._guard.turn()
         now_s = time.monotonic()
