@@ -22,6 +22,7 @@ from small import shrink
 
 from recon.depth import compensate_falloff
 from rig.files.volume import Volume
+from rig.image.drawing import Drawing
 from rig.image.reconstruct import reconstruct
 from rig.image.request import Request
 from rig.importers import import_scan
@@ -142,7 +143,7 @@ def image_of(measured: MeasuredSet, data: Path, folder: Path) -> tuple[Volume, t
     scan = folder / "scan.h5"
     report = import_scan(data / measured.path, scan, **measured.given)
     request = Request(wavelength_m=measured.wavelength_m, depth_m=measured.depth_m, voxel_m=measured.voxel_m)
-    result = reconstruct(scan, request, folder / "volume.h5", folder / "picture.png")
+    result = reconstruct(scan, request, folder / "volume.h5", Drawing(folder / "picture.png"))
     return result.volume, result.warnings, f"{report.positions} positions, {report.bins} bins"
 
 
