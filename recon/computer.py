@@ -26,6 +26,15 @@ def cores() -> int:
     return max(1, min(allowed, ceil(min(group_cores(_GROUPS, _MOUNTED), allowed))))
 
 
+def usual_threads() -> int:
+    """Return how many threads compute: ``OMP_NUM_THREADS``, as other libraries take it, else all cores.
+
+    It may be a list for nested loops, as ``4,2``: the first counts.
+    """
+    asked = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return int(asked) if asked.isdecimal() and int(asked) > 0 else cores()
+
+
 def memory_bytes() -> float:
     """Return how much memory this process may use: of the computer, and of its control group."""
     whole = _SUPPOSED_BYTES

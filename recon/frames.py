@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from recon.aperture import Aperture, recognise
 from recon.camera import ConfocalCamera
 from recon.capture import Capture, Histograms
-from recon.computer import cores
+from recon.computer import usual_threads
 from recon.errors import GeometryError, ParameterError
 from recon.grid import VoxelGrid
 from recon.imaging import plan
@@ -144,7 +144,7 @@ class FrameImager:
                 f"it has {len(photons.offset) - 1}",
                 "Give all frames of one scan.",
             )
-        with ThreadPoolExecutor(cores()) as threads:
+        with ThreadPoolExecutor(usual_threads()) as threads:
             for part in self._parts:
                 part.take(photons, threads)
 
@@ -194,7 +194,7 @@ class _Part:
         capture = problem.capture
         place = aperture.row * aperture.x.count + aperture.column
         # Runs of frequencies, one for each thread.
-        edges = np.linspace(0, len(part.band), cores() + 1).round().astype(int).tolist()
+        edges = np.linspace(0, len(part.band), usual_threads() + 1).round().astype(int).tolist()
         self._transforms = [
             SparseTransform(
                 capture,

@@ -35,6 +35,7 @@ def main() -> None:
         if signal.getsignal(number) is signal.SIG_DFL:  # with nohup it is ignored
             signal.signal(number, _end)
     sys.unraisablehook = interrupts.lost
+    os.environ.pop("MPLBACKEND", None)  # pictures need none, and one that is gone stops the import
     try:
         code = _to_the_end()
     except KeyboardInterrupt:

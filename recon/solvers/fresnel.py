@@ -14,11 +14,11 @@ and 0.75 FFTs of N points remain for each plane and frequency.
 from collections.abc import Iterator
 
 import numpy as np
-from ducc0.fft import dct
 from numpy.typing import NDArray
 
 from recon.aperture import LatticeAxis
 from recon.capture import C_M_PER_S, Capture
+from recon.fft import dct
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need, Way

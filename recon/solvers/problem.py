@@ -7,14 +7,13 @@ It asks the camera for light, reading times and aperture weights, and never what
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import pi
-from os import environ
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recon.camera import Camera
 from recon.capture import C_M_PER_S, Capture
-from recon.computer import cores
+from recon.computer import usual_threads
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock, path_limits_m, plane_times_s
 from recon.spectrum import Spectra, spectra
@@ -24,12 +23,6 @@ from recon.window import Window
 
 def ignore(fraction: float) -> None:
     """Take progress that nobody asked for."""
-
-
-def usual_threads() -> int:
-    """Return how many threads compute: ``OMP_NUM_THREADS``, as other libraries take it, else all cores."""
-    asked = environ.get("OMP_NUM_THREADS", "")
-    return int(asked) if asked.isdigit() and int(asked) > 0 else cores()
 
 
 def part_of(progress: Callable[[float], None], begin: float, end: float) -> Callable[[float], None]:

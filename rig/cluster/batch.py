@@ -20,11 +20,14 @@ from rig.cluster.jobs import Job
 from rig.cluster.tasks import fingerprint
 from rig.errors import DataFileError, RefusedError, RigError, UsageError, reason
 from rig.files.inspection import inspect, inspected_elsewhere
+from rig.whole import read_whole
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 RECORD = "batch.jsonl"
+#: What it may have: half a kilobyte for each of a hundred thousand images.
+MOST_RECORD_BYTES = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Record:
         self._folder, self._path = folder, folder / RECORD
         self._last: dict[str, dict[str, Any]] = {}
         try:
-            text = self._path.read_bytes() if self._path.exists() else b""
+            text = read_whole(self._path, MOST_RECORD_BYTES) if self._path.exists() else b""
         except OSError as error:
             raise DataFileError(
                 f"{self._path} cannot be read ({reason(error)}); choose another --out"
@@ -71,7 +74,7 @@ class Record:
             try:
                 entry = json.loads(line)
                 self._last[entry["name"]] = entry
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 continue  # half a line of a killed program; what it would have said is not there
         self._broken = bool(text) and not text.endswith(b"\n")
 
@@ -82,7 +85,8 @@ class Record:
             return None
         if [_size(path) for path in job.files(self._folder)] != entry.get("sizes"):
             return None
-        return Outcome(job.name, "kept", 0.0, entry["found"])
+        found = entry.get("found")
+        return Outcome(job.name, "kept", 0.0, found) if isinstance(found, dict) else None
 
     def require_own(self, jobs: Iterable[Job]) -> None:
         """Refuse to replace files that no job of this record made.

@@ -3,18 +3,20 @@
 import hashlib
 import json
 import re
-import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import rig
 from rig.cluster.tasks import fingerprint
-from rig.errors import ConfigError, UsageError, reason
+from rig.errors import ConfigError, UsageError
 from rig.image.asked import OPTIONS, Option
 from rig.image.request import Request
+from rig.model.toml import read_toml
 
 #: Settings by the names of the options of ``rig recon``. A folder of calibrations changes without its name,
 #: so that nobody could say whether an image is still of them.
@@ -23,6 +25,8 @@ SETTINGS = {
     for name, option in OPTIONS.items()
     if name not in {"calibrations", "however_long"}
 }
+#: Images of one batch: each takes memory, and is looked for before the first is made.
+MOST_IMAGES = 100_000
 
 
 @dataclass(frozen=True)
@@ -72,12 +76,7 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     ConfigError
         If it is missing, no TOML, or has a wrong key or value, or names no scan, or two images alike.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:  # no text and no TOML are ValueErrors
-        raise ConfigError(
-            f"{path} cannot be read: {reason(error)}; see docs/cluster.md for an example"
-        ) from None
+    document = read_toml(path, "list of jobs", "See docs/cluster.md for an example")
     tables = document.pop("job", None)
     listed = isinstance(tables, list) and tables and all(isinstance(one, dict) for one in tables)
     if document or not listed:
@@ -85,9 +84,8 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
         raise ConfigError(f"{path} must hold only tables [[job]], but {wrong}; see docs/cluster.md")
     jobs: list[Job] = []
     for number, table in enumerate(tables, 1):
-        jobs += _of_table(path, f"{path}, job {number}", table, however_long)
-    names = [job.name for job in jobs]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+        jobs += _of_table(path, f"{path}, job {number}", table, MOST_IMAGES - len(jobs), however_long)
+    if twice := sorted(name for name, many in Counter(job.name for job in jobs).items() if many > 1):
         raise ConfigError(
             f"{path}: {len(twice)} images would have the name of another image; the first is {twice[0]}; "
             "name the "
@@ -96,7 +94,7 @@ def read_jobs(path: Path, however_long: bool = False) -> list[Job]:
     return jobs
 
 
-def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bool) -> list[Job]:
+def _of_table(path: Path, where: str, table: Mapping[str, Any], most: int, however_long: bool) -> list[Job]:
     if unknown := sorted(set(table) - {*SETTINGS, "scans"}):
         raise ConfigError(
             f"{where}: unknown key {', '.join(unknown)}; known are scans, {', '.join(SETTINGS)}"
@@ -107,6 +105,11 @@ def _of_table(path: Path, where: str, table: Mapping[str, Any], however_long: bo
     }
     if empty := [key for key, values in lists.items() if not values]:
         raise ConfigError(f"{where}: {', '.join(empty)} is an empty list; leave it out")
+    if (images := len(scans) * prod(len(values) for values in lists.values())) > most:
+        raise ConfigError(
+            f"{where}: asks for {images:.6g} images, and a batch has at most {MOST_IMAGES:,} of all its "
+            "jobs; name fewer scans or values, or make several lists"
+        )
     varied = [key for key, values in lists.items() if len(values) > 1]
     jobs = []
     for scan in scans:

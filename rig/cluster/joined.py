@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from recon.computer import cores, memory_bytes
 from rig.errors import RefusedError, UsageError, reason
 from rig.install import install_extra
+from rig.whole import read_whole
 
 if TYPE_CHECKING:
     from distributed import Client, Security
@@ -122,7 +123,7 @@ def _share_bytes(number: int) -> int:
 def _named(address: str) -> "Iterator[Client]":
     from distributed import Client
 
-    scheduler = _scheduler(address)
+    scheduler = scheduler_of(address)
     security = _security(address, scheduler)
     try:
         client = Client(scheduler, timeout=PATIENCE_S, security=security, set_as_default=False)
@@ -137,18 +138,18 @@ def _named(address: str) -> "Iterator[Client]":
         yield client
 
 
-def _scheduler(address: str) -> str:
+def scheduler_of(address: str) -> str:
     """Return a scheduler's address: as it was given, or from the file that the scheduler wrote."""
     if not address.endswith(".json"):
         return address
     try:
-        found = json.loads(Path(address).read_text(encoding="utf-8"))["address"]
+        found = json.loads(read_whole(Path(address)))["address"]
     except OSError as error:
         raise UsageError(
             f"--cluster {address} cannot be read: {reason(error)}; the scheduler writes it "
             "(dask scheduler --scheduler-file FILE.json)"
         ) from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         found = None
     if not isinstance(found, str) or not re.fullmatch(SCHEDULER, found):
         raise UsageError(

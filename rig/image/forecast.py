@@ -24,6 +24,7 @@ from rig.image.focus import ATTEMPTS
 from rig.image.request import Request, check, check_elsewhere
 from rig.image.work import Work, camera_of, chosen
 from rig.model.quantities import show_duration
+from rig.whole import read_whole
 
 #: By the clock; what takes longer runs with ``--yes``.
 LONGEST_S = 600.0
@@ -190,7 +191,7 @@ def forecast(
     measured
         Whether the computer's speed is to be known, even if the image is quick at any.
     """
-    cores = computer.cores()
+    cores = min(computer.cores(), computer.usual_threads())
     shape = problem.grid.shape[::-1]
     found = effort(problem, solver)
     if found is None:
@@ -254,8 +255,8 @@ def require_possible(found: Forecast, *, bounded: bool, however_long: bool) -> N
 def this_speed() -> Speed:
     """Return this computer's speed: as it was measured, or measured now and kept."""
     machine = {"host": platform.node(), "cores": computer.cores(), "version": rig.__version__}
-    with suppress(OSError, ValueError, KeyError, TypeError):  # nothing hangs on what was there
-        stored = json.loads(_speed_file().read_text(encoding="utf-8"))
+    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        stored = json.loads(read_whole(_speed_file()))
         if stored["machine"] == machine:
             return Speed(**stored["speed"])
     found = speed()

@@ -17,6 +17,7 @@ from typing import TypeVar
 from rig.atomic import appearing
 from rig.errors import RefusedError
 from rig.model.config import RigConfig
+from rig.whole import read_whole
 
 K = TypeVar("K")
 
@@ -152,5 +153,5 @@ def _write(path: Path, content: dict[str, object]) -> None:
 
 def _read(paths: list[Path], kind: type[K]) -> Iterator[K]:
     for path in paths:
-        with suppress(OSError, ValueError, TypeError):
-            yield kind(**json.loads(path.read_text()))
+        with suppress(OSError, ValueError, TypeError, RecursionError):
+            yield kind(**json.loads(read_whole(path)))

@@ -102,6 +102,6 @@ def _said_by(watchman: Watchman, asked: str) -> dict[str, Any] | None:
             caller.settimeout(PATIENCE_S)
             caller.sendall(asked.encode())
             said = json.loads(caller.recv(LONGEST))
-    except (OSError, ValueError, TypeError, OverflowError):  # also a file that nobody of us wrote
+    except (OSError, ValueError, TypeError, OverflowError, RecursionError):  # of what is no guard
         return None
     return said if isinstance(said, dict) else None

@@ -68,6 +68,8 @@ def _with_digest(config: RigConfig) -> RigConfig:
     if simulation is None or simulation.mesh is None or simulation.mesh_sha256:
         return config
     try:
+        if not simulation.mesh.is_file():
+            return config
         with simulation.mesh.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:

@@ -270,7 +270,7 @@ def _read(text: str) -> Any:
 
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
 
 

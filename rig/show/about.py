@@ -26,6 +26,7 @@ from rig.model.calibrations.store import read as read_calibration
 from rig.model.config import load
 from rig.model.plan import Grid, ScanPlan
 from rig.model.quantities import show, show_bytes, show_length
+from rig.whole import read_whole
 
 #: How numbers are written whose names end in their unit.
 _UNITS: Mapping[str, Callable[[float], str]] = {
@@ -289,7 +290,7 @@ def _calibration(path: Path) -> About:
         "measured from": ", ".join(found.measured_from) or "no file",
         **({"warnings": "; ".join(found.warnings)} if found.warnings else {}),
     }
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = json.loads(read_whole(path))
     document = {**told, "kind": "calibration", "calibration": found.kind, "file": str(path)}
     document |= {"devices": found.devices, "measured_from": found.measured_from, "warnings": found.warnings}
     return About(facts | {"digest": content["digest"]}, document | {"digest": content["digest"]})

@@ -48,6 +48,13 @@ def folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="attacks-"))
 
 
+def written(place: Path, text: str) -> Path:
+    """Return a file with a text in it, which may be none that UTF-8 knows."""
+    place.parent.mkdir(exist_ok=True)
+    place.write_bytes(text.encode("utf-8", "surrogatepass"))
+    return place
+
+
 # quantities and ranges
 
 
@@ -174,7 +181,10 @@ def _tomls() -> tuple[str, ...]:
 
 def toml(random: Random) -> str:
     """Return a spoiled configuration file."""
-    text = random.choice(_tomls())
+    return _spoiled_toml(random, random.choice(_tomls()))
+
+
+def _spoiled_toml(random: Random, text: str) -> str:
     if random.random() < 0.7:  # whole values, so that what comes behind the syntax is reached
         lines = text.splitlines()
         keys = [number for number, line in enumerate(lines) if "=" in line and not line.startswith("#")]
@@ -220,9 +230,7 @@ def read_toml(text: str) -> None:
     from rig.model.plan import ScanPlan
     from rig.model.state import RigState
 
-    path = folder() / "rig.toml"
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    read = configuration.load(path)
+    read = configuration.load(written(folder() / "rig.toml", text))
     state = RigState(read)
     plan = ScanPlan.grid(read)
     assert len(plan) >= 0
@@ -337,11 +345,9 @@ def read_calibration(text: str) -> None:
     from rig.model.calibrations.kinds import KINDS
     from rig.model.calibrations.store import CalibrationStore, doubts
 
-    place = folder() / "calibrations"
-    place.mkdir(exist_ok=True)
     kind = next((name for name in KINDS if f'"kind": "{name}"' in text[:2000]), "dark")
-    path = place / f"{kind}-20260101T000000Z.json"
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    path = written(folder() / "calibrations" / f"{kind}-20260101T000000Z.json", text)
+    place = path.parent
     try:
         stored = CalibrationStore(place).newest(kind)
         if stored is not None:
@@ -391,6 +397,87 @@ def read_mesh(given: tuple[str, bytes]) -> None:
     true_depth(str(path), axis_m, axis_m)
 
 
+# lists of jobs, what came of them, and other lists that programs and people write
+
+_JOBS = """[[job]]
+scans = ["a.h5", "b*.h5"]
+wavelength = ["4cm", "6cm"]
+cycles = 2
+depth = "0.5m:2m:2cm"
+even-bins = true
+
+[[job]]
+scans = "c.h5"
+solver = "rsd"
+voxel = ["1cm", "2cm", "4cm"]
+"""
+
+
+def jobs_text(random: Random) -> str:
+    """Return a spoiled list of jobs; some ask for more images than a disk can hold."""
+    if random.random() < 0.05:
+        many = json.dumps(["4cm"] * random.choice([100, 1000, 10_000]))
+        keys = ("wavelength", "depth", "voxel", "width", "height")
+        return _JOBS + "\n".join(f"{key} = {many}" for key in keys[: random.randint(1, 5)])
+    return _spoiled_toml(random, _JOBS)
+
+
+def read_list_of_jobs(text: str) -> None:
+    """Read it, where some of its scans are."""
+    from rig.cluster.jobs import read_jobs
+
+    path = written(folder() / "jobs" / "jobs.toml", text)
+    for name in ("a.h5", "b1.h5", "b2.h5", "c.h5"):
+        (path.parent / name).touch()
+    for job in read_jobs(path)[:100]:
+        job.files(path.parent)
+        assert job.key
+
+
+def record_text(random: Random) -> str:
+    """Return a spoiled record of a batch."""
+    done = {"name": "a", "key": "k", "status": "done", "scan": "a.h5", "settings": {"cycles": 2}}
+    done |= {"took_s": 1.5, "found": {"signal": 20.0}, "sizes": [1, 2]}
+    lines = [spoiled_json(random, random.choice([done, {**done, "name": "c"}])) for _ in range(3)]
+    return spoiled_text(random, "\n".join(lines)) if random.random() < 0.5 else "\n".join(lines)
+
+
+def read_record(text: str) -> None:
+    """Read it, and ask it for each image of a list."""
+    from rig.cluster.batch import RECORD, Record
+    from rig.cluster.jobs import Job
+    from rig.image.request import Request
+
+    record = Record(written(folder() / "record" / RECORD, text).parent)
+    for name in ("a", "c"):
+        record.kept(Job(name, Path("a.h5"), {}, Request()))
+
+
+def read_scheduler(text: str) -> None:
+    """Read it as the file in which a scheduler of workers wrote its address."""
+    from rig.cluster.joined import scheduler_of
+
+    scheduler_of(str(written(folder() / "scheduler.json", text)))
+
+
+_SCHEDULER = {"type": "Scheduler", "address": "tcp://10.0.0.1:8786", "workers": {}, "started": 1.5e9}
+
+
+def read_wall_marks(text: str) -> None:
+    """Read it as the marks to which a person steered the beam."""
+    from rig.calibrate.galvo.flight import read_marks
+
+    read_marks(written(folder() / "marks.json", text))
+
+
+_MARKS = {
+    "format": "rig-wall-marks",
+    "version": 1,
+    "galvo": "Optotune 1",
+    "marks": [{"mark_m": [0.1 * n, -0.2], "mirror_rad": [0.01 * n, 0.02]} for n in range(4)],
+}
+
+
 _OURS = (RigError, ReconError, DeviceError)
 ATTACKS = (
     Attack("quantity", quantity, read_quantity, _OURS),
@@ -406,6 +493,10 @@ ATTACKS = (
     Attack("plan", plan_text, read_plan, _OURS),
     Attack("calibration", calibration_text, read_calibration, _OURS),
     Attack("mesh", mesh, read_mesh, _OURS),
+    Attack("jobs", jobs_text, read_list_of_jobs, _OURS),
+    Attack("record of a batch", record_text, read_record, _OURS),
+    Attack("scheduler", lambda random: spoiled_json(random, _SCHEDULER), read_scheduler, _OURS),
+    Attack("marks", lambda random: spoiled_json(random, _MARKS), read_wall_marks, _OURS),
 )
 
 if __name__ == "__main__":

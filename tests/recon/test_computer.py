@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 
-from recon.computer import cores, group_bytes, group_cores, memory_bytes
+from recon.computer import cores, group_bytes, group_cores, memory_bytes, usual_threads
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def test_cores_that_are_not_allowed_do_not_count():
         pytest.skip("this system binds no process to cores")
     script = (
         "import os; os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]);"
-        "from recon.computer import cores; from recon.solvers.problem import usual_threads;"
+        "from recon.computer import cores, usual_threads;"
         "print(cores(), usual_threads())"
     )
     environment = {key: value for key, value in os.environ.items() if key != "OMP_NUM_THREADS"}
@@ -83,3 +83,12 @@ def test_where_nothing_is_said_nothing_is_bounded(groups, listed):
     assert (group_bytes(*where), group_cores(*where)) == (inf, inf)
     missing = where[1] / "missing"
     assert (group_bytes(missing, missing), group_cores(missing, missing)) == (inf, inf)
+
+
+@pytest.mark.parametrize(
+    ("asked", "threads"),
+    [("3", 3), ("3,2", 3), (" 3 , 2", 3), ("0", None), ("-1", None), ("all", None), ("", None), (",2", None)],
+)
+def test_threads_are_those_that_are_asked_for(asked, threads, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    assert usual_threads() == (threads or cores())

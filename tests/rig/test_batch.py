@@ -14,7 +14,7 @@ import pytest
 
 from rig.cluster.batch import RECORD, Record, run
 from rig.cluster.jobs import SETTINGS, read_jobs
-from rig.errors import ConfigError, UsageError
+from rig.errors import ConfigError, DataFileError, UsageError
 from rig.image.asked import OPTIONS, ImageOptions, asked
 from rig.image.request import Request
 from support.point_scans import write_point_scan
@@ -96,7 +96,17 @@ def test_each_option_of_imaging_is_a_setting(tmp_path):
         ("[[job]]\nscans = ['jobs.toml']\ncalibrations = 'mine'", "unknown key calibrations"),
         ("[[job]]\nscans = ['jobs.toml']\nwavelength = []", "empty list"),
         ("[[job]]\nscans = ['jobs.toml']\n[[job]]\nscans = ['jobs.toml']", "name of another"),
-        ("[[job", "cannot be read"),
+        ("[[job", "is not valid TOML"),
+        ("job = " + "[" * 100_000, "nested too deeply"),
+        (
+            "[[job]]\nscans = ['jobs.toml']\nwavelength = " + "[" * 400 + "]" * 400,
+            "nested too|text with a unit",
+        ),
+        ("# " + "x" * 1_000_000, "at most 1 MB"),
+        (
+            f"[[job]]\nscans = ['jobs.toml']\nwavelength = {['4cm'] * 9000}\nvoxel = {['1cm'] * 9000}",
+            r"8\.1e\+07 images",
+        ),
         ("job = [3]", "tables"),
     ],
 )
@@ -140,6 +150,39 @@ def test_other_settings_or_another_scan_make_an_image_anew(scans, tmp_path):
     assert statuses(text.replace("16cm", "18cm")) == ["done"]
     (tmp_path / "out" / "mine.png").unlink()
     assert statuses(text.replace("16cm", "18cm")) == ["done"]
+
+
+def test_a_mark_of_an_editor_before_the_text_is_no_fault(scans, tmp_path):
+    path = tmp_path / "jobs.toml"
+    path.write_text(sweep(scans), encoding="utf-8-sig")
+    assert len(read_jobs(path)) == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are POSIX")
+def test_what_never_ends_is_no_list_of_jobs_and_no_record(scans, tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(ConfigError, match="is a pipe"):
+        read_jobs(tmp_path / "pipe.toml")
+    with pytest.raises(ConfigError, match="at most 1 MB"):
+        read_jobs(Path("/dev/zero"))
+    os.mkfifo(tmp_path / RECORD)
+    with pytest.raises(DataFileError, match="pipe or a device"):
+        Record(tmp_path)
+    (tmp_path / RECORD).unlink()
+    (tmp_path / RECORD).symlink_to("/dev/zero")
+    with pytest.raises(DataFileError, match="pipe or a device"):
+        Record(tmp_path)
+
+
+def test_a_record_that_somebody_wrote_is_not_believed(scans, tmp_path):
+    """Only a done image with what was found in it, and files of its size, is kept."""
+    jobs = read_jobs(jobs_file(tmp_path, sweep(scans, "one.h5", '"16cm"')))
+    assert [one.status for one in run(jobs, tmp_path)] == ["done"]
+    record = tmp_path / RECORD
+    entry = json.loads(record.read_text().splitlines()[-1])
+    for found in (None, 3, [], "x"):
+        record.write_text("[" * 100_000 + "\n" + json.dumps({**entry, "found": found}) + "\n")
+        assert Record(tmp_path).kept(jobs[0]) is None
 
 
 def test_files_of_others_are_not_replaced(scans, tmp_path):

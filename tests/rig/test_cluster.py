@@ -255,7 +255,9 @@ def test_an_address_without_a_scheduler_is_said(tmp_path):
         joined("tls://127.0.0.1:9"),
     ):
         pass
-    for number, text in enumerate(["", "[1]", "{}", '{"address": 7}', '{"address": "file:///etc/passwd"}']):
+    for number, text in enumerate(
+        ["", "[" * 100_000, "[1]", "{}", '{"address": 7}', '{"address": "file:///etc/passwd"}']
+    ):
         path = tmp_path / f"{number}.json"
         path.write_text(text)
         with pytest.raises(UsageError, match="has no scheduler's address"), joined(str(path)):

@@ -1,6 +1,7 @@
 """A mesh as the hidden scene: scaled, turned, placed, and the same for scan, resume and truth."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -124,3 +125,13 @@ def test_a_rendering_says_where_the_mesh_is_and_python_places_it_too(rig, plate)
         assert plan.config.simulation.place_m == scan.config.simulation.place_m
         assert plan.config.simulation.rotate_rad == pytest.approx(scan.config.simulation.rotate_rad)
     assert plan.estimate().hidden.words.startswith("plate.obj: 20 cm x 40 cm")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are POSIX")
+def test_a_mesh_that_never_ends_is_refused_at_once(rig, tmp_path):
+    os.mkfifo(tmp_path / "pipe.obj")
+    (tmp_path / "endless.stl").symlink_to("/dev/zero")
+    for name in ("pipe.obj", "endless.stl"):
+        ended = rig("scan", "--dry-run", "--scene", tmp_path / name)
+        assert ended.code == 2
+        assert "there is no such file" in ended.err

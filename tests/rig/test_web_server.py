@@ -77,7 +77,7 @@ def test_the_page_and_all_it_needs_are_served_under_a_strict_policy(served):
     assert ask("/somewhere")[0] == 404
 
 
-@pytest.mark.parametrize("name", ["evil.example", "evil.example:8642", "127.0.0.1.evil.example", ""])
+@pytest.mark.parametrize("name", ["evil.example", "evil.example:8642", "127.0.0.1.evil.example", "[", ""])
 def test_a_foreign_name_for_this_computer_is_refused(served, name):
     """A page from elsewhere may have let its own name point here."""
     _, ask, _ = served
@@ -113,6 +113,7 @@ def test_only_the_page_itself_stops_a_scan(served):
         {},
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
+        {"Origin": "http://["},
         {"Origin": "http://127.0.0.1:1"},
     ):
         assert ask("/stop", "POST", **origin)[0] == 403

@@ -23,12 +23,12 @@ phase is given back.
 from collections.abc import Callable
 
 import numpy as np
-from ducc0.fft import c2c, good_size, r2c
 from numba import njit, prange
 from numpy.typing import NDArray
 
 from recon.capture import Capture
-from recon.computer import cores
+from recon.computer import usual_threads
+from recon.fft import c2c, good_size, r2c
 from recon.grid import VoxelGrid
 from recon.solvers.classic.interpolate import LateralAxis, read_voxels
 from recon.solvers.classic.lct import farthest_m, radial_step_m
@@ -72,7 +72,7 @@ def migrate(
         two thirds of the record) and the three highest are left out, where the window would reach over the
         end of the spectrum.
     """
-    threads = cores()
+    threads = usual_threads()
     radii = wave.shape[2]
     spectrum = np.zeros((y.length, x.length, radii + 1), np.complex64)
     spectrum[: wave.shape[0], : wave.shape[1]] = r2c(_apodised(wave), axes=(2,), nthreads=threads)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from ducc0.fft import good_size
 from numpy.typing import NDArray
 
 from recon.aperture import LatticeAxis
+from recon.fft import good_size
 from recon.grid import VoxelGrid
 
 

@@ -22,11 +22,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from ducc0.fft import c2c, c2r, good_size, r2c
 from numpy.typing import NDArray
 
 from recon.capture import C_M_PER_S, Capture
-from recon.computer import cores
+from recon.computer import usual_threads
+from recon.fft import c2c, c2r, good_size, r2c
 from recon.grid import VoxelGrid
 from recon.solvers.classic.interpolate import LateralAxis, read_voxels
 from recon.solvers.classic.resample import ConfocalLattice, confocal_record
@@ -87,7 +87,7 @@ class LightCone:
         snr: float | None,
         progress: Callable[[float], None] | None = None,
     ) -> NDArray[np.float32]:
-        threads = cores()
+        threads = usual_threads()
         padded = np.zeros((self._period, *values.shape[1:]), np.float32)
         padded[: self._steps] = values
         spectrum = r2c(padded, axes=(0,), nthreads=threads)
@@ -124,7 +124,7 @@ def _transformed(axis: LateralAxis, q: NDArray[np.float64]) -> NDArray[np.comple
     x_m = numbers * axis.pitch_m
     phase = np.multiply.outer(q, x_m)
     cone = np.exp(-1j * phase * x_m) * np.sinc(phase * axis.pitch_m / np.pi)
-    return c2c(cone.astype(np.complex64), axes=(1,), nthreads=cores())
+    return c2c(cone.astype(np.complex64), axes=(1,), nthreads=usual_threads())
 
 
 def reconstruct(

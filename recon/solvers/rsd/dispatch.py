@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from recon.aperture import TOLERANCE_M, Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
-from recon.computer import cores
+from recon.computer import usual_threads
 from recon.errors import GeometryError
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock, plane_times_s
@@ -130,7 +130,7 @@ def _needs(problem: ImagingProblem, part: DepthBlock) -> Need:
         need = rsd_regular.needs(problem, part, aperture.x, aperture.y, round_trip_factor, near_m)
         # beside the walls, the groups' own phases at the voxels of a plane, their steps, and the wave
         pixels = planes.size // len(planes.z_m)
-        shared = cores() * (16 * min(len(groups), GROUPS) * pixels + need.least)
+        shared = usual_threads() * (16 * min(len(groups), GROUPS) * pixels + need.least)
         return replace(need, fixed=need.fixed + (shared if len(groups) > 1 else 0))
     # The lattice over all positions is as large as that of any group.
     x, y = lattice(capture.laser_m, round_trip_factor, part.band, planes)

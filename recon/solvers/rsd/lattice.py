@@ -284,7 +284,7 @@ def _good_size(least: int, divisor: int = 1) -> int:
     """Return the multiple of a divisor, from `least` on, that a transform takes most quickly.
 
     Transforms take lengths without prime factors above 5 the most quickly, and next those without any above
-    11: these are taken where they are shorter by more than `FACTORS`. `ducc0.fft.good_size` gives the latter
+    11: these are taken where they are shorter by more than `FACTORS`. `recon.fft.good_size` gives the latter
     alone, and the array solver, which counts on this, needs numpy alone.
     """
     size = ceil(least / divisor) * divisor

@@ -30,13 +30,13 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock, local
 
 import numpy as np
-from ducc0.fft import c2c, dct
 from numpy.typing import NDArray
 
 from recon.aperture import Aperture, LatticeAxis, recognise
 from recon.capture import C_M_PER_S, Capture
-from recon.computer import cores
+from recon.computer import usual_threads
 from recon.errors import GeometryError
+from recon.fft import c2c, dct
 from recon.grid import VoxelGrid
 from recon.sampling import DepthBlock
 from recon.solvers.problem import ImagingProblem, Need
@@ -133,7 +133,7 @@ class LatticePropagator(Propagator):
         self._aperture = aperture
         kept = max(1, wall_bytes // (8 * self._y.length * self._x.length))
         self._threads = local()
-        with ThreadPoolExecutor(threads or cores()) as pool:
+        with ThreadPoolExecutor(threads or usual_threads()) as pool:
             walls = list(pool.map(self._transform, range(min(kept, len(band)))))
         self._walls: Sequence[NDArray[np.complex64]] | NDArray[np.complex64] = walls
 
@@ -280,7 +280,7 @@ class LatticePropagator(Propagator):
             frequency, group = place
             walls[place] = self._transformed(emitted[group][frequency])
 
-        with ThreadPoolExecutor(cores()) as threads:
+        with ThreadPoolExecutor(usual_threads()) as threads:
             deque(threads.map(fill, places), maxlen=0)
         return walls
 

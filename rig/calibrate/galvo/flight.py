@@ -27,6 +27,7 @@ from rig.model.delays import PathDelays
 from rig.model.devices import Preparation
 from rig.model.problems import in_words
 from rig.model.state import RigState
+from rig.whole import read_whole
 
 Pair = tuple[float, float]
 
@@ -140,7 +141,7 @@ def _read(files: Sequence[Path]) -> tuple[Arrivals, Spots, Origin]:
             f"the mirror is calibrated from one scan and one file of marks (*.json), {len(scans)} and "
             f"{len(marks)} were given: --from galvo-flight.h5 --from galvo-marks.json"
         )
-    content, digest = _read_marks(marks[0])
+    content, digest = read_marks(marks[0])
     with reading(scans, whole=False) as ((scan,), (raw, *_)):
         mine = scan.devices.get("galvo", {}).get("identity")
         if content.galvo and mine and content.galvo != mine:
@@ -159,13 +160,13 @@ def _read(files: Sequence[Path]) -> tuple[Arrivals, Spots, Origin]:
     return arrivals, Spots(steered, places_m, AIMED_TO_M), source
 
 
-def _read_marks(path: Path) -> tuple[WallMarks, str]:
+def read_marks(path: Path) -> tuple[WallMarks, str]:
     """Return the content of a file of marks, and its SHA-256.
 
     Raises DataFileError if it cannot be read, or is of another kind.
     """
     try:
-        data = path.read_bytes()
+        data = read_whole(path)
         return WallMarks.model_validate_json(data), hashlib.sha256(data).hexdigest()
     except OSError as error:
         raise DataFileError(f"{path}: cannot be read ({error.strerror})") from None

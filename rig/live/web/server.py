@@ -178,7 +178,7 @@ class Site:
 
     async def _stop_asked(self, request: Request) -> Response:
         """Ask for the stop, if the page itself asks."""
-        if urlsplit(request.headers.get("origin", "")).netloc != request.headers.get("host"):
+        if _place(request.headers.get("origin", "")) != request.headers.get("host"):
             return _answer(403, "Only the page itself can ask for a stop.")
         if self._stop is None:
             return _answer(403, "Nothing can be stopped from here: this page only reads a scan file.")
@@ -193,8 +193,18 @@ def _is_loopback(request: Request) -> bool:
 
     Another name may be one that a foreign page has pointed here.
     """
-    name = urlsplit(f"//{request.headers.get('host', '')}").hostname
-    return name in LOOPBACK
+    try:
+        return urlsplit(f"//{request.headers.get('host', '')}").hostname in LOOPBACK
+    except ValueError:
+        return False
+
+
+def _place(url: str) -> str | None:
+    """Return the computer and port of a URL, None of what is none."""
+    try:
+        return urlsplit(url).netloc
+    except ValueError:
+        return None
 
 
 def _answer(

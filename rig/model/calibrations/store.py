@@ -18,6 +18,7 @@ from rig.errors import DataFileError, UsageError, reason
 from rig.model.calibrations.base import Calibration, digest, digest_of_array, utc_now
 from rig.model.calibrations.kinds import KINDS
 from rig.model.npz import read_npz
+from rig.whole import read_whole
 
 #: Room for a calibration with its arrays and its picture.
 ROOM_BYTES = 2**20
@@ -151,7 +152,7 @@ def read(path: Path) -> Calibration:
         If it cannot be read, is of an unknown kind, or was changed after it was stored.
     """
     try:
-        return parse(path.read_text(encoding="utf-8"), _arrays_beside(path))
+        return parse(read_whole(path).decode(), _arrays_beside(path))
     except OSError as error:
         raise DataFileError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:

@@ -7,8 +7,6 @@ before earlier ones, and what the file itself says goes before all of them.
 """
 
 import os
-import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,16 +15,12 @@ from rig.errors import ConfigError
 from rig.model.config.kinds import ROLES
 from rig.model.config.older import with_kinds
 from rig.model.presets import Table, merged
+from rig.model.toml import read_toml
 
 #: The key that names the files that one extends.
 EXTENDS = "extends"
-#: A file that is larger is no configuration; one with a thousand channels has a tenth of it.
-MOST_BYTES = 1_000_000
 #: So many files may extend one another, and so many may be named in one list.
 DEEPEST, MOST_PARENTS = 10, 10
-#: A key of more than 100 words: reading it would take time with the square of their number.
-_LONG_KEY = re.compile(r"^[^#=\n]*(?:\.[^.=\n]*){100}", re.MULTILINE)
-
 #: Where something stands in a configuration, e.g. ``("galvo", "address")``.
 Place = tuple[str, ...]
 
@@ -120,31 +114,8 @@ def _all_of(table: Table, path: Path, within: Place = ()) -> dict[Place, Path]:
 
 def _table(path: Path, below: tuple[Path, ...]) -> Table:
     """Read a TOML file; raises as `read`."""
-    try:
-        if path.is_fifo():
-            raise ConfigError(
-                f"{path}: is a pipe, which can be read only once; write the configuration to a file"
-            )
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        text = content.decode("utf-8-sig")  # editors on Windows put a mark before the text
-        if len(content) > MOST_BYTES or _LONG_KEY.search(text):
-            raise ConfigError(
-                f"{path}: is not a configuration: a configuration has at most {MOST_BYTES / 1e6:g} MB, "
-                "and short keys"
-            )
-        return tomllib.loads(text)
-    except OSError as error:
-        remedy = f"Correct extends in {below[-1]}" if below else "Give the path of a TOML file"
-        raise ConfigError(f"{path}: cannot be read ({error.strerror}). {remedy}") from None
-    except RecursionError:
-        raise ConfigError(f"{path}: is not a configuration: its values are nested too deeply") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path}: is not text in UTF-8 (its byte {error.start} is not valid); save it as UTF-8"
-        ) from None
-    except ValueError as error:  # also a path with NUL, numbers of thousands of digits
-        raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+    remedy = f"Correct extends in {below[-1]}" if below else "Give the path of a TOML file"
+    return read_toml(path, "configuration", remedy)
 
 
 def _arrows(chain: tuple[Path, ...]) -> str:
