@@ -75,7 +75,7 @@ def from_file(path: Path, albedo: float = 0.8, placement: Placement | None = Non
         If trimesh is not installed.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: there is no such file")
+        raise ValueError(f"{path}: {'is not a file' if path.exists() else 'there is no such file'}")
     try:
         import trimesh
     except ModuleNotFoundError:

@@ -134,4 +134,4 @@ def test_a_mesh_that_never_ends_is_refused_at_once(rig, tmp_path):
     for name in ("pipe.obj", "endless.stl"):
         ended = rig("scan", "--dry-run", "--scene", tmp_path / name)
         assert ended.code == 2
-        assert "there is no such file" in ended.err
+        assert f"{tmp_path / name}: is not a file" in ended.err
