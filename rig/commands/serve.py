@@ -98,13 +98,14 @@ def _refuse_foreign(target: Path) -> None:
         If such a file is there.
     """
     from rig.errors import UsageError, refuse_folder
+    from rig.whole import read_whole
 
     refuse_folder(target, "--write-config ")
     try:
-        foreign = target.exists() and not target.read_bytes().startswith(HEAD.encode("ascii"))
-    except OSError:  # nothing of ours
-        foreign = True
-    if foreign:
+        ours = not target.exists() or read_whole(target).startswith(HEAD.encode("ascii"))
+    except OSError:
+        ours = False
+    if not ours:
         raise UsageError(f"{target} exists and is not overwritten; give another --write-config")
 
 

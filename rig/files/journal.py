@@ -114,6 +114,11 @@ def journal_of(path: Path) -> Path:
     return path.parent / f"{path.name}.journal"
 
 
+def has_journal(path: Path) -> bool:
+    """Return whether a scan file has one: it is written, or was not closed. No name is too long to ask."""
+    return os.path.exists(journal_of(path))
+
+
 class Journal:
     """An open journal; while it is written, it is locked against other writers.
 

@@ -20,7 +20,7 @@ from recon.capture import ArrayHistograms, Capture
 from recon.coarse import Coarse, coarse
 from rig.errors import UsageError, printable
 from rig.files import kept
-from rig.files.journal import journal_of
+from rig.files.journal import has_journal
 from rig.files.recorded import digest_of_file
 from rig.files.scan import ScanFile
 from rig.image.drawing import Drawing
@@ -148,7 +148,7 @@ def _check(request: Request) -> None:
 def _copy_of(path: Path) -> tuple[Copy, float]:
     """Return the copy of a scan, kept or made now, and how long the scan was read; 0 where it was not."""
     began_s = time.monotonic()
-    whole = path.is_file() and not journal_of(path).exists()  # what a scan writes changes
+    whole = path.is_file() and not has_journal(path)  # what a scan writes changes
     digest = digest_of_file(path) if whole else ""
     if whole and (held := _kept(digest)):
         return held, 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.errors import DataFileError, in_shell, no_file, printable
 from rig.files.check import open_hdf5, plain, reading
-from rig.files.journal import journal_of
+from rig.files.journal import has_journal
 from rig.files.outline import ScanOutline
 from rig.files.picoquant import MAGIC_HISTOGRAMS, STEPS, Head
 from rig.files.recorded import digest_of_file
@@ -72,7 +72,7 @@ def about(path: Path) -> About:
         path = path.with_name(path.name.removesuffix(".journal"))
     if path.suffix.lower() == ".toml":
         return _configuration(path)
-    if journal_of(path).exists():
+    if has_journal(path):
         return _scan(path)
     if not path.is_file():
         raise DataFileError(no_file(path))

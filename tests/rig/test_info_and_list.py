@@ -72,6 +72,15 @@ def test_a_scan_is_told(rig):
         assert words in text
 
 
+def test_a_scan_whose_name_leaves_no_room_for_a_journal_is_told(rig):
+    """The longest that a file system takes, as other programs write them."""
+    name = "x" * 252 + ".h5"
+    write_scan(Path("a.h5"))
+    Path("a.h5").rename(name)
+    assert rig("info", name).code == 0
+    assert rig("list", ".").code == 0
+
+
 def test_a_scan_that_grows_is_told_as_far_as_it_is(rig):
     writer = write_scan(Path("a.h5"), steps=12, closed=False)
     found = told(rig, "info", "a.h5")

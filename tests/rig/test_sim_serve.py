@@ -251,7 +251,9 @@ def test_what_a_person_wrote_is_not_written_over(rig):
     refused = rig("sim", "serve", "--write-config", "lab.toml")
     assert refused.code == 2
     assert Path("lab.toml").read_text() == "[simulation]\n"
-    assert rig("sim", "serve", "--write-config", ".").code == 2
+    os.mkfifo("pipe.toml")
+    for other in (".", "pipe.toml", "/dev/zero"):
+        assert rig("sim", "serve", "--write-config", other).code == 2
 
 
 def test_a_log_that_cannot_be_written_is_refused(rig):

@@ -9,7 +9,7 @@ from recon.defaults import spacing_m
 from rig.errors import DataFileError, UsageError, no_file
 from rig.files import ScanFile, read_volume
 from rig.files.check import open_hdf5, plain
-from rig.files.journal import journal_of
+from rig.files.journal import has_journal
 from rig.files.mend import keep_as_it_is
 from rig.files.volume import is_volume
 from rig.image.focus import settled
@@ -46,7 +46,7 @@ def check_comparable(file: Path, tell: Callable[[str], None] = lambda sentence: 
 
 def is_scan(file: Path) -> bool:
     """Return whether a file is a scan of this program, also one that was not closed."""
-    if journal_of(file).exists():  # a scan writes it, or was killed: its reader takes what there is
+    if has_journal(file):  # a scan writes it, or was killed: its reader takes what there is
         return True
     try:
         with open_hdf5(file) as held:
