@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from recon.errors import ReconError
 from rig.atomic import refusals_told, remove_unfinished
+from rig.cluster.awaited import GONE, as_done, awaited
 from rig.cluster.jobs import Job
 from rig.cluster.tasks import fingerprint
 from rig.errors import DataFileError, RefusedError, RigError, UsageError, reason
@@ -172,8 +173,6 @@ def _here(jobs: list[Job], folder: Path, record: Record) -> Iterator[tuple[Job, 
 def _there(
     client: "Client", jobs: list[Job], folder: Path, command: tuple[str, ...], record: Record
 ) -> Iterator[tuple[Job, Outcome]]:
-    from distributed import as_completed
-
     folder = folder.resolve()
     _require_seen(client, {job.scan for job in jobs}, folder)
     sent: dict[Future, Job] = {}
@@ -185,9 +184,11 @@ def _there(
             continue
         record.add(job, "begun")
         sent[client.submit(image, job, folder, command, pure=False)] = job
-    for future in as_completed(list(sent), loop=client.loop):
+    for future in as_done(list(sent), client):
+        if future.cancelled():
+            raise RefusedError(GONE)
         job, error = sent.pop(future), future.exception()
-        yield job, future.result() if error is None else _failed(job, error, 0.0)
+        yield job, awaited(future) if error is None else _failed(job, error, 0.0)
 
 
 def _require_seen(client: "Client", scans: set[Path], folder: Path) -> None:

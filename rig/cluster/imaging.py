@@ -23,6 +23,7 @@ from recon.exhaustive import Exhaustive
 from recon.noise import Tally
 from recon.parts import Cut, Field, Part, Slab, Spectra, cut, readings
 from recon.solvers.problem import ImagingProblem, Solver, ignore
+from rig.cluster.awaited import awaited
 from rig.cluster.stacked import Layer, Task, result, stacked
 from rig.cluster.tasks import Stored, Worker, add, fingerprint, focus, introduce, take
 from rig.errors import RefusedError
@@ -174,8 +175,8 @@ class Shared:
 
         yield from _layers(slabs, task)
         if tally:
-            for other in client.gather(sums):
-                tally.absorb(other)
+            for one in sums:
+                tally.absorb(awaited(one))
 
     def _read_here(self, problem: ImagingProblem, slabs: list[Slab]) -> Iterator[Layer]:
         """Take the spectra here, and send them with the parts."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from recon.computer import cores, memory_bytes
+from rig.cluster.awaited import GONE
 from rig.errors import RefusedError, UsageError, reason
 from rig.install import install_extra
 from rig.whole import read_whole
@@ -26,8 +27,7 @@ SCHEDULER = r"(tcp|tls|ucx|ws|wss)://\S+"
 PATIENCE_S = 20
 _QUIET = {
     # what workers and scheduler say of themselves is not a result, and what matters comes as an error
-    "logging.distributed": "critical",
-    "logging.tornado": "critical",
+    "logging": dict.fromkeys(("distributed", "distributed.client", "tornado"), "critical"),
     "distributed.admin.large-graph-warning-threshold": "1GB",
 }
 
@@ -122,6 +122,8 @@ def _share_bytes(number: int) -> int:
 @contextmanager
 def _named(address: str) -> "Iterator[Client]":
     from distributed import Client
+    from distributed.client import ClosedClientError
+    from distributed.comm import CommClosedError
 
     scheduler = scheduler_of(address)
     security = _security(address, scheduler)
@@ -135,7 +137,10 @@ def _named(address: str) -> "Iterator[Client]":
     with client:
         if not client.nthreads():
             raise RefusedError(f"--cluster {address}: its scheduler has no workers; start some: dask worker")
-        yield client
+        try:
+            yield client
+        except (ClosedClientError, CommClosedError) as error:  # what was sent to it, or taken back
+            raise RefusedError(GONE) from error
 
 
 def scheduler_of(address: str) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.cluster.awaited import awaited
 from rig.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def result(submit: "Callable[[], Future]", future: "Future") -> Any:
 
     for attempt in range(ATTEMPTS):
         try:
-            return future.result()
+            return awaited(future)
         except KilledWorker as error:
             raise RefusedError(
                 f"the cluster gave up a part of the image: {ATTEMPTS} workers ended while they computed it "
