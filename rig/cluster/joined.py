@@ -25,6 +25,8 @@ FORMS = "local, local:4, tcp://HOST:8786, tls://HOST:8786, or the name of a sche
 SCHEDULER = r"(tcp|tls|ucx|ws|wss)://\S+"
 #: How long a scheduler may take to answer.
 PATIENCE_S = 20
+#: How long workers of this computer may take to start: other programs want the processors, too.
+STARTING_S = 120
 _QUIET = {
     # what workers and scheduler say of themselves is not a result, and what matters comes as an error
     "logging": dict.fromkeys(("distributed", "distributed.client", "tornado"), "critical"),
@@ -83,20 +85,29 @@ def joined(address: str, *, dashboard: bool = False) -> "Iterator[Client]":
 def _local(number: int, dashboard: bool) -> "Iterator[Client]":
     from distributed import Client, LocalCluster
 
-    with _without_ctrl_c():  # the threads that dask starts, and through them the workers
-        cluster = LocalCluster(
-            n_workers=0,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit=_share_bytes(number),
-            dashboard_address="127.0.0.1:0",  # where its server of numbers is, too: any port that is free
-            scheduler_kwargs={"dashboard": dashboard},
-            env={"NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "critical"},
-            silence_logs="CRITICAL",
-        )
+    try:
+        with _without_ctrl_c():  # the threads that dask starts, and through them the workers
+            cluster = LocalCluster(
+                n_workers=0,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=_share_bytes(number),
+                dashboard_address="127.0.0.1:0",  # where its server of numbers is, too: any port that is free
+                scheduler_kwargs={"dashboard": dashboard},
+                env={"NUMBA_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "critical"},
+                silence_logs="CRITICAL",
+            )
+    except (OSError, RuntimeError) as error:
+        raise RefusedError(f"no workers can be started here: {reason(error)}; leave --cluster out") from error
     with cluster, Client(cluster, set_as_default=False) as client:
         cluster.scale(number)
-        client.wait_for_workers(number)
+        try:
+            client.wait_for_workers(number, timeout=STARTING_S)
+        except TimeoutError:
+            raise RefusedError(
+                f"of {number} workers {len(client.nthreads())} started within {STARTING_S} s: this computer "
+                "may lack memory, files or processes for them (ulimit); ask for fewer, or leave --cluster out"
+            ) from None
         yield client
 
 

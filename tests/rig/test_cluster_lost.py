@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="dask is not installed")
 
+from dask import config as dask_config
 from distributed import Client
 
 from rig.cluster import awaited as waiting
@@ -98,3 +99,12 @@ def test_what_is_sent_to_a_cluster_that_is_gone_is_no_defect(scheduler, dask, tm
 
     with pytest.raises(RefusedError, match=GONE):
         lose_the_scheduler()
+
+
+def test_where_no_workers_can_be_started_it_is_said():
+    with (
+        dask_config.set({"temporary-directory": "/dev/null/nowhere"}),
+        pytest.raises(RefusedError, match="no workers can be started here"),
+        joined("local:1"),
+    ):
+        pass
