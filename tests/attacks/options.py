@@ -68,6 +68,12 @@ _VALUES += [
     "1THz",
 ]
 
+#: Names of what never ends where a file is meant: pipes that nobody writes to, and links to a device.
+_PIPES, _DEVICES = (
+    [kind + ending for ending in ("", ".toml", ".json", ".obj", ".h5")] for kind in ("pipe", "endless")
+)
+_VALUES += [*_PIPES, *_DEVICES]
+
 #: Texts that some option takes, to be spoiled.
 _GOOD = [
     "10ms", "4cm", "0.5m", "100ps", "2MHz", "30deg", "18x13", "2x2", "5%", "12", "0.7", "1GB", "letters",
@@ -200,6 +206,7 @@ def run(arguments: list[str]) -> None:
     before, here, on_ctrl_c = sys.argv, os.getcwd(), signal.getsignal(signal.SIGINT)
     out, err = io.StringIO(), io.StringIO()
     code: Any = 0
+    _lay_out_the_endless(there)
     os.chdir(there)
     sys.argv = ["rig", *arguments]
     try:
@@ -238,7 +245,19 @@ def _prepare() -> tuple[Path, frozenset[str]]:
     write_volume(
         here / "volume.h5", Volume(np.ones((3, 5, 5), np.float32), axis, axis, np.array([0.5, 0.6, 0.7]))
     )
-    return here, frozenset(os.listdir(here))
+    return here, frozenset([*os.listdir(here), *_PIPES, *_DEVICES])
+
+
+def _lay_out_the_endless(here: Path) -> None:
+    """Make pipes, and links to a device, where the last input replaced them."""
+    for name in _PIPES:
+        if not (here / name).is_fifo():
+            (here / name).unlink(missing_ok=True)
+            os.mkfifo(here / name)
+    for name in _DEVICES:
+        if not (here / name).is_symlink():
+            (here / name).unlink(missing_ok=True)
+            (here / name).symlink_to("/dev/zero")
 
 
 def _tidy() -> None:
