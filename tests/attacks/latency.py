@@ -45,7 +45,7 @@ def ctrl_c(bench: Served, path: Path) -> dict[str, float]:
 
 
 def interlock(bench: Served, path: Path) -> dict[str, float]:
-    """Open the interlock; return when the program noticed, and its end [s]."""
+    """Open the interlock; return when the program has said that it is dark, and its end [s]."""
     program = begun(bench, path)
     bench.process.send_signal(signal.SIGUSR1)
     _, said = program.communicate(timeout=PATIENCE_S)
@@ -54,11 +54,9 @@ def interlock(bench: Served, path: Path) -> dict[str, float]:
     assert program.returncode == 4, said
     assert b"dark without a command" in said, said
     opened_unix_s = last_dark_s(bench)
-    closing = [
-        line for line in path.with_suffix(".log").read_text().splitlines() if line.endswith(" closing")
-    ]
-    seen_unix_s = datetime.fromisoformat(closing[-1].split()[0]).timestamp()
-    return {"seen": seen_unix_s - opened_unix_s, "end": end_unix_s - opened_unix_s}
+    dark = [line for line in path.with_suffix(".log").read_text().splitlines() if " laser dark, " in line]
+    said_unix_s = datetime.fromisoformat(dark[-1].split()[0]).timestamp()
+    return {"said to be dark": said_unix_s - opened_unix_s, "end": end_unix_s - opened_unix_s}
 
 
 def begun(bench: Served, path: Path) -> "subprocess.Popen[bytes]":
