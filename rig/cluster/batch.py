@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 RECORD = "batch.jsonl"
-#: What it may have: half a kilobyte for each of a hundred thousand images.
-MOST_RECORD_BYTES = 50_000_000
+#: What it may have: an image takes one to two kilobytes each time it is made, and a batch has 100,000 at most.
+MOST_RECORD_BYTES = 1_000_000_000
 
 
 @dataclass(frozen=True)
