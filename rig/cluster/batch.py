@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 RECORD = "batch.jsonl"
-#: What it may have: an image takes one to two kilobytes each time it is made, and a batch has 100,000 at most.
+#: What it may have: an image takes one or two kilobytes each time it is made; a batch has 100,000 at most.
 MOST_RECORD_BYTES = 1_000_000_000
 
 
