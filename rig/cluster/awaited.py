@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 #: While nothing comes, the cluster is looked at so often [s].
 LOOK_S = 2.0
-#: So long there may be no worker, since a batch system may start others, and no word of the scheduler [s].
-WITHOUT_S, SILENT_S = 300.0, 60.0
+#: So long there may be no worker, since a batch system may start others, and no word of a busy scheduler [s].
+LONGEST_S = 300.0
 GONE = "the connection to the cluster's scheduler was lost; start it, and run the same command again"
 
 
@@ -70,19 +70,19 @@ class _Looks:
         """Look once more; raise RefusedError if nothing is to be waited for."""
         if self._client.status != "running":
             raise RefusedError(GONE)
-        trouble, longest_s, remedy = self._seen()
+        trouble, remedy = self._seen()
         now_s = time.monotonic()
         if trouble != self._trouble:
             self._trouble, self._since_s = trouble, now_s
-        if trouble and now_s - self._since_s >= longest_s:
+        if trouble and now_s - self._since_s >= LONGEST_S:
             raise RefusedError(
-                f"the cluster {trouble} for {longest_s:g} s; {remedy}, and run the same command again"
+                f"the cluster {trouble} for {LONGEST_S:g} s; {remedy}, and run the same command again"
             )
 
-    def _seen(self) -> tuple[str, float, str]:
-        """Return what is wrong, how long it may be so, and what helps."""
+    def _seen(self) -> tuple[str, str]:
+        """Return what is wrong, and what helps."""
         try:
             workers = self._client.sync(self._client.scheduler.ncores, callback_timeout=LOOK_S)  # type: ignore[union-attr]
         except (OSError, TimeoutError):
-            return "has a scheduler that did not answer", SILENT_S, "look at it"
-        return ("", 0.0, "") if workers else ("has had no worker", WITHOUT_S, "start some: dask worker")
+            return "has a scheduler that did not answer", "look at it"
+        return ("", "") if workers else ("has had no worker", "start some: dask worker")

@@ -1,5 +1,6 @@
 """A short pass of all attacks, and what they found before."""
 
+import json
 import os
 import subprocess
 import sys
@@ -40,6 +41,10 @@ def test_spoiled_input_is_read_or_refused_in_words(name):
         (texts.read_quantity, ("10ms", "time")),
         (texts.read_grid, ("18x13", "10cm", "10ms")),
         (texts.read_voxels, ("0.5m:3m:2cm", "1m", "1m", "1cm", "4cm", 2.0)),
+        (texts.read_list_of_jobs, texts.JOBS),
+        (texts.read_record, json.dumps(texts.DONE)),
+        (texts.read_scheduler, json.dumps(texts.SCHEDULER)),
+        (texts.read_wall_marks, json.dumps(texts.MARKS)),
     ],
 )
 def test_the_input_that_is_spoiled_was_good(read, good):

@@ -399,7 +399,7 @@ def read_mesh(given: tuple[str, bytes]) -> None:
 
 # lists of jobs, what came of them, and other lists that programs and people write
 
-_JOBS = """[[job]]
+JOBS = """[[job]]
 scans = ["a.h5", "b*.h5"]
 wavelength = ["4cm", "6cm"]
 cycles = 2
@@ -418,8 +418,8 @@ def jobs_text(random: Random) -> str:
     if random.random() < 0.05:
         many = json.dumps(["4cm"] * random.choice([100, 1000, 10_000]))
         keys = ("wavelength", "depth", "voxel", "width", "height")
-        return _JOBS + "\n".join(f"{key} = {many}" for key in keys[: random.randint(1, 5)])
-    return _spoiled_toml(random, _JOBS)
+        return JOBS + "\n".join(f"{key} = {many}" for key in keys[: random.randint(1, 5)])
+    return _spoiled_toml(random, JOBS)
 
 
 def read_list_of_jobs(text: str) -> None:
@@ -434,11 +434,16 @@ def read_list_of_jobs(text: str) -> None:
         assert job.key
 
 
+#: A line of a batch's record, of an image that is done.
+DONE = {
+    "name": "a", "key": "k", "status": "done", "scan": "a.h5", "settings": {"cycles": 2}, "took_s": 1.5,
+    "found": {"signal": True}, "sizes": [1, 2],
+}  # fmt: skip
+
+
 def record_text(random: Random) -> str:
     """Return a spoiled record of a batch."""
-    done = {"name": "a", "key": "k", "status": "done", "scan": "a.h5", "settings": {"cycles": 2}}
-    done |= {"took_s": 1.5, "found": {"signal": 20.0}, "sizes": [1, 2]}
-    lines = [spoiled_json(random, random.choice([done, {**done, "name": "c"}])) for _ in range(3)]
+    lines = [spoiled_json(random, random.choice([DONE, {**DONE, "name": "c"}])) for _ in range(3)]
     return spoiled_text(random, "\n".join(lines)) if random.random() < 0.5 else "\n".join(lines)
 
 
@@ -460,7 +465,7 @@ def read_scheduler(text: str) -> None:
     scheduler_of(str(written(folder() / "scheduler.json", text)))
 
 
-_SCHEDULER = {"type": "Scheduler", "address": "tcp://10.0.0.1:8786", "workers": {}, "started": 1.5e9}
+SCHEDULER = {"type": "Scheduler", "address": "tcp://10.0.0.1:8786", "workers": {}, "started": 1.5e9}
 
 
 def read_wall_marks(text: str) -> None:
@@ -470,7 +475,7 @@ def read_wall_marks(text: str) -> None:
     read_marks(written(folder() / "marks.json", text))
 
 
-_MARKS = {
+MARKS = {
     "format": "rig-wall-marks",
     "version": 1,
     "galvo": "Optotune 1",
@@ -495,8 +500,8 @@ ATTACKS = (
     Attack("mesh", mesh, read_mesh, _OURS),
     Attack("jobs", jobs_text, read_list_of_jobs, _OURS),
     Attack("record of a batch", record_text, read_record, _OURS),
-    Attack("scheduler", lambda random: spoiled_json(random, _SCHEDULER), read_scheduler, _OURS),
-    Attack("marks", lambda random: spoiled_json(random, _MARKS), read_wall_marks, _OURS),
+    Attack("scheduler", lambda random: spoiled_json(random, SCHEDULER), read_scheduler, _OURS),
+    Attack("marks", lambda random: spoiled_json(random, MARKS), read_wall_marks, _OURS),
 )
 
 if __name__ == "__main__":

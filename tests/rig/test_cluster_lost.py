@@ -26,8 +26,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a process is st
 def soon(monkeypatch):
     """A cluster may be without anybody for a second."""
     monkeypatch.setattr(waiting, "LOOK_S", 0.2)
-    monkeypatch.setattr(waiting, "SILENT_S", 1.0)
-    monkeypatch.setattr(waiting, "WITHOUT_S", 1.0)
+    monkeypatch.setattr(waiting, "LONGEST_S", 1.0)
 
 
 @pytest.fixture
