@@ -8,7 +8,7 @@ import pytest
 from recon.capture import ArrayHistograms, Capture
 from recon.estimate import EstimateError, bin_width, time_origin, wall_size
 from support.hidden_points import histograms, wall
-from support.thorough import THOROUGH
+from support.thorough import THOROUGH, some
 
 BIN_S, BINS = 16e-12, 700
 SIDE_M = 23 * 0.035
@@ -59,7 +59,7 @@ def test_points_tell_the_bin_width(seed, confocal):
     assert found.value == pytest.approx(BIN_S, rel=0.035)
 
 
-@GEOMETRIES
+@pytest.mark.parametrize("confocal", some(True, False, short=1))
 def test_points_tell_the_walls_size_as_they_tell_the_bin_width(confocal):
     """A wall twice as large and times twice as long give the same record."""
     right = _points(0, confocal)
@@ -70,8 +70,7 @@ def test_points_tell_the_walls_size_as_they_tell_the_bin_width(confocal):
     assert found.value / SIDE_M == pytest.approx(BIN_S / width.value, rel=0.01)
 
 
-#: A wall twice as large and times twice as long are the same trials.
-@pytest.mark.parametrize("estimate", [time_origin, bin_width, *([wall_size] if THOROUGH else [])])
+@pytest.mark.parametrize("estimate", some(time_origin, bin_width, wall_size, short=1))
 def test_noise_tells_nothing(estimate):
     counts = np.random.default_rng(0).poisson(0.3, (576, BINS)).astype(np.uint32)
     with pytest.raises(EstimateError, match="The data do not determine it"):

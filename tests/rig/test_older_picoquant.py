@@ -181,13 +181,17 @@ def test_a_file_cut_off_anywhere_is_read_as_far_as_it_goes_or_refused(tmp_path, 
         assert size < len(content) - 4 or found is not None  # all but the last record or bin
 
 
+#: Values that a damaged field takes, in turn or, at full length, all.
+DAMAGES, EACH = (0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, 0, 0x00100000), 1 if THOROUGH else 5
+
+
 @pytest.mark.parametrize(("name", "content", "head", "given_"), FILES, ids=[*WRITERS, *CURVES])
 def test_any_field_may_be_damaged(tmp_path, name, content, head, given_):
     source = tmp_path / name
     text = 304 if name in {"2.thd", "3.thd", "5.thd"} else 328
     tracemalloc.start()
     for at in range(text, head, 4):
-        for value in (0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, 0, 0x00100000)[at // 4 % 2 :: 2]:
+        for value in DAMAGES[at // 4 % EACH :: EACH]:
             source.write_bytes(content[:at] + struct.pack("<I", value) + content[at + 4 :])
             refused_or_read(source, given_)
     peak = tracemalloc.get_traced_memory()[1]

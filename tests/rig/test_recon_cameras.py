@@ -21,6 +21,7 @@ from rig.files.volume import volume_by_planes
 from rig.model.colours import LIGHT_COLOURS
 from rig.show.sheet import frames_figure, lit, refocus_figure
 from rig.show.video import save_video
+from support.thorough import some
 
 POINT = np.array([0.21, 0.13, 0.7])
 DETECTOR = np.array([-0.05, 0.05, 0.0])
@@ -67,7 +68,7 @@ def test_a_photo_is_a_volume_of_planes(rig, scan, tmp_path, solver):
     assert any("0.58 at a depth of 0.60 m" in said for said in told["warnings"]) == (solver == "fresnel")
 
 
-@pytest.mark.parametrize("over", ["surface", "max", "sum"])
+@pytest.mark.parametrize("over", some("surface", "sum", "max", short=2))
 def test_a_transient_camera_makes_a_video(rig, scan, tmp_path, over):
     moments = ("--frames", "1.5ns:4ns:0.1ns", "--over", over, "--video", "flash.gif")
     done = rig("recon", scan, "--camera", "transient", *moments, *AROUND)

@@ -9,6 +9,7 @@ from simulators.scenes import Mesh, Scene
 from simulators.transport.patches import tessellate
 from simulators.transport.reflectance import gloss
 from simulators.transport.renderer import Transport
+from support.thorough import some
 
 RAYS, RAYS_TRACED = 1_000_000, 2_000_000
 #: Cells of the disk under the hemisphere, and points along the side of a cell.
@@ -61,7 +62,7 @@ def test_every_direction_gets_what_facets_send(alpha, polar):
     assert (z**2).mean() < 1 + 5 * np.sqrt(2 / len(z))
 
 
-@pytest.mark.parametrize("polar", [0.0, 0.6, 1.2])
+@pytest.mark.parametrize("polar", some(0.6, 0.0, 1.2, short=1))
 def test_what_a_white_surface_keeps_meets_a_second_facet(polar):
     """A sum over a million parts of the hemisphere: right to 1e-3 where the lobe is narrow and grazing."""
     i = slanted(polar)
@@ -125,7 +126,7 @@ def caught(alpha):
     return np.array(transients), np.array(variances)
 
 
-@alphas
+@pytest.mark.parametrize("alpha", some(0.4, 0.1, 0.8, short=1))
 def test_transients_of_a_tilted_plate_agree_with_traced_rays(alpha):
     """Three bounces onto squares; ours are means of 7 x 7 detector spots (Gauss) in each.
 
