@@ -125,9 +125,9 @@ def _to_the_end() -> int:
 def _run() -> int:
     """Run a verb; return the exit code."""
     try:
-        from rig.commands import app
+        from rig.commands import command
 
-        return app(prog_name="rig", standalone_mode=False) or 0
+        return command()(prog_name="rig", standalone_mode=False) or 0
     except KeyboardInterrupt:
         return 130
     except SystemExit as ended:

@@ -1,8 +1,11 @@
 """The command line as a whole: its help, its version, its verbs."""
 
-from typing import Annotated
+from collections.abc import Callable
+from functools import cache
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
 import rig
 from rig.commands.align import align
@@ -108,3 +111,9 @@ app.add_typer(laser, name="laser")
 app.add_typer(sim, name="sim")
 app.command("version")(version)
 alike(app)
+
+
+@cache
+def command() -> Callable[..., Any]:
+    """Return what parses and runs a command line; all verbs are made into it once."""
+    return get_command(app)
